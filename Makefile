@@ -1,0 +1,75 @@
+# Everything runs in this clone's own environment, .venv, which the first call sets up.
+# It only needs make and a Python: `make demo`, `make test`, `make help`.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+# Tests already run one process per core: more threads inside each only slow them down.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+# Plots are drawn to files, also where there is no screen.
+export MPLBACKEND ?= Agg
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help install demo test lint format types unit docs examples wheel bench clean
+
+help: ## Show this list
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+
+install: $(STAMP) ## Set up .venv (every other target does so by itself)
+
+$(STAMP): pyproject.toml constraints.txt
+	@command -v "$(PYTHON)" >/dev/null || { \
+	  echo "No '$(PYTHON)' found. Install Python 3.10 or newer, or say where it is: make PYTHON=/path/to/python3"; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+	  echo "armgpi needs Python 3.10 or newer; $$("$(PYTHON)" --version 2>&1) is too old. Choose another: make PYTHON=/path/to/python3"; exit 1; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "This Python lacks its venv module. On Debian or Ubuntu: apt install python3-venv"; exit 1; }
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
+	  echo "Setting up $(VENV), once ..."; "$(PYTHON)" -m venv --clear $(VENV); }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[all,dev,docs]"
+	@touch $@
+
+demo: $(STAMP) ## Simulate and compare the controllers on the demo arm, into demo_out/
+	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out
+
+# The tests come last: cheap checks fail first, and the run ends with pytest's own summary.
+test: lint types docs examples wheel unit ## Everything CI checks
+
+lint: $(STAMP) ## Style (ruff)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(STAMP) ## Let ruff rewrite what `make lint` would complain about, where it can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+types: $(STAMP) ## Types (mypy --strict)
+	$(BIN)/mypy
+
+unit: $(STAMP) ## The tests
+	$(BIN)/pytest -n auto
+
+docs: $(STAMP) ## The documentation, into build/docs; a warning is an error
+	$(BIN)/sphinx-build -W --keep-going -q docs build/docs
+
+# Run from build/examples: they work from any folder, and what they write stays out of the way.
+examples: $(STAMP) ## Run every example, with no screen
+	@mkdir -p build/examples
+	@set -e; for f in examples/*.py; do [ -e "$$f" ] || continue; \
+	  echo "python $$f"; (cd build/examples && "$(CURDIR)/$(BIN)/python" "$(CURDIR)/$$f"); done
+
+wheel: $(STAMP) ## Build the wheel and try it in a fresh environment
+	$(BIN)/python tools/check_wheel.py
+
+bench: $(STAMP) ## Run every benchmark
+	@set -e; for f in benchmarks/*.py; do [ -e "$$f" ] || continue; \
+	  echo "python $$f"; $(BIN)/python "$$f"; done
+
+clean: ## Remove what make wrote, .venv too
+	rm -rf $(VENV) build dist demo_out .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

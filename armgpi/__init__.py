@@ -1,0 +1,96 @@
+"""armgpi: from any arm's URDF to a position-only torque controller, simulated, compared and seen.
+
+The public names are below; each is loaded when it is first used, so that importing armgpi is quick.
+"""
+
+import os
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+# Pinocchio's batch kernels use OpenMP, whose threads spin while they wait: on a machine that is busy with
+# something else a batch then takes ten times as long. To have an effect this must come before Pinocchio.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+if TYPE_CHECKING:
+    from armgpi import errors as errors
+    from armgpi import metrics as metrics
+    from armgpi import robots as robots
+    from armgpi.control.controller import Controller as Controller
+    from armgpi.control.controller import ControlStep as ControlStep
+    from armgpi.control.controller import FullState as FullState
+    from armgpi.control.controller import Measurement as Measurement
+    from armgpi.control.gains import FixedGains as FixedGains
+    from armgpi.control.gains import Gains as Gains
+    from armgpi.control.gains import Tuning as Tuning
+    from armgpi.control.gains import default_omega as default_omega
+    from armgpi.control.gpi import GPI as GPI
+    from armgpi.control.pid import PIDInversion as PIDInversion
+    from armgpi.errors import ArmgpiError as ArmgpiError
+    from armgpi.errors import ArmgpiWarning as ArmgpiWarning
+    from armgpi.plants.actuators import RateLimited as RateLimited
+    from armgpi.plants.actuators import Saturated as Saturated
+    from armgpi.plants.loads import Load as Load
+    from armgpi.plants.loads import Pulse as Pulse
+    from armgpi.plants.loads import Ramp as Ramp
+    from armgpi.plants.loads import Sine as Sine
+    from armgpi.plants.loads import Step as Step
+    from armgpi.plants.plant import Plant as Plant
+    from armgpi.plants.rigid_body import RigidBodyPlant as RigidBodyPlant
+    from armgpi.plants.sensors import Delayed as Delayed
+    from armgpi.plants.sensors import DropOut as DropOut
+    from armgpi.plants.sensors import Encoder as Encoder
+    from armgpi.plants.sensors import Noisy as Noisy
+    from armgpi.references.bezier import Bezier as Bezier
+    from armgpi.references.reference import Hold as Hold
+    from armgpi.references.reference import Reference as Reference
+    from armgpi.references.reference import Target as Target
+    from armgpi.references.waypoints import Waypoints as Waypoints
+    from armgpi.robot import Friction as Friction
+    from armgpi.robot import Robot as Robot
+    from armgpi.robot import RobotBatch as RobotBatch
+    from armgpi.rollout import Status as Status
+    from armgpi.rollout import load as load
+    from armgpi.rollout import save as save
+    from armgpi.simulation import ClosedLoop as ClosedLoop
+    from armgpi.simulation import simulate as simulate
+
+_MODULES = ("errors", "metrics", "robots")
+_NAMES = {
+    "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
+    "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
+    "control.gpi": ("GPI",),
+    "control.pid": ("PIDInversion",),
+    "errors": ("ArmgpiError", "ArmgpiWarning"),
+    "plants.actuators": ("RateLimited", "Saturated"),
+    "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
+    "plants.plant": ("Plant",),
+    "plants.rigid_body": ("RigidBodyPlant",),
+    "plants.sensors": ("Delayed", "DropOut", "Encoder", "Noisy"),
+    "references.bezier": ("Bezier",),
+    "references.reference": ("Hold", "Reference", "Target"),
+    "references.waypoints": ("Waypoints",),
+    "robot": ("Friction", "Robot", "RobotBatch"),
+    "rollout": ("Status", "load", "save"),
+    "simulation": ("ClosedLoop", "simulate"),
+}
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
+
+__version__ = "0.1.0"
+__all__ = sorted([*_MODULES, *_HOME, "__version__"])
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name on its first use (PEP 562)."""
+    if name in _MODULES:
+        value: object = import_module(f"armgpi.{name}")
+    elif name in _HOME:
+        value = getattr(import_module(f"armgpi.{_HOME[name]}"), name)
+    else:
+        raise AttributeError(f"module 'armgpi' has no attribute {name!r}")
+    globals()[name] = value  # the next use finds it without coming here
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return __all__

@@ -1,0 +1,148 @@
+"""Checks of array arguments at the public boundary: shape, dtype and finiteness.
+
+Pinocchio silently misreads big-endian arrays, accepts NaN and converts integers and bools without a
+word, so nothing reaches it unchecked. Inside the package arrays are trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.errors import ArrayError
+
+#: A native float64 array.
+Array = npt.NDArray[np.float64]
+#: What public functions accept: a float64 array, or plain (nested) lists of Python numbers.
+ArrayLike = npt.ArrayLike
+#: What a per-joint parameter may be: a number, or an array that broadcasts against (n,).
+PerJointInput = npt.ArrayLike
+
+
+def as_float_array(value: Any, name: str) -> Array:
+    """Return `value` as a finite, C-contiguous, native float64 array of any shape.
+
+    Args:
+        value: a native float64 array, or a Python number, or (nested) lists of them.
+        name: name of the argument, for the message.
+
+    Raises:
+        ArrayError: when it is an array of another dtype or byte order, not numeric, ragged, or holds
+            NaN or infinity.
+    """
+    array = _convert(value, name)
+    _check_finite(array, name)
+    return array
+
+
+def as_joint_array(value: Any, name: str, joint_names: Sequence[str]) -> Array:
+    """Return `value` as a float64 array of shape (n,) or (batch, n), its last axis the joints.
+
+    Args:
+        value: array-like of that shape.
+        name: name of the argument, for the message.
+        joint_names: names of the n joints.
+
+    Raises:
+        ArrayError: as :func:`as_float_array` (a value that is not finite is reported with its joint's
+            name), and when the shape is another one.
+    """
+    array = _convert(value, name)
+    n = len(joint_names)
+    if array.ndim not in (1, 2) or array.shape[-1] != n:
+        raise ArrayError(
+            name,
+            f"expected shape ({n},) or (batch, {n}) for the joints {', '.join(joint_names)}; "
+            f"got {array.shape}",
+        )
+    _check_finite(array, name, joint_names)
+    return array
+
+
+def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, ok: Check) -> Array:
+    """Return a parameter given as a scalar, (n,) or (batch, n) as an array that broadcasts over joints.
+
+    Args:
+        value: a number, or an array-like that broadcasts against (n,).
+        name: name of the parameter, for the message.
+        joint_names: names of the n joints.
+        expected: what the values have to be, in words ("positive").
+        ok: function that tells, for an array, which elements are as expected.
+
+    Raises:
+        ArrayError: when the shape does not fit or a value is not as expected; it names the joint.
+    """
+    array = as_float_array(value, name)
+    n = len(joint_names)
+    if array.ndim and array.shape[-1] not in (1, n):
+        raise ArrayError(name, f"expected a number or shape ({n},) or (batch, {n}), got {array.shape}")
+    array = np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], n)))
+    bad = np.argwhere(~ok(array))
+    if bad.size:
+        index = tuple(int(i) for i in bad[0])
+        raise ArrayError(
+            name, f"expected {expected} values, got {array[index]:g} for joint {joint_names[index[-1]]!r}"
+        )
+    return array
+
+
+#: A predicate over the elements of an array.
+Check = Callable[[Array], npt.NDArray[np.bool_]]
+
+
+def positive(array: Array) -> npt.NDArray[np.bool_]:
+    """Tell which elements are above zero."""
+    return array > 0.0
+
+
+def not_negative(array: Array) -> npt.NDArray[np.bool_]:
+    """Tell which elements are zero or above."""
+    return array >= 0.0
+
+
+def any_value(array: Array) -> npt.NDArray[np.bool_]:
+    """Accept every (finite) element."""
+    return np.ones(array.shape, dtype=np.bool_)
+
+
+def frozen(array: Array) -> Array:
+    """Return a read-only copy of `array`."""
+    copy = np.array(array, dtype=np.float64, copy=True)
+    copy.setflags(write=False)
+    return copy
+
+
+def _convert(value: Any, name: str) -> Array:
+    """Return `value` as a C-contiguous native float64 array, or refuse it."""
+    if isinstance(value, np.ndarray) and value.dtype != np.float64:
+        raise ArrayError(
+            name,
+            f"expected a native float64 array, got dtype {value.dtype.str!r}; "
+            "convert it with x.astype(np.float64)",
+        )
+    if _holds_bool_or_text(value):
+        raise ArrayError(name, f"expected numbers, got {value!r}")
+    try:
+        return np.ascontiguousarray(value, dtype=np.float64).reshape(np.shape(value))
+    except (TypeError, ValueError) as error:
+        raise ArrayError(name, f"expected an array of numbers, got {value!r} ({error})") from None
+
+
+def _check_finite(array: Array, name: str, joint_names: Sequence[str] | None = None) -> None:
+    """Refuse NaN and infinity, saying where the first one stands."""
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        index = tuple(int(i) for i in bad[0])
+        place = f"{name}[{', '.join(map(str, index))}]" if index else name
+        joint = f" (joint {joint_names[index[-1]]!r})" if joint_names is not None else ""
+        raise ArrayError(name, f"expected finite numbers, got {place} = {array[index]}{joint}")
+
+
+def _holds_bool_or_text(value: Any) -> bool:
+    """Tell whether plain Python data holds a bool or a string, which NumPy would convert silently."""
+    if isinstance(value, bool | np.bool_ | str | bytes):
+        return True
+    return isinstance(value, list | tuple) and any(_holds_bool_or_text(item) for item in value)

@@ -1,0 +1,201 @@
+"""Gains of the GPI law: three tuning parameters per joint, fixed or adapted on line."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, PerJointInput, per_joint, positive
+from armgpi.control.controller import common_batch
+
+#: Share of the delay margin that the default bandwidth uses: omega_c (1.5 dt + delay) = 0.1.
+_DEFAULT_PHASE = 0.1
+
+
+class Tuning(NamedTuple):
+    """Tuning parameters of the desired polynomial (eq. 24), arrays that broadcast over the joints.
+
+    Attributes:
+        omega_c: natural frequency [rad/s].
+        zeta_c: damping ratio [-].
+        p_c: real pole [rad/s].
+    """
+
+    omega_c: Array
+    zeta_c: Array
+    p_c: Array
+
+
+class Betas(NamedTuple):
+    """Coefficients of the error polynomial s^5 + beta4 s^4 + ... + beta0 (eqs. 20, 21, 25)."""
+
+    beta0: Array
+    beta1: Array
+    beta2: Array
+    beta3: Array
+    beta4: Array
+
+
+def betas(tuning: Tuning) -> Betas:
+    """Return the gains that place the error dynamics on (s^2 + 2 zeta w s + w^2)^2 (s + p), eq. 25."""
+    w, z, p = tuning
+    w2 = w * w
+    return Betas(
+        beta0=p * w2 * w2,
+        beta1=4.0 * p * w2 * w * z + w2 * w2,
+        beta2=4.0 * w2 * w * z + 2.0 * p * w2 + 4.0 * p * z * z * w2,
+        beta3=2.0 * w2 + 4.0 * z * z * w2 + 4.0 * p * z * w,
+        beta4=4.0 * z * w + p,
+    )
+
+
+class GainStep(NamedTuple):
+    """Result of one step of the gains.
+
+    Attributes:
+        tuning: the tuning parameters to use now.
+        state: the next state.
+    """
+
+    tuning: Tuning
+    state: Any
+
+
+class Gains(ABC):
+    """Where the tuning parameters of a GPI controller come from.
+
+    Attributes:
+        adaptive: whether they change; when they do not, the controller works its gains out once.
+        batch: number of rollouts that they are for, None when they fit any.
+    """
+
+    adaptive: bool = True
+    batch: int | None = None
+
+    @abstractmethod
+    def prepare(self, joint_names: Sequence[str], dt: float) -> Gains:
+        """Return these gains checked and shaped for a robot's joints and a sample time [s]."""
+
+    @abstractmethod
+    def init(self, e: Array) -> Any:
+        """Return the state before the first sample, for errors shaped like `e`."""
+
+    @abstractmethod
+    def step(self, e: Array, learn: Array, state: Any) -> GainStep:
+        """Return the tuning for the tracking error `e`.
+
+        Args:
+            e: tracking error q - q* [rad or m], shape (n,) or (batch, n).
+            learn: 1 where something may be learned from this sample, 0 where not (saturated torque).
+            state: from :meth:`init` or the step before.
+        """
+
+    @abstractmethod
+    def nominal(self) -> Tuning:
+        """Return the tuning at rest, to check margins with."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return the parameters as plain data."""
+        return {name: value.tolist() for name, value in self.nominal()._asdict().items()}
+
+
+class FixedGains(Gains):
+    """Tuning parameters that do not change.
+
+    Attributes:
+        omega_c: natural frequency [rad/s].
+        zeta_c: damping ratio [-].
+        p_c: real pole [rad/s].
+    """
+
+    adaptive = False
+
+    def __init__(
+        self, omega_c: PerJointInput, zeta_c: PerJointInput = 1.0, p_c: PerJointInput | None = None
+    ) -> None:
+        """Fix the tuning; each parameter a number, or an array of shape (n,) or (batch, n).
+
+        Args:
+            omega_c: natural frequency [rad/s], positive.
+            zeta_c: damping ratio, positive.
+            p_c: real pole [rad/s], positive; omega_c when not given.
+        """
+        self.omega_c = omega_c
+        self.zeta_c = zeta_c
+        self.p_c = omega_c if p_c is None else p_c
+
+    def prepare(self, joint_names: Sequence[str], dt: float) -> FixedGains:
+        """Return the gains as arrays over the joints.
+
+        Raises:
+            ArrayError: when a value is not positive or a shape does not fit.
+        """
+        arrays = [
+            per_joint(getattr(self, name), name, joint_names, "positive", positive)
+            for name in Tuning._fields
+        ]
+        gains = FixedGains(*arrays)
+        gains._tuning = Tuning(*arrays)
+        gains.batch = common_batch(*arrays)
+        return gains
+
+    def init(self, e: Array) -> None:
+        """Return no state."""
+
+    def step(self, e: Array, learn: Array, state: None) -> GainStep:
+        """Return the fixed tuning."""
+        return GainStep(self._tuning, None)
+
+    def nominal(self) -> Tuning:
+        """Return the fixed tuning."""
+        return self._tuning
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"FixedGains(omega_c={self.omega_c}, zeta_c={self.zeta_c}, p_c={self.p_c})"
+
+    _tuning: Tuning
+
+
+def default_omega(dt: float, delay: float = 0.0, highest: float = 40.0) -> float:
+    """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
+
+    A hold of dt and the computation take 1.5 dt, the wires take `delay`; the law stands 0.356 / omega_c of
+    them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. The cap keeps encoder
+    steps from becoming torque noise.
+
+    Args:
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        highest: cap [rad/s].
+    """
+    return min(_DEFAULT_PHASE / (1.5 * dt + delay), highest)
+
+
+def delay_margin(tuning: Tuning) -> Array:
+    """Return the delay [s] that the continuous loop L(s) = C(s) / s^2 stands, elementwise.
+
+    At the crossover |L(j w)| = 1 the phase left above -180 degrees, divided by w. The crossover is the
+    largest root of |N(jw)|^2 = w^8 (w^2 + beta4^2) with N = beta3 s^3 + beta2 s^2 + beta1 s + beta0.
+    """
+    shape = np.broadcast_shapes(*(np.shape(x) for x in tuning))
+    rows = np.stack([np.broadcast_to(x, shape).ravel() for x in betas(tuning)], axis=-1)
+    unique, back = np.unique(rows, axis=0, return_inverse=True)
+    margins = np.array([_delay_margin(*row) for row in unique])
+    return margins[np.ravel(back)].reshape(shape)
+
+
+def _delay_margin(b0: float, b1: float, b2: float, b3: float, b4: float) -> float:
+    """Return the delay margin of one joint."""
+    real, imaginary = np.array([-b2, b0]), np.array([-b3, b1])  # N(jw) = Re(w^2) + j w Im(w^2)
+    numerator = np.polyadd(np.polymul(real, real), np.polymul([1.0, 0.0], np.polymul(imaginary, imaginary)))
+    squares = np.roots(np.polysub([1.0, b4 * b4, 0.0, 0.0, 0.0, 0.0], numerator))
+    w = math.sqrt(max(x.real for x in squares if abs(x.imag) < 1e-9 * abs(x) and x.real > 0.0))
+    s = 1j * w
+    loop = (b3 * s**3 + b2 * s**2 + b1 * s + b0) / (s**4 * (s + b4))
+    phase = (math.pi + np.angle(loop)) % (2.0 * math.pi)
+    return float(phase) / w

@@ -1,0 +1,156 @@
+"""The output-feedback GPI controller (eqs. 12-25): torque from measured positions alone."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, PerJointInput
+from armgpi.control.controller import Controller, ControlStep, Measurement, common_batch
+from armgpi.control.gains import FixedGains, Gains, default_omega, delay_margin
+from armgpi.control.realisation import REALISATIONS
+from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.references.reference import Target
+from armgpi.robot import AnyRobot
+
+
+class GPIState(NamedTuple):
+    """State of a GPI controller.
+
+    Attributes:
+        law: state of the realisation.
+        gains: state of the gains.
+        learn: 1 where the last torque was applied as asked, 0 where it was cut; shape as the errors.
+    """
+
+    law: Any
+    gains: Any
+    learn: Array
+
+
+class GPI(Controller):
+    """Generalised proportional-integral control, tau = D(q) v with v = -C(s) (q - q*).
+
+    It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
+    loads are the disturbance that its two integrators reject (constant and ramp without error).
+
+    Attributes:
+        gains: the tuning per joint.
+        realisation: "bumpless" or "paper".
+        start: "hold" or "zero".
+        delay: transport delay that it was told of [s].
+    """
+
+    sees: ClassVar[type[Measurement]] = Measurement
+
+    def __init__(
+        self,
+        robot: AnyRobot,
+        dt: float,
+        gains: Gains | None = None,
+        realisation: str = "bumpless",
+        effort: PerJointInput | None = None,
+        start: str = "hold",
+        delay: float = 0.0,
+    ) -> None:
+        """Define the controller.
+
+        Args:
+            robot: the robot that it believes in; only D(q) is used, and G(q) once to start.
+            dt: sample time [s].
+            gains: tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
+            realisation: "bumpless" (three bounded states) or "paper" (as printed).
+            effort: torque limits [N m or N], a number, (n,) or (batch, n); the robot's when not given.
+            start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero"
+                with none.
+            delay: transport delay in the loop [s], besides the sample and hold.
+
+        Raises:
+            ParameterError: for a bad sample time, realisation, start or delay.
+            ArrayError: for gains that are not positive or do not fit the joints.
+            EffortError: when a joint has no torque.
+        """
+        super().__init__(robot, dt, effort)
+        if realisation not in REALISATIONS:
+            raise ParameterError("realisation", realisation, f"one of {', '.join(REALISATIONS)}")
+        if start not in ("hold", "zero"):
+            raise ParameterError("start", start, "one of hold, zero")
+        if not (math.isfinite(delay) and delay >= 0.0):
+            raise ParameterError("delay", delay, "zero or positive [s]")
+        if gains is None:
+            gains = FixedGains(default_omega(dt, delay))
+        if not isinstance(gains, Gains):
+            raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
+        self.gains = gains.prepare(robot.joint_names, self.dt)
+        self.realisation = realisation
+        self.start = start
+        self.delay = float(delay)
+        self.batch = common_batch(self.batch, self.gains.batch)
+        self._law = REALISATIONS[realisation]
+        self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
+        self._warn_of_delay()
+
+    def init(self, measurement: Measurement, target: Target) -> GPIState:
+        """Return the state before the first sample; see :meth:`Controller.init`."""
+        q = measurement.q
+        e = q - target.q
+        hold = np.zeros_like(e)
+        if self.start == "hold":
+            hold = self.robot.dynamics.inertia_solve(q, self.limited(self.robot.dynamics.gravity(q)))
+        learn = np.ones_like(e)
+        return GPIState(self._law.init(e, hold, self._nominal), self.gains.init(e), learn)
+
+    def step(self, measurement: Measurement, target: Target, state: GPIState) -> ControlStep:
+        """Return torque and next state; see :meth:`Controller.step`."""
+        q = measurement.q
+        e = q - target.q
+        coefficients, learn, gains_state = self._nominal, state.learn, None
+        if self.gains.adaptive:
+            tuning, gains_state = self.gains.step(e, learn, state.gains)
+            coefficients = self._law.coefficients(tuning, self.dt)
+        v, law = self._law.output(e, state.law, coefficients)
+        asked = self.robot.dynamics.inertia_times(q, v)  # eq. 19
+        tau = self.limited(asked)
+        cut = tau - asked
+        law = self._law.correct(self.robot.dynamics.inertia_solve(q, cut), law, coefficients)
+        if self.gains.adaptive:
+            learn = np.where(cut == 0.0, 1.0, 0.0)
+        return ControlStep(tau, GPIState(law, gains_state, learn))
+
+    def signals(self, state: GPIState) -> Mapping[str, Array]:
+        """Return the states of the law under their names."""
+        return {name: value for name, value in state.law._asdict().items() if name not in ("e", "v")}
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        return {
+            **super().describe(),
+            "gains": {"type": type(self.gains).__name__, **self.gains.describe()},
+            "realisation": self.realisation,
+            "start": self.start,
+            "delay": self.delay,
+            "robot": self.robot.provenance,
+        }
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"GPI({self.robot.name!r}, dt={self.dt:g}, realisation={self.realisation!r})"
+
+    def _warn_of_delay(self) -> None:
+        """Warn when sample, hold and transport take more than the loop's delay margin."""
+        nominal = self.gains.nominal()
+        spent = 1.5 * self.dt + self.delay
+        margin = float(np.min(delay_margin(nominal)))
+        if spent > margin:
+            fastest = float(np.max(nominal.omega_c))
+            warnings.warn(
+                f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of {self.delay:g} s: "
+                f"the loop stands a delay of {margin:.3g} s, sample and hold and transport take {spent:.3g} s, so "
+                f"it will be unstable; {default_omega(self.dt, self.delay):.3g} rad/s would do",
+                ArmgpiWarning,
+                stacklevel=3,
+            )

@@ -1,0 +1,190 @@
+"""The kernels: Pinocchio on one state or on a batch of them, without checks.
+
+:class:`Dynamics` is what a control loop calls every sample. Arrays are (n,) or (batch, n), C-contiguous,
+native float64 and trusted; :class:`armgpi.robot.Robot` has the same functions with checks.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi.arrays import Array
+
+#: Below this many states one thread is faster than waking others.
+_SERIAL_BELOW = 16
+#: Looked up once: these are called five times a sample. WORLD is the convention of the batch kernels.
+_aba, _rnea, _WORLD = pin.aba, pin.rnea, pin.Convention.WORLD
+
+
+class Dynamics(Protocol):
+    """What a controller or plant needs of a robot's equations of motion, D(q) a + C(q, v) v + G(q) = tau."""
+
+    def forward(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration D(q)^-1 (tau - C(q, v) v - G(q)) [rad/s^2 or m/s^2]."""
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque D(q) a + C(q, v) v + G(q) [N m or N]."""
+
+    def inertia_times(self, q: Array, a: Array) -> Array:
+        """Return D(q) a [N m or N]."""
+
+    def inertia_solve(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau [rad/s^2 or m/s^2]."""
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q) [N m or N]."""
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q) [N m or N]."""
+
+    def inertia(self, q: Array) -> Array:
+        """Return D(q), shape (..., n, n) [kg m^2, kg m or kg]."""
+
+
+class PinocchioDynamics:
+    """Kernels of one Pinocchio model.
+
+    Batches go through Pinocchio's parallel versions, which agree with the single ones bit by bit (in
+    its WORLD convention). D(q) a is inverse dynamics without gravity and velocity, which never builds D.
+    """
+
+    def __init__(self, model: Any) -> None:
+        """Take over a `pin.Model` (nq = nv) that nobody else may change."""
+        self._model = model
+        self._data = model.createData()
+        # The same masses in free fall: with v = 0, inverse dynamics is D(q) a alone.
+        self._free = model.copy()
+        self._free.gravity = pin.Motion.Zero()
+        self._free_data = self._free.createData()
+        self._rest = np.zeros(model.nv)
+        self._threads = _thread_count()
+        self._pools: dict[bool, Any] = {}
+
+    def forward(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration by the articulated-body algorithm (Featherstone 2008, ch. 7)."""
+        if q.ndim == 1:
+            a: Array = _aba(self._model, self._data, q, v, tau, _WORLD)
+            return a
+        return self._parallel(pin.abaInParallel, False, q, v, tau)
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque by the recursive Newton-Euler algorithm (Featherstone 2008, ch. 5)."""
+        if q.ndim == 1:
+            tau: Array = _rnea(self._model, self._data, q, v, a)
+            return tau
+        return self._parallel(pin.rneaInParallel, False, q, v, a)
+
+    def inertia_times(self, q: Array, a: Array) -> Array:
+        """Return D(q) a by the Newton-Euler recursion in free fall at rest."""
+        if q.ndim == 1:
+            tau: Array = _rnea(self._free, self._free_data, q, self._rest, a)
+            return tau
+        return self._parallel(pin.rneaInParallel, True, q, np.zeros_like(q), a)
+
+    def inertia_solve(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau by the articulated-body algorithm in free fall at rest.
+
+        It is exactly zero where tau is, and costs nothing when all of tau is.
+        """
+        if not np.count_nonzero(tau):
+            return tau
+        if q.ndim == 1:
+            a: Array = _aba(self._free, self._free_data, q, self._rest, tau, _WORLD)
+            return a
+        rows = np.flatnonzero(tau.any(axis=-1))
+        q, tau_rows = q[rows], tau[rows]
+        a = np.zeros_like(tau)
+        a[rows] = self._parallel(pin.abaInParallel, True, q, np.zeros_like(q), tau_rows)
+        return a
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q)."""
+        return self.inverse(q, v, np.zeros_like(q))
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q)."""
+        return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
+
+    def inertia(self, q: Array) -> Array:
+        """Return D(q) by the composite-rigid-body algorithm (Featherstone 2008, ch. 6)."""
+        if q.ndim == 1:
+            matrix: Array = np.array(pin.crba(self._model, self._data, q))
+            return matrix
+        return np.array([pin.crba(self._model, self._data, row) for row in q]).reshape(
+            *q.shape, q.shape[-1]
+        )
+
+    def _parallel(self, kernel: Any, free_fall: bool, q: Array, v: Array, x: Array) -> Array:
+        """Run one of Pinocchio's batch kernels; it wants (n, batch), which a transposed row-major array is."""
+        pool = self._pools.get(free_fall)
+        if pool is None:
+            pool = pin.ModelPool(self._free if free_fall else self._model, self._threads)
+            self._pools[free_fall] = pool
+        out = np.empty(q.shape)
+        threads = 1 if len(q) < _SERIAL_BELOW else self._threads
+        kernel(threads, pool, q.T, v.T, x.T, out.T)
+        return out
+
+
+class StackedDynamics:
+    """One robot per row of the batch: row i of every argument belongs to `parts[i]`."""
+
+    def __init__(self, parts: Sequence[PinocchioDynamics]) -> None:
+        """Group equal parts, so that each is called once per batch."""
+        rows: dict[int, list[int]] = {}
+        for row, part in enumerate(parts):
+            rows.setdefault(id(part), []).append(row)
+        self._groups = [(parts[group[0]], np.array(group)) for group in rows.values()]
+
+    def forward(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration of every row."""
+        return self._scatter("forward", q, v, tau)
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque of every row."""
+        return self._scatter("inverse", q, v, a)
+
+    def inertia_times(self, q: Array, a: Array) -> Array:
+        """Return D(q) a of every row."""
+        return self._scatter("inertia_times", q, a)
+
+    def inertia_solve(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau of every row."""
+        return self._scatter("inertia_solve", q, tau)
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q) of every row."""
+        return self._scatter("bias", q, v)
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q) of every row."""
+        return self._scatter("gravity", q)
+
+    def inertia(self, q: Array) -> Array:
+        """Return D(q) of every row."""
+        return self._scatter("inertia", q)
+
+    def _scatter(self, name: str, *arguments: Array) -> Array:
+        """Call the kernel `name` of every part on its rows and put the results back in order."""
+        results = [
+            (rows, getattr(part, name)(*(x[rows] for x in arguments))) for part, rows in self._groups
+        ]
+        out = np.empty((len(arguments[0]), *results[0][1].shape[1:]))
+        for rows, result in results:
+            out[rows] = result
+        return out
+
+
+def _thread_count() -> int:
+    """Return the number of threads for batch kernels: the cores we may use, or OMP_NUM_THREADS."""
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    if asked.isdigit() and int(asked) > 0:
+        return int(asked)
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return max(1, os.cpu_count() or 1)

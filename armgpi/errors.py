@@ -1,0 +1,168 @@
+"""Every exception and warning that armgpi raises.
+
+One root, :class:`ArmgpiError`, so that a caller can catch all of them and a program can tell our refusal
+from a bug. The leaves carry the data (joint, value, bound, ...) and their text says what was found, what
+was expected and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+
+class ArmgpiError(Exception):
+    """Root of all errors raised on purpose by armgpi."""
+
+
+class ArmgpiWarning(UserWarning):
+    """Something that does not stop the work but that the user should know."""
+
+
+class ArrayError(ArmgpiError):
+    """An array argument has the wrong shape, dtype or content.
+
+    Attributes:
+        name: name of the argument.
+    """
+
+    def __init__(self, name: str, message: str) -> None:
+        """Describe the bad argument `name`."""
+        self.name = name
+        super().__init__(f"{name}: {message}")
+
+
+class ParameterError(ArmgpiError):
+    """A parameter is outside the values it may take.
+
+    Attributes:
+        name: name of the parameter.
+        value: what was given.
+    """
+
+    def __init__(self, name: str, value: object, expected: str) -> None:
+        """Describe the bad parameter: its name, its value and what was expected."""
+        self.name = name
+        self.value = value
+        super().__init__(f"{name} must be {expected}, got {value!r}")
+
+
+class NameNotFound(ArmgpiError):
+    """A joint, frame, robot, controller or the like that does not exist.
+
+    Attributes:
+        kind: what was looked for ("joint", "frame", ...).
+        name: the name that does not exist.
+        valid: the names that exist.
+    """
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str], remedy: str = "") -> None:
+        """Describe the missing name and offer the nearest ones that exist."""
+        self.kind = kind
+        self.name = name
+        self.valid = tuple(valid)
+        near = get_close_matches(str(name), self.valid, n=3, cutoff=0.5)
+        text = f"there is no {kind} named {name!r}"
+        if near:
+            text += f"; did you mean {' or '.join(repr(n) for n in near)}?"
+        if self.valid:
+            text += f" (known: {_listing(self.valid)})"
+        super().__init__(text + (f"; {remedy}" if remedy else ""))
+
+
+class UrdfError(ArmgpiError):
+    """A URDF that cannot be read as a fixed-base arm.
+
+    Attributes:
+        source: the file, or a short description of where the text came from.
+        element: the link or joint concerned, if one is.
+    """
+
+    def __init__(self, source: object, message: str, element: str | None = None) -> None:
+        """Describe what is wrong with `source` and, if known, with which link or joint."""
+        self.source = str(source)
+        self.element = element
+        super().__init__(f"{source}: {message}")
+
+
+class LimitError(ArmgpiError):
+    """A value outside a joint's limits, or a limit that leaves nothing to work with.
+
+    Attributes:
+        joint: name of the joint.
+        value: the offending value.
+        lower: lower bound, in the joint's unit.
+        upper: upper bound, in the joint's unit.
+    """
+
+    def __init__(
+        self, what: str, joint: str, value: float, lower: float, upper: float, remedy: str = ""
+    ) -> None:
+        """Describe which quantity of which joint left which interval."""
+        self.joint = joint
+        self.value = float(value)
+        self.lower = float(lower)
+        self.upper = float(upper)
+        text = f"{what} of joint {joint!r} is {value:.6g}, outside [{lower:.6g}, {upper:.6g}]"
+        super().__init__(text + (f"; {remedy}" if remedy else ""))
+
+
+class EffortError(ArmgpiError):
+    """A joint whose effort limit leaves a controller no torque.
+
+    Attributes:
+        joint: name of the joint.
+        effort: its effort limit [N m or N].
+    """
+
+    def __init__(self, joint: str, effort: float) -> None:
+        """Describe the joint without torque and how to give it some."""
+        self.joint = joint
+        self.effort = float(effort)
+        super().__init__(
+            f"joint {joint!r} has effort limit {effort:g}, so no controller can move it; give it one "
+            f"with robot.with_limits(effort={{{joint!r}: 10.0}}) or --effort {joint}=10, or lock it"
+        )
+
+
+class ReachError(ArmgpiError):
+    """A point that the arm cannot reach.
+
+    Attributes:
+        point: the point asked for [m].
+        distance: how far it is from the nearest reachable point [m].
+    """
+
+    def __init__(self, point: Sequence[float], distance: float, message: str) -> None:
+        """Describe the point and how far out of reach it is."""
+        self.point = tuple(float(x) for x in point)
+        self.distance = float(distance)
+        super().__init__(message)
+
+
+class ConfigError(ArmgpiError):
+    """An experiment file, or an option of the command line, that cannot be used.
+
+    Attributes:
+        source: the file (or "command line").
+        key: dotted path of the offending key, empty when the file as a whole is bad.
+        line: line of that key in the file, counted from 1; None when there is no such line.
+    """
+
+    def __init__(self, source: object, key: str, message: str, line: int | None = None) -> None:
+        """Describe the bad key, where it stands and what was expected."""
+        self.source = str(source)
+        self.key = key
+        self.line = line
+        place = f"{source}:{line}" if line is not None else str(source)
+        super().__init__(f"{place}: {key}: {message}" if key else f"{place}: {message}")
+
+
+class RolloutError(ArmgpiError):
+    """A rollout that cannot be made, read, or used for what was asked."""
+
+
+def _listing(names: Sequence[str], limit: int = 20) -> str:
+    """Join names for a message, shortening long lists."""
+    shown = ", ".join(names[:limit])
+    return shown if len(names) <= limit else f"{shown}, ... {len(names) - limit} more"

@@ -1,0 +1,1 @@
+"""Plants: what the controller acts on, with its loads, sensors and actuators."""

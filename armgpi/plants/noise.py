@@ -1,0 +1,54 @@
+"""Random numbers as a function of (seed, sample, rollout, joint): no hidden state.
+
+The same numbers come out whether rollouts run in one batch or one by one, after a pause or from the
+start, and any language with 64-bit integers can make them. The mixing function is the finaliser of
+SplitMix64 (Steele, Lea, Flood 2014), applied twice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+
+Bits = npt.NDArray[np.uint64]
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX2 = np.uint64(0x94D049BB133111EB)
+
+
+def uniform(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array:
+    """Return numbers uniform in (0, 1) for sample `k`.
+
+    Args:
+        seed: seed of row 0; row i of a batch uses seed + i.
+        k: sample number.
+        shape: (n,) or (batch, n).
+        stream: which of several independent sets of numbers.
+    """
+    rows = np.arange(shape[0], dtype=np.uint64)[:, None] if len(shape) == 2 else np.uint64(0)
+    columns = np.arange(shape[-1], dtype=np.uint64)
+    with np.errstate(over="ignore"):
+        key = _mix(np.uint64(seed % 2**64) + rows + _GOLDEN)
+        counter = np.uint64(k) * np.uint64(0x10000) + np.uint64(stream) * np.uint64(0x1000) + columns
+        bits = _mix(_mix(key ^ (counter * _GOLDEN)) + key)
+    # The top 53 bits, moved half a step up, so that 0 and 1 are never reached.
+    values: Array = ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+    return np.broadcast_to(values, shape)
+
+
+def normal(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array:
+    """Return standard normal numbers for sample `k` (Box and Muller 1958); arguments as :func:`uniform`."""
+    radius = np.sqrt(-2.0 * np.log(uniform(seed, k, shape, 2 * stream)))
+    result: Array = radius * np.cos(2.0 * np.pi * uniform(seed, k, shape, 2 * stream + 1))
+    return result
+
+
+def _mix(x: Bits) -> Bits:
+    """Return the bits of `x` well mixed."""
+    x = (x ^ (x >> np.uint64(30))) * _MIX1
+    x = (x ^ (x >> np.uint64(27))) * _MIX2
+    mixed: Bits = x ^ (x >> np.uint64(31))
+    return mixed

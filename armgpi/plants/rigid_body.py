@@ -1,0 +1,263 @@
+"""A rigid arm under torque, gravity, loads and friction, integrated by Runge-Kutta."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, PerJointInput, not_negative, per_joint
+from armgpi.control.controller import FullState, common_batch
+from armgpi.errors import ArrayError, ParameterError
+from armgpi.plants.loads import Load
+from armgpi.plants.plant import Plant, PlantState
+from armgpi.robot import AnyRobot, Friction
+
+#: Iterations for Coulomb friction; each can only lower the energy, so any number is safe.
+_COULOMB_ITERATIONS = 12
+
+
+class Motion(NamedTuple):
+    """Positions and velocities.
+
+    Attributes:
+        q: positions [rad or m], shape (n,) or (batch, n).
+        v: velocities [rad/s or m/s], same shape.
+    """
+
+    q: Array
+    v: Array
+
+
+class _StepSizes(NamedTuple):
+    """Multiples of a step size as 0-d arrays, which NumPy multiplies faster than Python numbers."""
+
+    h: Array
+    half: Array
+    sixth: Array
+    square: Array
+
+
+@lru_cache(maxsize=8)
+def _step_sizes(h: float) -> _StepSizes:
+    """Return h, h / 2, h / 6 and h^2 / 6."""
+    return _StepSizes(*map(np.array, (h, 0.5 * h, h / 6.0, h * h / 6.0)))
+
+
+class RigidBodyPlant(Plant):
+    """An arm by Pinocchio: D(q) a + C(q, v) v + G(q) = tau - tau_d - friction.
+
+    The torque is held over the sample. Without friction each substep is one classical Runge-Kutta step
+    (order 4), its stages at their own times seeing the loads. Friction, which may be far stiffer than
+    the sample time, follows implicitly (order 1, stable for every coefficient).
+
+    Attributes:
+        loads: disturbance torques.
+        friction: joint friction, or None.
+        substeps: Runge-Kutta steps per sample.
+    """
+
+    def __init__(
+        self,
+        robot: AnyRobot,
+        loads: Sequence[Load] | Load = (),
+        friction: str | Friction | None = None,
+        substeps: int = 1,
+        stick_velocity: float = 1e-3,
+    ) -> None:
+        """Define the plant.
+
+        Args:
+            robot: the arm that it really is; with a payload, say, that the controller does not know.
+            loads: disturbance torques, each (n,) or (batch, n).
+            friction: "urdf" for the coefficients in the robot's URDF (which Pinocchio's dynamics ignore),
+                ``Friction(viscous, coulomb)`` for others, None for none.
+            substeps: integration steps per sample, at least 1.
+            stick_velocity: speed below which Coulomb friction is smoothed [rad/s or m/s].
+
+        Raises:
+            ParameterError: for bad friction, substeps or stick velocity.
+            ArrayError: when a load or coefficient does not fit the joints.
+        """
+        self.robot = robot
+        self.loads = (loads,) if isinstance(loads, Load) else tuple(loads)
+        if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
+            raise ParameterError("substeps", substeps, "a whole number, at least 1")
+        if not (math.isfinite(stick_velocity) and stick_velocity > 0.0):
+            raise ParameterError("stick_velocity", stick_velocity, "positive [rad/s]")
+        self.substeps = substeps
+        self.stick_velocity = float(stick_velocity)
+        self.friction = self._friction(friction)
+        sizes: list[int | Array | None] = [robot.batch, *(self.friction or ())]
+        for load in self.loads:
+            sizes.append(np.zeros(self._check_load(load)))
+        self.batch = common_batch(*sizes)
+        self._table = _LoadTable(self.disturbance, substeps) if self.loads else None
+        self._substep = self._without_friction if self.friction is None else self._with_friction
+
+    def init(self, q: Array, v: Array) -> PlantState:
+        """Return the state at time 0; see :meth:`Plant.init`."""
+        return PlantState(0, q, v, np.zeros_like(q))
+
+    def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
+        """Return the state after `tau` was held for `dt`; see :meth:`Plant.step`."""
+        k, q, v, _ = state
+        h = dt / self.substeps
+        for i in range(self.substeps):
+            if self._table is None:
+                q, v = self._substep(q, v, tau, tau, tau, h)
+            else:
+                begin, middle, end = self._table.at(k, i, dt)
+                q, v = self._substep(q, v, tau - begin, tau - middle, tau - end, h)
+        return PlantState(k + 1, q, v, tau)
+
+    def measure(self, state: PlantState) -> FullState:
+        """Return the true positions and velocities."""
+        return FullState(state.q, state.v)
+
+    def truth(self, state: PlantState) -> PlantState:
+        """Return the state itself."""
+        return state
+
+    def disturbance(self, t: Array) -> Array | None:
+        """Return the sum of the loads; see :meth:`Plant.disturbance`."""
+        if not self.loads:
+            return None
+        rank = max(1, max(len(load.shape) for load in self.loads))
+        times = np.asarray(t, dtype=np.float64).reshape((-1,) + (1,) * rank)
+        total = sum((load.torque(times) for load in self.loads), np.zeros((1,) * rank + (self.robot.n,)))
+        return np.asarray(total)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        friction = self.friction
+        return {
+            "plant": type(self).__name__,
+            "robot": self.robot.provenance,
+            "loads": [load.describe() for load in self.loads],
+            "friction": None
+            if friction is None
+            else {name: value.tolist() for name, value in friction._asdict().items()},
+            "substeps": self.substeps,
+        }
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"RigidBodyPlant({self.robot!r}, {len(self.loads)} loads)"
+
+    def _without_friction(
+        self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
+    ) -> Motion:
+        """Take one classical Runge-Kutta step of q' = v, v' = D^-1 (tau - C v - G).
+
+        The three torques are what acts at the beginning, in the middle and at the end of the step.
+        """
+        forward = self.robot.dynamics.forward
+        c = _step_sizes(h)
+        # Written out for second-order equations: the same stages with half the array operations.
+        way = c.half * v
+        a1 = forward(q, v, begin)
+        gain1 = c.half * a1
+        q2 = q + way
+        a2 = forward(q2, v + gain1, middle)
+        gain2 = c.half * a2
+        a3 = forward(q2 + c.half * gain1, v + gain2, middle)
+        ahead = q2 + way
+        a4 = forward(ahead + c.h * gain2, v + c.h * a3, end)
+        inner = a2 + a3
+        first = a1 + inner
+        return Motion(ahead + c.square * first, v + c.sixth * (first + inner + a4))
+
+    def _with_friction(
+        self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
+    ) -> Motion:
+        """Take a Runge-Kutta step without friction, then the friction that acts over it, implicitly.
+
+        With v_free the velocity without friction, v solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0,
+        |v| smoothed to sqrt(v^2 + stick_velocity^2): the minimum of a convex function, found by solving
+        for v with |v| from the iterate before. That never raises the function (majorisation), so friction
+        never feeds energy, however stiff. Where friction is in balance with the torque, the balance is
+        exact.
+        """
+        assert self.friction is not None
+        q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
+        viscous, coulomb = self.friction
+        inertia = self.robot.dynamics.inertia(q)
+        momentum = np.matmul(inertia, v_free[..., None])
+        diagonal = np.arange(self.robot.n)
+        new = v_free
+        for _ in range(_COULOMB_ITERATIONS if coulomb.any() else 1):
+            speed = np.sqrt(new * new + self.stick_velocity**2)
+            resistance = inertia.copy()
+            resistance[..., diagonal, diagonal] += h * (viscous + coulomb / speed)
+            new = _solve(resistance, momentum)
+        return Motion(q_free + 0.5 * h * (new - v_free), new)
+
+    def _friction(self, friction: str | Friction | None) -> Friction | None:
+        """Return the friction coefficients, None when there is no friction."""
+        if friction is None:
+            return None
+        if isinstance(friction, str):
+            if friction != "urdf":
+                raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
+            return self.robot.friction
+        if not isinstance(friction, tuple) or len(friction) != 2:
+            raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
+        names = self.robot.joint_names
+        return Friction(
+            *(
+                per_joint(value, name, names, "zero or positive", not_negative)
+                for value, name in zip(friction, Friction._fields, strict=True)
+            )
+        )
+
+    def _check_load(self, load: Load) -> tuple[int, ...]:
+        """Return the shape of a load, refusing one that does not fit the joints."""
+        if not isinstance(load, Load):
+            raise ParameterError("loads", load, "loads such as Step, Ramp, Sine or Pulse")
+        shape = load.shape
+        if len(shape) > 2 or (shape and shape[-1] not in (1, self.robot.n)):
+            raise ArrayError("loads", f"{load}: expected one torque per joint ({self.robot.n}), got {shape}")
+        return shape
+
+
+class _LoadTable:
+    """Disturbance torques at the stage times, worked out for a stretch of samples at once.
+
+    A load depends on time alone, so evaluating it at every Runge-Kutta stage would repeat itself.
+    """
+
+    _SAMPLES = 256
+
+    def __init__(self, disturbance: Callable[[Array], Array | None], substeps: int) -> None:
+        self._disturbance = disturbance
+        self._substeps = substeps
+        self._first = -1
+        self._dt = math.nan
+        self._rows: Array = np.empty(0)
+
+    def at(self, k: int, substep: int, dt: float) -> tuple[Array, Array, Array]:
+        """Return the torque at the beginning, middle and end of a substep of sample `k`."""
+        first = k - k % self._SAMPLES
+        if first != self._first or dt != self._dt:
+            count = 2 * self._substeps * self._SAMPLES
+            times = dt * (first + np.arange(count + 1) / (2 * self._substeps))
+            rows = self._disturbance(times)
+            assert rows is not None
+            self._first, self._dt, self._rows = first, dt, rows
+        i = 2 * (self._substeps * (k - first) + substep)
+        return self._rows[i], self._rows[i + 1], self._rows[i + 2]
+
+
+def _solve(matrix: Array, column: Array) -> Array:
+    """Solve for one column per matrix; where a rollout has diverged the answer is NaN, not an exception."""
+    try:
+        solution: Array = np.linalg.solve(matrix, column)[..., 0]
+    except np.linalg.LinAlgError:
+        finite = np.isfinite(matrix).all(axis=(-2, -1))[..., None, None]
+        safe = np.where(finite, matrix, np.eye(matrix.shape[-1]))
+        solution = np.where(finite, np.linalg.solve(safe, column), np.nan)[..., 0]
+    return solution

@@ -1,0 +1,1 @@
+"""Reference trajectories: what the joints shall do, as a function of time."""

@@ -1,0 +1,156 @@
+"""Smooth moves between postures by the Bezier polynomial of the paper (eqs. 26-27)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, ArrayLike, as_float_array
+from armgpi.errors import ArrayError, ParameterError
+from armgpi.references.reference import Reference, Target
+
+#: Peak of the first derivative of the blend, at x = 4/9: 1260 (4/9)^4 (5/9)^5.
+PEAK_VELOCITY = 1260.0 * (4.0 / 9.0) ** 4 * (5.0 / 9.0) ** 5
+#: Where the second derivative, 1260 x^3 (1 - x)^4 (4 - 9 x), is largest: its smaller inner extremum.
+_PEAK_AT = (8.0 - math.sqrt(10.0)) / 18.0
+#: Peak of the second derivative of the blend, near x = 0.269.
+PEAK_ACCELERATION = 1260.0 * _PEAK_AT**3 * (1.0 - _PEAK_AT) ** 4 * (4.0 - 9.0 * _PEAK_AT)
+
+
+class Blend(NamedTuple):
+    """The blend from 0 to 1 and its derivatives with respect to its argument."""
+
+    value: Array
+    first: Array
+    second: Array
+
+
+def blend(x: Array) -> Blend:
+    """Return the polynomial of eq. 27 that goes from 0 to 1, four derivatives zero at both ends.
+
+    Printed as a sum with positive coefficients, which is not 0..1; with alternating signs it is
+    (errata in the docs). Outside [0, 1] it stays at its ends.
+
+    Args:
+        x: share of the move that has passed, any shape.
+    """
+    x = np.minimum(np.maximum(x, 0.0), 1.0)
+    inner = 252.0 + x * (-1050.0 + x * (1800.0 + x * (-1575.0 + x * (700.0 - 126.0 * x))))
+    y = 1.0 - x
+    return Blend(
+        value=x**5 * inner,  # eq. 27, signs corrected
+        first=1260.0 * x**4 * y**5,
+        second=1260.0 * x**3 * y**4 * (4.0 - 9.0 * x),
+    )
+
+
+def minimum_duration(
+    distance: ArrayLike, velocity_limit: ArrayLike = math.inf, acceleration_limit: ArrayLike = math.inf
+) -> float:
+    """Return the shortest duration [s] in which a move keeps its limits.
+
+    A move over D in T has the peaks 2.602 |D| / T (at 4/9 of the move) and 11.06 |D| / T^2.
+
+    Args:
+        distance: how far each joint goes [rad or m], any shape that broadcasts.
+        velocity_limit: highest speeds [rad/s or m/s].
+        acceleration_limit: highest accelerations [rad/s^2 or m/s^2].
+
+    Raises:
+        ParameterError: when a limit is not positive.
+    """
+    distance_ = np.abs(as_float_array(distance, "distance"))
+    velocity = np.asarray(velocity_limit, dtype=np.float64)
+    acceleration = np.asarray(acceleration_limit, dtype=np.float64)
+    for name, limit in (("velocity_limit", velocity), ("acceleration_limit", acceleration)):
+        if not (limit > 0.0).all():
+            raise ParameterError(name, limit.tolist(), "positive")
+    by_velocity = PEAK_VELOCITY * distance_ / velocity
+    by_acceleration = np.sqrt(PEAK_ACCELERATION * distance_ / acceleration)
+    return float(np.max(np.maximum(by_velocity, by_acceleration), initial=0.0))
+
+
+class Bezier(Reference):
+    """One smooth move from a start to a goal (eq. 26): stand, move, stand.
+
+    Attributes:
+        start: posture before the move [rad or m], shape (n,) or (batch, n).
+        goal: posture after it, same shape.
+        duration: how long the move takes [s].
+        t_start: when it begins [s].
+    """
+
+    def __init__(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike,
+        duration: float | None = None,
+        t_start: float = 0.0,
+        velocity_limit: ArrayLike = math.inf,
+        acceleration_limit: ArrayLike = math.inf,
+    ) -> None:
+        """Define the move.
+
+        Args:
+            start: posture before it [rad or m], shape (n,) or (batch, n).
+            goal: posture after it; the two broadcast.
+            duration: how long it takes [s]; when not given, the shortest that keeps the limits.
+            t_start: when it begins [s].
+            velocity_limit: highest speeds [rad/s or m/s], used when there is no duration.
+            acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
+
+        Raises:
+            ArrayError: when start and goal do not go together.
+            ParameterError: when the duration is not positive, or neither it nor a limit is given.
+        """
+        self.start, self.goal = _postures(start, goal)
+        distance = self.goal - self.start
+        if duration is None:
+            duration = minimum_duration(distance, velocity_limit, acceleration_limit)
+            if duration == 0.0 and distance.any():
+                raise ParameterError(
+                    "duration", None, "given, or a finite velocity_limit or acceleration_limit"
+                )
+            duration = duration or 1.0  # nothing moves: any duration will do
+        if not (math.isfinite(duration) and duration > 0.0):
+            raise ParameterError("duration", duration, "a positive, finite time [s]")
+        if not math.isfinite(t_start):
+            raise ParameterError("t_start", t_start, "a finite time [s]")
+        self.duration = float(duration)
+        self.t_start = float(t_start)
+        self._distance = distance
+
+    def at(self, t: float | Array) -> Target:
+        """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
+        time = np.asarray(t, dtype=np.float64)
+        x = (time - self.t_start) / self.duration
+        step = blend(x.reshape(x.shape + (1,) * self._distance.ndim))
+        return Target(
+            q=self.start + self._distance * step.value,  # eq. 26
+            v=self._distance * step.first / self.duration,
+            a=self._distance * step.second / self.duration**2,
+        )
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return (
+            f"Bezier({self.start.tolist()} -> {self.goal.tolist()} "
+            f"in {self.duration:g} s from t = {self.t_start:g} s)"
+        )
+
+
+def _postures(start: ArrayLike, goal: ArrayLike) -> tuple[Array, Array]:
+    """Check two postures and give them one shape."""
+    start_, goal_ = as_float_array(start, "start"), as_float_array(goal, "goal")
+    for name, array in (("start", start_), ("goal", goal_)):
+        if array.ndim not in (1, 2):
+            raise ArrayError(name, f"expected shape (n,) or (batch, n), got {array.shape}")
+    if start_.shape[-1] != goal_.shape[-1]:
+        raise ArrayError("goal", f"expected {start_.shape[-1]} joints as in start, got {goal_.shape}")
+    try:
+        shape = np.broadcast_shapes(start_.shape, goal_.shape)
+    except ValueError:
+        raise ArrayError("goal", f"shape {goal_.shape} does not go with start's {start_.shape}") from None
+    return np.broadcast_to(start_, shape).copy(), np.broadcast_to(goal_, shape).copy()

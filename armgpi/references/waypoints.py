@@ -1,0 +1,96 @@
+"""A sequence of smooth moves with holds between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from armgpi.arrays import Array, ArrayLike
+from armgpi.errors import ParameterError
+from armgpi.references.bezier import Bezier
+from armgpi.references.reference import Reference, Target
+
+
+class Waypoints(Reference):
+    """Go from posture to posture by Bezier moves, standing still at each for a while.
+
+    Attributes:
+        moves: the moves, one :class:`Bezier` from each waypoint to the next.
+        t_end: when the last hold is over [s].
+    """
+
+    def __init__(
+        self,
+        points: Sequence[ArrayLike],
+        durations: float | Sequence[float] | None = None,
+        holds: float | Sequence[float] = 0.0,
+        velocity_limit: ArrayLike = math.inf,
+        acceleration_limit: ArrayLike = math.inf,
+    ) -> None:
+        """Define the sequence, from t = 0.
+
+        Args:
+            points: m postures [rad or m], each of shape (n,) or (batch, n).
+            durations: of the m - 1 moves [s]: a number for all, one for each, or None for the shortest
+                ones that keep the limits.
+            holds: how long to stand at each of the m postures [s]: a number for all or one for each.
+            velocity_limit: highest speeds [rad/s or m/s], used when there are no durations.
+            acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
+
+        Raises:
+            ArrayError: when the postures do not go together.
+            ParameterError: when there is no posture, or numbers of durations or holds do not fit.
+        """
+        if len(points) == 0:
+            raise ParameterError("points", points, "at least one posture")
+        legs = max(len(points) - 1, 0)
+        times = _per_item(durations, "durations", legs)
+        stands = _per_item(holds, "holds", len(points))
+        for hold in stands:
+            if hold is None or not (math.isfinite(hold) and hold >= 0.0):
+                raise ParameterError("holds", holds, "zero or positive, finite times [s]")
+        moves = []
+        t = float(stands[0] or 0.0)
+        for leg in range(legs):
+            move = Bezier(
+                points[leg],
+                points[leg + 1],
+                times[leg],
+                t,
+                velocity_limit,
+                acceleration_limit,
+            )
+            moves.append(move)
+            t += move.duration + float(stands[leg + 1] or 0.0)
+        self.moves = tuple(moves)
+        self.t_end = t
+        # A single posture is a move to itself.
+        self._parts = self.moves or (Bezier(points[0], points[0]),)
+
+    def at(self, t: float | Array) -> Target:
+        """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
+        first, *rest = (move.at(t) for move in self._parts)
+        # Each move adds its own way to where the one before it ends.
+        q, v, a = first
+        for move, target in zip(self._parts[1:], rest, strict=True):
+            q = q + (target.q - move.start)
+            v = v + target.v
+            a = a + target.a
+        return Target(np.asarray(q), np.asarray(v), np.asarray(a))
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"Waypoints({len(self.moves)} moves, {self.t_end:g} s)"
+
+
+def _per_item(
+    value: float | Sequence[float] | None, name: str, count: int
+) -> list[float | None] | list[float]:
+    """Return one number per item."""
+    if value is None or isinstance(value, int | float):
+        return [value] * count
+    if len(value) != count:
+        raise ParameterError(name, value, f"a number or {count} of them")
+    return [float(x) for x in value]

@@ -1,0 +1,620 @@
+"""Robot: an arm's equations of motion, D(q) a + C(q, v) v + G(q) = tau, from its URDF by Pinocchio."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi import robots, urdf
+from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, frozen
+from armgpi.dynamics import Dynamics, PinocchioDynamics, StackedDynamics
+from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
+
+PerJoint = ArrayLike | Mapping[str, float]
+
+
+class Limits(NamedTuple):
+    """Limits of every joint, arrays of shape (n,), read-only; infinite where the URDF has none.
+
+    Attributes:
+        lower: lowest position [rad or m].
+        upper: highest position [rad or m].
+        velocity: highest speed [rad/s or m/s].
+        effort: highest torque or force [N m or N].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+
+class Friction(NamedTuple):
+    """Joint friction as the URDF's ``<dynamics>`` gives it, arrays of shape (n,), read-only.
+
+    Attributes:
+        viscous: viscous coefficient [N m s/rad or N s/m].
+        coulomb: Coulomb torque or force [N m or N].
+    """
+
+    viscous: Array
+    coulomb: Array
+
+
+class Pose(NamedTuple):
+    """Pose of a frame in the base frame.
+
+    Attributes:
+        rotation: rotation matrix, shape (..., 3, 3).
+        translation: position [m], shape (..., 3).
+    """
+
+    rotation: Array
+    translation: Array
+
+
+class _Checked:
+    """The equations of motion with their arguments checked; rows of a batch are states."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    joint_types: tuple[str, ...]
+    limits: Limits
+    friction: Friction
+    dynamics: Dynamics
+    batch: int | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints, coordinates and velocities."""
+        return len(self.joint_names)
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Return the inertia matrix D(q), by CRBA.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            D, shape (n, n) or (batch, n, n), symmetric and positive definite.
+
+        Raises:
+            ArrayError: when `q` has another shape or dtype or is not finite.
+        """
+        (q_,) = self._states(q=q)
+        return self.dynamics.inertia(q_)
+
+    def gravity(self, q: ArrayLike) -> Array:
+        """Return the gravity torque G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
+        (q_,) = self._states(q=q)
+        return self.dynamics.gravity(q_)
+
+    def nonlinear_effects(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return C(q, v) v + G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
+        q_, v_ = self._states(q=q, v=v)
+        return self.dynamics.bias(q_, v_)
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
+        """Return the acceleration D(q)^-1 (tau - C(q, v) v - G(q)), by ABA.
+
+        Friction of the URDF is not part of it; a plant adds that (see ``armgpi.RigidBodyPlant``).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+            tau: torques [N m or N], same shape.
+
+        Returns:
+            Accelerations [rad/s^2 or m/s^2], same shape.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
+        """
+        q_, v_, tau_ = self._states(q=q, v=v, tau=tau)
+        return self.dynamics.forward(q_, v_, tau_)
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Return the torque D(q) a + C(q, v) v + G(q) [N m or N], by RNEA; shapes as in `forward_dynamics`."""
+        q_, v_, a_ = self._states(q=q, v=v, a=a)
+        return self.dynamics.inverse(q_, v_, a_)
+
+    def inertia_times(self, q: ArrayLike, a: ArrayLike) -> Array:
+        """Return D(q) a [N m or N] without building D; shapes (n,) or (batch, n)."""
+        q_, a_ = self._states(q=q, a=a)
+        return self.dynamics.inertia_times(q_, a_)
+
+    def inertia_solve(self, q: ArrayLike, tau: ArrayLike) -> Array:
+        """Return D(q)^-1 tau [rad/s^2 or m/s^2] without building D; shapes (n,) or (batch, n)."""
+        q_, tau_ = self._states(q=q, tau=tau)
+        return self.dynamics.inertia_solve(q_, tau_).copy()
+
+    def check_position(self, q: ArrayLike, what: str) -> Array:
+        """Return positions as an array, refusing those outside the joint limits.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            what: what they are, for the message ("the start").
+
+        Raises:
+            ArrayError: when the shape or dtype is wrong or a value is not finite.
+            LimitError: when a position is outside its joint's limits by more than rounding.
+        """
+        positions = as_joint_array(q, what, self.joint_names)
+        lower, upper = self.limits.lower, self.limits.upper
+        slack = 1e-9 * np.maximum(1.0, np.abs(positions))
+        outside = np.argwhere((positions < lower - slack) | (positions > upper + slack))
+        if outside.size:
+            index = tuple(int(i) for i in outside[0])
+            j = index[-1]
+            raise LimitError(what, self.joint_names[j], positions[index], lower[j], upper[j])
+        return positions
+
+    def _states(self, **arguments: ArrayLike) -> tuple[Array, ...]:
+        """Check state-like arguments and give them one shape; a single state goes with any batch."""
+        arrays = [as_joint_array(value, name, self.joint_names) for name, value in arguments.items()]
+        shapes = [array.shape for array in arrays]
+        if self.batch is not None:
+            shapes.append((self.batch, self.n))
+        try:
+            shape = np.broadcast_shapes(*shapes)
+        except ValueError:
+            names = ", ".join(arguments)
+            raise ArrayError(names, f"shapes do not go together: {', '.join(map(str, shapes))}") from None
+        if self.batch is not None and shape != (self.batch, self.n):
+            raise ArrayError(", ".join(arguments), f"expected {self.batch} rows, got shape {shape}")
+        return tuple(np.ascontiguousarray(np.broadcast_to(array, shape)) for array in arrays)
+
+
+class Robot(_Checked):
+    """A fixed-base arm of revolute, continuous and prismatic joints, one coordinate each.
+
+    Immutable: the ``with_...`` methods return another robot. Load one with :meth:`load`.
+
+    Attributes:
+        name: name of the robot.
+        joint_names: names of the n joints, in the order of every array.
+        joint_types: "revolute", "continuous" or "prismatic", for every joint.
+        limits: position, velocity and effort limits.
+        friction: joint friction that the URDF states; the equations of motion here leave it out.
+        dynamics: the same equations without checks, for loops of one's own.
+        provenance: where the model came from and what was done to it, as plain data.
+    """
+
+    dynamics: PinocchioDynamics
+
+    def __init__(
+        self,
+        model: Any,
+        name: str,
+        joint_types: Sequence[str],
+        limits: Limits,
+        friction: Friction,
+        provenance: Mapping[str, Any],
+    ) -> None:
+        """Take over a `pin.Model` with nq = nv; users call :meth:`load` or :meth:`from_xml`."""
+        self._model = model
+        self.name = name
+        self.joint_names = tuple(list(model.names)[1:])
+        self.joint_types = tuple(joint_types)
+        self.limits = Limits(*map(frozen, limits))
+        self.friction = Friction(*map(frozen, friction))
+        self.provenance = dict(provenance)
+        self.dynamics = PinocchioDynamics(model)
+        self._frames = {}
+        for index, frame in enumerate(model.frames):
+            # Where a link and a joint share a name, the link's frame is the one people mean.
+            if index and (frame.name not in self._frames or frame.type == pin.FrameType.BODY):
+                self._frames[frame.name] = index
+        self._kinematics = model.createData()
+
+    @classmethod
+    def load(
+        cls,
+        path_or_name: str | PathLike[str],
+        lock: Sequence[str] | Mapping[str, float] = (),
+        keep: Sequence[str] | None = None,
+    ) -> Robot:
+        """Load a robot from a URDF file, or by the name of one that armgpi knows.
+
+        Args:
+            path_or_name: path of a URDF, or a name from :func:`armgpi.robots.names`.
+            lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
+                name -> value [rad or m]. Joints that mimic another are always locked.
+            keep: when given, every joint that is not named here is locked.
+
+        Raises:
+            NameNotFound: for a robot or joint name that does not exist.
+            UrdfError: for a file that is no usable URDF.
+        """
+        path, name = robots.locate(path_or_name)
+        document = urdf.parse(urdf.read_file(path), str(path))
+        return cls._from_document(document, name or document.name, lock, keep)
+
+    @classmethod
+    def from_xml(
+        cls,
+        text: str,
+        lock: Sequence[str] | Mapping[str, float] = (),
+        keep: Sequence[str] | None = None,
+    ) -> Robot:
+        """Load a robot from the text of a URDF; arguments and errors as :meth:`load`."""
+        document = urdf.parse(text, "URDF text")
+        return cls._from_document(document, document.name, lock, keep)
+
+    @classmethod
+    def _from_document(
+        cls,
+        document: urdf.Urdf,
+        name: str,
+        lock: Sequence[str] | Mapping[str, float],
+        keep: Sequence[str] | None,
+    ) -> Robot:
+        built = urdf.build(document, lock, keep)
+        joints = built.joints
+        limits = Limits(
+            *(np.array([getattr(j, k) for j in joints]) for k in ("lower", "upper", "velocity", "effort"))
+        )
+        friction = Friction(np.array([j.damping for j in joints]), np.array([j.friction for j in joints]))
+        provenance = {
+            "source": document.source,
+            "sha256": document.sha256,
+            "locked": dict(built.locked),
+            "changes": [],
+        }
+        types = [j.type for j in joints]
+        robot = cls(built.model, name, types, limits, friction, provenance)
+        robot._check_inertia(document.source)
+        return robot
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of all frames: links, joints and fixed joints."""
+        return tuple(self._frames)
+
+    @property
+    def armature(self) -> Array:
+        """Rotor inertia seen at every joint [kg m^2 or kg], shape (n,)."""
+        return np.array(self._model.armature)
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of everything, the base included [kg]."""
+        return float(sum(inertia.mass for inertia in self._model.inertias))
+
+    @property
+    def tip(self) -> str:
+        """Name of the link at the end: the one farthest from the last joint over fixed joints."""
+        model = self._model
+        last = max(range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
+        bodies = [
+            index
+            for index, frame in enumerate(model.frames)
+            if frame.type == pin.FrameType.BODY and int(frame.parentJoint) == last
+        ]
+
+        def depth(index: int) -> int:
+            """Count the fixed joints up to the last joint; a locked one ends the arm before it."""
+            count = 0
+            while int(model.frames[index].parentJoint) == last:
+                frame = model.frames[index]
+                if frame.type == pin.FrameType.FIXED_JOINT:
+                    if frame.name in self.provenance["locked"]:
+                        return -1
+                    count += 1
+                elif frame.type == pin.FrameType.JOINT:
+                    break
+                index = int(frame.parentFrame)
+            return count
+
+        return str(model.frames[max(bodies, key=depth)].name)
+
+    def pinocchio_model(self) -> Any:
+        """Return a copy of the `pin.Model`, for what this class does not offer."""
+        return self._model.copy()
+
+    def frame_pose(self, name: str, q: ArrayLike) -> Pose:
+        """Return the pose of a frame in the base frame.
+
+        Args:
+            name: a link, joint or fixed joint.
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            Rotation (..., 3, 3) and translation (..., 3) [m].
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ArrayError: when `q` is not as it should be.
+        """
+        index = self._frame(name)
+        (q_,) = self._states(q=q)
+
+        def pose(row: Array) -> Array:
+            pin.framesForwardKinematics(self._model, self._kinematics, row)
+            matrix: Array = self._kinematics.oMf[index].homogeneous.copy()
+            return matrix
+
+        homogeneous = _rowwise(pose, q_)
+        return Pose(homogeneous[..., :3, :3], homogeneous[..., :3, 3])
+
+    def frame_jacobian(self, name: str, q: ArrayLike) -> Array:
+        """Return the Jacobian of a frame: J v is its linear, then angular velocity, along the base axes.
+
+        Args:
+            name: a link, joint or fixed joint.
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            J, shape (6, n) or (batch, 6, n).
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ArrayError: when `q` is not as it should be.
+        """
+        index = self._frame(name)
+        (q_,) = self._states(q=q)
+
+        def jacobian(row: Array) -> Array:
+            return np.array(
+                pin.computeFrameJacobian(
+                    self._model, self._kinematics, row, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                )
+            )
+
+        return _rowwise(jacobian, q_)
+
+    def with_payload(
+        self, frame: str, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None
+    ) -> Robot:
+        """Return the robot with a load fixed to a frame.
+
+        Args:
+            frame: the frame that carries it.
+            mass: its mass [kg], not negative.
+            com: its centre of mass in that frame [m], shape (3,).
+            inertia: its inertia about that centre, in the frame's axes [kg m^2], shape (3, 3); a point
+                mass when not given.
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ParameterError: when the mass is negative or the frame does not move.
+            ArrayError: when `com` or `inertia` is not as it should be.
+        """
+        mass = float(as_float_array(mass, "mass"))
+        if mass < 0.0:
+            raise ParameterError("mass", mass, "zero or positive [kg]")
+        centre = _shaped(com, "com", (3,))
+        tensor = np.zeros((3, 3)) if inertia is None else _shaped(inertia, "inertia", (3, 3))
+        if not np.allclose(tensor, tensor.T) or np.linalg.eigvalsh(tensor)[0] < -1e-12:
+            raise ArrayError("inertia", "expected a symmetric tensor without negative eigenvalues")
+        element = self._model.frames[self._frame(frame)]
+        joint = int(element.parentJoint)
+        if joint == 0:
+            raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
+        model = self._model.copy()
+        model.inertias[joint] += element.placement.act(pin.Inertia(mass, centre, tensor))
+        change = {"payload": {"frame": frame, "mass": mass, "com": centre.tolist()}}
+        if inertia is not None:
+            change["payload"]["inertia"] = tensor.tolist()
+        return self._changed(change, model=model)
+
+    def with_armature(self, armature: PerJoint) -> Robot:
+        """Return the robot with rotor inertia (gear ratio squared times rotor) at its joints.
+
+        Args:
+            armature: [kg m^2 or kg], a number, shape (n,), or name -> value (the others keep theirs).
+        """
+        model = self._model.copy()
+        model.armature = self._per_joint(armature, "armature", self.armature, 0.0, math.inf)
+        return self._changed({"armature": model.armature.tolist()}, model=model)
+
+    def scaled_inertia(self, factor: float) -> Robot:
+        """Return the robot with every mass and inertia multiplied by `factor`.
+
+        D, C and G all scale. For a controller that uses D alone (GPI) this is the paper's variation of
+        D(q); see ``PIDInversion`` for a law that uses C and G as well.
+        """
+        factor = float(as_float_array(factor, "factor"))
+        if factor <= 0.0:
+            raise ParameterError("factor", factor, "positive")
+        model = self._model.copy()
+        for index in range(1, model.njoints):
+            inertia = model.inertias[index]
+            # Not a pin.Inertia product: mass and tensor scale, the centre of mass stays.
+            model.inertias[index] = pin.Inertia(
+                factor * inertia.mass, inertia.lever, factor * inertia.inertia
+            )
+        model.armature = factor * model.armature
+        return self._changed({"inertia_scale": factor}, model=model)
+
+    def with_gravity(self, gravity: ArrayLike) -> Robot:
+        """Return the robot under another gravity [m/s^2], a vector of shape (3,) in the base frame."""
+        model = self._model.copy()
+        vector = _shaped(gravity, "gravity", (3,))
+        model.gravity = pin.Motion(vector, np.zeros(3))
+        return self._changed({"gravity": vector.tolist()}, model=model)
+
+    def with_limits(
+        self,
+        lower: PerJoint | None = None,
+        upper: PerJoint | None = None,
+        velocity: PerJoint | None = None,
+        effort: PerJoint | None = None,
+    ) -> Robot:
+        """Return the robot with other limits; each a number, shape (n,), or name -> value.
+
+        Args:
+            lower: lowest positions [rad or m].
+            upper: highest positions [rad or m].
+            velocity: highest speeds [rad/s or m/s].
+            effort: highest torques or forces [N m or N].
+        """
+        given = {"lower": lower, "upper": upper, "velocity": velocity, "effort": effort}
+        changed = {key: value for key, value in given.items() if value is not None}
+        arrays = {
+            key: self._per_joint(
+                value,
+                key,
+                getattr(self.limits, key),
+                -math.inf if key in ("lower", "upper") else 0.0,
+                math.inf,
+            )
+            for key, value in changed.items()
+        }
+        limits = self.limits._replace(**arrays)
+        for j, (low, high) in enumerate(zip(limits.lower, limits.upper, strict=True)):
+            if low > high:
+                raise LimitError("the lower limit", self.joint_names[j], low, -math.inf, high)
+        change = {"limits": {key: array.tolist() for key, array in arrays.items()}}
+        return self._changed(change, limits=limits)
+
+    def middle(self) -> Array:
+        """Return the middle of the joint ranges [rad or m], shape (n,); zero for unbounded joints."""
+        lower, upper = self.limits.lower, self.limits.upper
+        bounded = np.isfinite(lower) & np.isfinite(upper)
+        nearest_zero = np.clip(0.0, lower, upper)
+        centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
+        return np.where(bounded, centre, nearest_zero)
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"Robot({self.name!r}, n={self.n}, joints={', '.join(self.joint_names)})"
+
+    def _frame(self, name: str) -> int:
+        """Return the index of a frame (Pinocchio itself returns a past-the-end index for a typo)."""
+        try:
+            return self._frames[name]
+        except (KeyError, TypeError):
+            raise NameNotFound("frame", name, self.frame_names) from None
+
+    def _per_joint(
+        self, value: PerJoint, name: str, current: Array, lowest: float, highest: float
+    ) -> Array:
+        """Return a per-joint quantity given as a number, an array or name -> value."""
+        result = np.array(current)
+        if isinstance(value, Mapping):
+            for joint, number in value.items():
+                if joint not in self.joint_names:
+                    raise NameNotFound("joint", joint, self.joint_names)
+                result[self.joint_names.index(joint)] = as_float_array(number, f"{name}[{joint!r}]")
+        else:
+            array = as_float_array(value, name)
+            if array.shape not in ((), (1,), (self.n,)):
+                raise ArrayError(name, f"expected a number or shape ({self.n},), got {array.shape}")
+            result[:] = array
+        for j, number in enumerate(result):
+            if not lowest <= number <= highest:
+                raise LimitError(name, self.joint_names[j], number, lowest, highest)
+        return result
+
+    def _changed(
+        self, change: Mapping[str, Any], model: Any = None, limits: Limits | None = None
+    ) -> Robot:
+        """Return a robot with another model or limits, remembering the change."""
+        provenance = {**self.provenance, "changes": [*self.provenance["changes"], dict(change)]}
+        return Robot(
+            self._model.copy() if model is None else model,
+            self.name,
+            self.joint_types,
+            self.limits if limits is None else limits,
+            self.friction,
+            provenance,
+        )
+
+    def _check_inertia(self, source: str) -> None:
+        """Refuse a model whose inertia matrix is not positive definite, naming a joint without inertia."""
+        matrix = self.dynamics.inertia(self.middle())
+        eigenvalues, vectors = np.linalg.eigh(matrix) if np.isfinite(matrix).all() else (np.zeros(1), None)
+        if eigenvalues[0] > 1e-14 * max(1e-300, eigenvalues[-1]):
+            return
+        joint = self.joint_names[-1]
+        if vectors is not None:
+            joint = self.joint_names[int(np.argmax(np.abs(vectors[:, 0])))]
+        links = self._links_moved_by(joint)
+        raise UrdfError(
+            source,
+            f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so the inertia matrix is "
+            f"singular; give them mass and inertia, lock the joint, or check its axis",
+            joint,
+        )
+
+    def _links_moved_by(self, joint: str) -> list[str]:
+        """Return the links that a joint carries directly."""
+        index = self.joint_names.index(joint) + 1
+        return [
+            f.name for f in self._model.frames if f.type == pin.FrameType.BODY and f.parentJoint == index
+        ]
+
+
+class RobotBatch(_Checked):
+    """One robot per rollout: the same joints, other masses, payloads or limits.
+
+    Row i of every array argument belongs to ``robots[i]``. It goes where a :class:`Robot` goes in a plant
+    or a controller.
+
+    Attributes:
+        robots: the robots.
+        batch: their number.
+        limits: arrays of shape (batch, n).
+    """
+
+    def __init__(self, robots: Sequence[Robot]) -> None:
+        """Stack robots with equal joint names.
+
+        Raises:
+            ParameterError: when there are none or their joints differ.
+        """
+        if not robots or not all(isinstance(robot, Robot) for robot in robots):
+            raise ParameterError("robots", robots, "a sequence of at least one Robot")
+        first = robots[0]
+        for robot in robots:
+            if robot.joint_names != first.joint_names:
+                raise ParameterError("robots", robot, f"robots with the joints {', '.join(first.joint_names)}")
+        self.robots = tuple(robots)
+        self.name = first.name
+        self.joint_names = first.joint_names
+        self.joint_types = first.joint_types
+        self.batch = len(self.robots)
+        self.limits = Limits(*(frozen(np.stack(rows)) for rows in zip(*(r.limits for r in robots), strict=True)))
+        self.friction = Friction(
+            *(frozen(np.stack(rows)) for rows in zip(*(r.friction for r in robots), strict=True))
+        )
+        self.dynamics = StackedDynamics([robot.dynamics for robot in self.robots])
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where the models came from."""
+        return {"robots": [robot.provenance for robot in self.robots]}
+
+    def middle(self) -> Array:
+        """Return the middle of the joint ranges [rad or m], shape (batch, n)."""
+        return np.stack([robot.middle() for robot in self.robots])
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"RobotBatch({self.batch} x {self.name!r}, n={self.n})"
+
+
+#: A single robot or one per rollout.
+AnyRobot = Robot | RobotBatch
+
+_T = TypeVar("_T")
+
+
+def _rowwise(function: Callable[[Array], Array], q: Array) -> Array:
+    """Apply a function of one posture to (n,), or to every row of (batch, n)."""
+    return function(q) if q.ndim == 1 else np.stack([function(row) for row in q])
+
+
+def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+    """Return `value` as an array of exactly `shape`."""
+    array = as_float_array(value, name)
+    if array.shape != shape:
+        raise ArrayError(name, f"expected shape {shape}, got {array.shape}")
+    return array

@@ -1,0 +1,260 @@
+"""A rollout: what happened, as a labelled dataset, with how it ended and what it was made from.
+
+Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was run. Variables:
+
+========================  ===========================================================  ==============
+``q``, ``v``              true positions and velocities                                rad, rad/s
+``q_ref``, ``v_ref``      reference                                                    rad, rad/s
+``q_measured``            positions as the controller saw them                         rad
+``tau_command``, ``tau``  torque asked for and applied from this sample to the next    N m
+``disturbance``           disturbance torque of the loads, where there are any         N m
+``status``, ``t_end``     how and when the rollout ended                               , s
+``lower`` ... ``effort``  limits of the plant's joints                                 rad, N m
+========================  ===========================================================  ==============
+
+(m instead of rad and N instead of N m for prismatic joints; ``joint_type`` says which.)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from importlib.metadata import PackageNotFoundError, version
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from armgpi.arrays import Array
+from armgpi.errors import RolloutError
+from armgpi.robot import AnyRobot
+
+#: Version of the layout described above.
+FORMAT = 1
+_UNITS = {
+    "q": "rad",
+    "v": "rad/s",
+    "q_ref": "rad",
+    "v_ref": "rad/s",
+    "q_measured": "rad",
+    "tau_command": "N m",
+    "tau": "N m",
+    "disturbance": "N m",
+    "lower": "rad",
+    "upper": "rad",
+    "velocity": "rad/s",
+    "effort": "N m",
+}
+_LONG_NAMES = {
+    "q": "position",
+    "v": "velocity",
+    "q_ref": "reference position",
+    "v_ref": "reference velocity",
+    "q_measured": "measured position",
+    "tau_command": "torque asked for",
+    "tau": "torque applied",
+    "disturbance": "disturbance torque",
+}
+
+
+class Status(IntEnum):
+    """How a rollout ended."""
+
+    FINISHED = 0
+    DIVERGED = 1
+    INTERRUPTED = 2
+
+
+@dataclass
+class Recording:
+    """Samples being collected.
+
+    Attributes:
+        times: times of the recorded samples [s], shape (k,).
+        every: record every so many samples.
+        variables: name -> array (k, ..., n).
+        status: of every rollout, shape (rollouts,).
+        t_end: when each ended [s], shape (rollouts,).
+        stored: how many samples are there.
+    """
+
+    times: Array
+    every: int
+    shape: tuple[int, ...]
+    variables: dict[str, Array]
+    status: npt.NDArray[np.int32]
+    t_end: Array
+    stored: int = 0
+
+    @classmethod
+    def new(cls, shape: tuple[int, ...], steps: int, dt: float, every: int) -> Recording:
+        """Make room for `steps` samples and the state after them; `shape` is (n,) or (batch, n)."""
+        rollouts = shape[0] if len(shape) == 2 else 1
+        return cls(
+            times=dt * np.arange(0, steps + 1, every),
+            every=every,
+            shape=shape,
+            variables={},
+            status=np.full(rollouts, Status.FINISHED, dtype=np.int32),
+            t_end=np.full(rollouts, steps * dt),
+        )
+
+    @property
+    def running(self) -> npt.NDArray[np.bool_]:
+        """Which rollouts are neither diverged nor interrupted."""
+        return self.status == Status.FINISHED
+
+    def store(self, first: int, samples: Mapping[str, Array]) -> None:
+        """Store the samples `first`, `first` + 1, ... of every variable, (k, rollouts, n), thinned."""
+        skip = -first % self.every
+        for name, values in samples.items():
+            kept = values[skip :: self.every]
+            if name not in self.variables:
+                self.variables[name] = self._allocate()
+            place = self.variables[name][self.stored : self.stored + len(kept)]
+            place[...] = kept.reshape(place.shape)
+        self.stored += len(kept)
+
+    def _allocate(self) -> Array:
+        """Make room for one variable, with a word before the machine runs out of memory."""
+        try:
+            return np.full((len(self.times), *self.shape), np.nan)
+        except MemoryError:
+            raise RolloutError(
+                f"recording {len(self.times)} samples of {self.shape} numbers does not fit into memory; record "
+                "fewer with record_every=10, or run a smaller batch"
+            ) from None
+
+
+def to_dataset(
+    recording: Recording, robot: AnyRobot, disturbance: Array | None, provenance: Mapping[str, Any]
+) -> xr.Dataset:
+    """Return the dataset of a recording.
+
+    Args:
+        recording: the samples.
+        robot: the plant's robot, for names and limits.
+        disturbance: disturbance torque at all of the recording's times, or None.
+        provenance: what was run, as plain data.
+    """
+    batched = len(recording.shape) == 2
+    # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
+    interrupted = (recording.status == Status.INTERRUPTED).any()
+    stored = recording.stored if interrupted else len(recording.times)
+    dims = ("rollout", "time", "joint") if batched else ("time", "joint")
+    variables: dict[str, Any] = {}
+    arrays = dict(recording.variables)
+    if disturbance is not None:
+        arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
+    for name, values in arrays.items():
+        ordered = np.swapaxes(values[:stored], 0, 1) if batched else values[:stored]
+        variables[name] = (dims, ordered, _attributes(name))
+    per_rollout = ("rollout",) if batched else ()
+    variables["status"] = (
+        per_rollout,
+        recording.status if batched else recording.status[0],
+        {
+            "long_name": "how the rollout ended",
+            "flag_values": np.array([int(s) for s in Status], dtype=np.int32),
+            "flag_meanings": " ".join(s.name.lower() for s in Status),
+        },
+    )
+    t_end = recording.t_end if batched else recording.t_end[0]
+    variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
+    for name, limit in robot.limits._asdict().items():
+        variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name))
+    return xr.Dataset(
+        variables,
+        coords={
+            "time": ("time", recording.times[:stored], {"units": "s"}),
+            "joint": ("joint", np.array(robot.joint_names, dtype=object)),
+            "joint_type": ("joint", np.array(robot.joint_types, dtype=object)),
+        },
+        attrs={
+            "title": f"armgpi rollout of {robot.name}",
+            "robot": robot.name,
+            "armgpi_format": FORMAT,
+            "provenance": json.dumps({**provenance, "versions": versions()}, sort_keys=True),
+        },
+    )
+
+
+def describe_end(rollout: xr.Dataset) -> list[str]:
+    """Return in words how each rollout ended: "finished", "diverged at 1.25 s", ..."""
+    words = []
+    for status, t_end in zip(
+        np.atleast_1d(rollout["status"].values), np.atleast_1d(rollout["t_end"].values), strict=True
+    ):
+        name = Status(int(status)).name.lower()
+        words.append(name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s")
+    return words
+
+
+def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
+    """Write a rollout as NetCDF; the file appears whole or not at all.
+
+    Raises:
+        RolloutError: when the file cannot be written.
+    """
+    target = Path(path)
+    partial = target.with_name(f".{target.name}.{os.getpid()}")
+    encoding = {
+        name: {"zlib": True, "complevel": 4}
+        for name, variable in rollout.data_vars.items()
+        if variable.dtype.kind == "f" and variable.ndim
+    }
+    try:
+        rollout.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
+        partial.replace(target)
+    except OSError as error:
+        raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return target
+
+
+def load(path: str | PathLike[str]) -> xr.Dataset:
+    """Read a rollout that :func:`save` wrote.
+
+    Raises:
+        RolloutError: when the file is missing, broken, or no rollout of this format.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise RolloutError(f"{source}: there is no such file")
+    try:
+        with xr.open_dataset(source, engine="h5netcdf") as lazy:
+            rollout = lazy.load()
+    except (OSError, ValueError, KeyError) as error:
+        raise RolloutError(f"{source}: is no readable NetCDF file ({error})") from None
+    if rollout.attrs.get("armgpi_format") != FORMAT:
+        raise RolloutError(
+            f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = "
+            f"{rollout.attrs.get('armgpi_format')!r})"
+        )
+    return rollout
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what a rollout's numbers depend on."""
+    found = {}
+    for package in ("armgpi", "pin", "numpy"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "unknown"
+    return found
+
+
+def _attributes(name: str) -> dict[str, str]:
+    """Return the attributes of a variable."""
+    attributes = {"long_name": _LONG_NAMES.get(name, name)}
+    if name in _UNITS:
+        attributes["units"] = _UNITS[name]
+    return attributes

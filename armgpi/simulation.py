@@ -1,0 +1,384 @@
+"""The loop: plant, controller and reference together, one rollout or a batch of them."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from armgpi.arrays import Array, ArrayLike, as_joint_array
+from armgpi.control.controller import Controller, FullState, Measurement, common_batch
+from armgpi.errors import ArmgpiWarning, ArrayError, LimitError, ParameterError
+from armgpi.plants.plant import Plant, PlantState
+from armgpi.references.reference import Reference, Target
+from armgpi.rollout import Recording, Status, to_dataset
+
+#: Longest stretch of samples between two looks at whether something diverged.
+_CHUNK = 256
+#: Numbers per recorded quantity and chunk, so that a batch of thousands stays in memory.
+_CHUNK_NUMBERS = 1 << 19
+#: Postures of the reference that are checked against the joint limits before the run.
+_REFERENCE_CHECKS = 2001
+#: Seconds after which a run gets a progress bar.
+_LONG = 2.0
+
+
+class LoopState(NamedTuple):
+    """State of a closed loop.
+
+    Attributes:
+        k: number of samples taken.
+        plant: state of the plant.
+        controller: state of the controller.
+    """
+
+    k: int
+    plant: Any
+    controller: Any
+
+
+class LoopStep(NamedTuple):
+    """Result of one sample of a closed loop.
+
+    Attributes:
+        state: the next state.
+        measured: what the sensors said at the sample.
+        tau: torque that the controller asked for [N m or N], shape (n,) or (batch, n).
+    """
+
+    state: LoopState
+    measured: FullState
+    tau: Array
+
+
+class ClosedLoop:
+    """A plant under a controller that follows a reference, one sample at a time.
+
+    :func:`simulate` is a loop over :meth:`step`; use this class for a loop of your own.
+
+    Attributes:
+        plant: what moves.
+        controller: what moves it.
+        reference: where to.
+        dt: sample time [s], the controller's.
+        batch: number of rollouts, None for a single one.
+    """
+
+    def __init__(self, plant: Plant, controller: Controller, reference: Reference) -> None:
+        """Check that the three go together.
+
+        Raises:
+            ParameterError: when an argument is of another kind, or joints or batches differ.
+            ArrayError: when the reference has another number of joints.
+        """
+        for name, value, kind in (
+            ("plant", plant, Plant),
+            ("controller", controller, Controller),
+            ("reference", reference, Reference),
+        ):
+            if not isinstance(value, kind):
+                raise ParameterError(name, value, f"a {kind.__name__}")
+        if plant.robot.joint_names != controller.robot.joint_names:
+            raise ParameterError(
+                "controller",
+                ", ".join(controller.robot.joint_names),
+                f"for the plant's joints {', '.join(plant.robot.joint_names)}",
+            )
+        self.plant = plant
+        self.controller = controller
+        self.reference = reference
+        self.dt = controller.dt
+        first = reference.at(0.0)
+        if first.q.ndim not in (1, 2) or first.q.shape[-1] != plant.robot.n:
+            raise ArrayError(
+                "reference",
+                f"expected targets of shape ({plant.robot.n},) or (batch, {plant.robot.n}), got {first.q.shape}",
+            )
+        self.batch = common_batch(plant.batch, controller.batch, first.q)
+        self._sees_velocity = controller.sees is FullState
+
+    def init(self, q0: ArrayLike | None = None, v0: ArrayLike | None = None) -> LoopState:
+        """Return the state at time 0.
+
+        Args:
+            q0: starting positions [rad or m], (n,) or (batch, n); the reference's when not given.
+            v0: starting velocities [rad/s or m/s], zero when not given.
+
+        Raises:
+            ArrayError: when an array is not as it should be.
+            LimitError: when the start is outside the joint limits.
+        """
+        robot = self.plant.robot
+        target = self.reference.at(0.0)
+        q = robot.check_position(target.q if q0 is None else q0, "the start q0")
+        v = np.zeros_like(q) if v0 is None else as_joint_array(v0, "v0", robot.joint_names)
+        batch = common_batch(self.batch, q, v)
+        shape = (robot.n,) if batch is None else (batch, robot.n)
+        q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
+        state = self.plant.init(q, v)
+        return LoopState(0, state, self.controller.init(self._seen(self.plant.measure(state)), target))
+
+    def step(self, state: LoopState, target: Target | None = None) -> LoopStep:
+        """Take one sample: measure, control, and hold the torque until the next.
+
+        Args:
+            state: from :meth:`init` or the step before.
+            target: the reference at this time, if you have it; evaluated when not given.
+        """
+        if target is None:
+            target = self.reference.at(state.k * self.dt)
+        measured = self.plant.measure(state.plant)
+        seen = measured if self._sees_velocity else Measurement(measured.q)
+        tau, controller = self.controller.step(seen, target, state.controller)
+        plant = self.plant.step(tau, state.plant, self.dt)
+        return LoopStep(LoopState(state.k + 1, plant, controller), measured, tau)
+
+    def truth(self, state: LoopState) -> PlantState:
+        """Return the true state of the plant."""
+        return self.plant.truth(state.plant)
+
+    def _seen(self, measured: FullState) -> Measurement | FullState:
+        """Return the part of a measurement that the controller may see."""
+        return measured if self._sees_velocity else Measurement(measured.q)
+
+
+def simulate(
+    plant: Plant,
+    controller: Controller,
+    reference: Reference,
+    t_final: float,
+    *,
+    q0: ArrayLike | None = None,
+    v0: ArrayLike | None = None,
+    record_every: int = 1,
+    signals: bool = False,
+    divergence: float = 10.0,
+    progress: bool | None = None,
+) -> xr.Dataset:
+    """Run a closed loop and return its rollout.
+
+    Args:
+        plant: what moves.
+        controller: what moves it; its sample time is the loop's.
+        reference: where to.
+        t_final: how long [s], rounded to whole samples.
+        q0: starting positions [rad or m], (n,) or (batch, n); the reference's start when not given.
+        v0: starting velocities [rad/s or m/s], zero when not given.
+        record_every: record every so many samples.
+        signals: record the controller's inner signals as well.
+        divergence: a rollout has diverged when a joint is farther than this from its reference
+            [rad or m], or when a number is not finite.
+        progress: show a progress bar; when not given, on a terminal and for long runs.
+
+    Returns:
+        A dataset with the dimensions time, joint and, for a batch, rollout: see :mod:`armgpi.rollout`. A
+        rollout that diverges is NaN from then on and says when; the others go on. Ctrl-C ends the run
+        and returns what is there, with the status "interrupted".
+
+    Raises:
+        ParameterError: when an argument is not as it should be, or the parts do not go together.
+        ArrayError: when an array is not as it should be.
+        LimitError: when the start or the reference is outside the plant's joint limits.
+    """
+    loop = ClosedLoop(plant, controller, reference)
+    steps = _whole_steps(t_final, loop.dt)
+    if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
+        raise ParameterError("record_every", record_every, "a whole number, at least 1")
+    if not divergence > 0.0:
+        raise ParameterError("divergence", divergence, "positive [rad or m]")
+    state = loop.init(q0, v0)
+    _check_reference(loop, steps * loop.dt)
+
+    recording = Recording.new(loop.truth(state).q.shape, steps, loop.dt, record_every)
+    run = _Run(loop, state, recording, divergence, signals)
+    with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
+        try:
+            while run.done < steps and recording.running.any():
+                advance(run.take(min(run.chunk, steps - run.done)))
+            run.finish()
+        except KeyboardInterrupt:
+            run.interrupt()
+            warnings.warn(
+                f"interrupted at t = {run.done * loop.dt:g} s of {steps * loop.dt:g} s; what is there is kept",
+                ArmgpiWarning,
+                stacklevel=2,
+            )
+    return to_dataset(
+        recording,
+        loop.plant.robot,
+        loop.plant.disturbance(recording.times),
+        {
+            "plant": plant.describe(),
+            "controller": controller.describe(),
+            "reference": repr(reference),
+            "measurement": controller.sees.__name__,
+            "t_final": steps * loop.dt,
+        },
+    )
+
+
+class _Run:
+    """A run in progress.
+
+    Samples are collected in stretches at full rate; after each stretch they are looked through for
+    divergence and moved, thinned, to the recording. So the loop itself has no checks in it.
+    """
+
+    def __init__(
+        self, loop: ClosedLoop, state: LoopState, recording: Recording, divergence: float, signals: bool
+    ) -> None:
+        self.loop = loop
+        self.state = state
+        self.recording = recording
+        self.divergence = divergence
+        self.signals = signals
+        self.done = 0
+        self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
+        # One (true state before, measurement, torque asked for, loop state after) per sample.
+        self._samples: list[tuple[PlantState, FullState, Array, LoopState]] = []
+
+    def take(self, count: int) -> int:
+        """Take `count` samples and record them: the hot path."""
+        loop, state, samples = self.loop, self.state, self._samples
+        step, plant_truth = loop.step, loop.plant.truth
+        truth = loop.truth(state)
+        for target in map(Target, *self._targets(count)):
+            state, measured, tau = step(state, target)
+            samples.append((truth, measured, tau, state))
+            truth = plant_truth(state.plant)
+        self._keep()
+        return count
+
+    def finish(self) -> None:
+        """Record the state after the last sample, its torque still held."""
+        truth = self.loop.truth(self.state)
+        measured = self.loop.plant.measure(self.state.plant)
+        self._samples.append((truth, measured, self._last_command, self.state))
+        self._keep()
+
+    def interrupt(self) -> None:
+        """Keep the samples that were whole when the user stopped the run."""
+        self._keep()
+        recording = self.recording
+        recording.t_end[recording.running] = self.done * self.loop.dt
+        recording.status[recording.running] = Status.INTERRUPTED
+
+    def _targets(self, count: int) -> Target:
+        """Return the targets of the next samples."""
+        return self.loop.reference.at(self.loop.dt * np.arange(self.done, self.done + count))
+
+    def _keep(self) -> None:
+        """Look for divergence in the samples taken, then move them to the recording."""
+        samples, count = self._samples, len(self._samples)
+        if not count:
+            return
+        befores, measured, commands, afters = zip(*samples, strict=True)
+        applied = [self.loop.truth(state).tau for state in afters]
+        columns = {
+            "q": [truth.q for truth in befores],
+            "v": [truth.v for truth in befores],
+            "q_measured": [seen.q for seen in measured],
+            "tau_command": commands,
+            "tau": applied,
+        }
+        if self.signals:
+            values = [self.loop.controller.signals(state.controller) for state in afters]
+            columns.update({name: [value[name] for value in values] for name in values[0]})
+        # One row per rollout, a single run being one row: (samples, rollouts, n).
+        n = self.loop.plant.robot.n
+        rows = {name: np.concatenate(parts).reshape(count, -1, n) for name, parts in columns.items()}
+        targets = self._targets(count)
+        q_ref, v_ref = (np.broadcast_to(x.reshape(count, -1, n), rows["q"].shape) for x in targets[:2])
+        self._mark_diverged(rows, q_ref)
+        self.recording.store(self.done, {**rows, "q_ref": q_ref, "v_ref": v_ref})
+        self._last_command = commands[-1]
+        self.state = afters[-1]
+        self.done += count
+        samples.clear()
+
+    def _mark_diverged(self, rows: Mapping[str, Array], q_ref: Array) -> None:
+        """Note which rollouts have diverged and when, and blank what came after."""
+        recording = self.recording
+        good = np.abs(rows["q"] - q_ref) <= self.divergence
+        good &= np.isfinite(rows["v"]) & np.isfinite(rows["tau"])
+        whole = good.all(axis=-1)
+        for row in np.flatnonzero(~whole.all(axis=0)):
+            first = 0
+            if recording.running[row]:
+                first = int(np.argmin(whole[:, row]))
+                recording.status[row] = Status.DIVERGED
+                recording.t_end[row] = (self.done + first) * self.loop.dt
+            for values in rows.values():
+                values[first:, row] = np.nan
+
+
+def _whole_steps(t_final: float, dt: float) -> int:
+    """Return the number of samples in `t_final`."""
+    if isinstance(t_final, bool) or not isinstance(t_final, int | float | np.floating):
+        raise ParameterError("t_final", t_final, "a positive, finite time [s]")
+    if not (math.isfinite(t_final) and t_final > 0.0):
+        raise ParameterError("t_final", t_final, "a positive, finite time [s]")
+    steps = round(t_final / dt)
+    if steps < 1:
+        raise ParameterError("t_final", t_final, f"at least one sample time, {dt:g} s")
+    return steps
+
+
+def _check_reference(loop: ClosedLoop, t_final: float) -> None:
+    """Refuse a reference that leaves the joint limits or is not finite."""
+    robot = loop.plant.robot
+    times = np.linspace(0.0, t_final, _REFERENCE_CHECKS)
+    target = loop.reference.at(times)
+    rank = 2 if target.q.ndim == 3 or robot.batch is not None else 1
+    q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
+    if q.ndim not in (2, 3) or q.shape[0] != len(times) or q.shape[-1] != robot.n:
+        raise ArrayError("reference", f"expected targets of shape ({len(times)}, ..., {robot.n}), got {target.q.shape}")
+    if not all(np.isfinite(part).all() for part in target):
+        raise ArrayError("reference", "expected finite positions, velocities and accelerations")
+    lower, upper = robot.limits.lower, robot.limits.upper
+    slack = 1e-9 * np.maximum(1.0, np.abs(q))
+    outside = np.argwhere((q < lower - slack) | (q > upper + slack))
+    if outside.size:
+        index = tuple(int(i) for i in outside[0])
+        bounds = index[1:] if lower.ndim == 2 else index[-1:]
+        raise LimitError(
+            f"the reference at t = {times[index[0]]:.4g} s",
+            robot.joint_names[index[-1]],
+            q[index],
+            lower[bounds],
+            upper[bounds],
+            "choose another goal, or other limits with robot.with_limits(...)",
+        )
+
+
+@contextmanager
+def _progress_bar(steps: int, wanted: bool | None) -> Iterator[Callable[[int], None]]:
+    """Give a function that counts samples; it shows a bar on a terminal once the run gets long."""
+    if wanted is None:
+        wanted = sys.stderr.isatty()
+    if not wanted:
+        yield lambda count: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    bar = Progress(console=Console(stderr=True), transient=True)
+    task = bar.add_task("simulating", total=steps)
+    begun = time.monotonic()
+
+    def advance(count: int) -> None:
+        bar.advance(task, count)
+        if not bar.live.is_started and time.monotonic() - begun > _LONG:
+            bar.start()
+
+    try:
+        yield advance
+    finally:
+        bar.stop()

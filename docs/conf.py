@@ -1,0 +1,27 @@
+"""Sphinx configuration. Build with `make docs`; no network is used."""
+
+from importlib.metadata import version as _version
+
+project = "armgpi"
+author = "The armgpi developers"
+project_copyright = author
+release = version = _version("armgpi")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3  # lets pages link to each other's headings
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+
+# A reference to one of our own names must resolve. Other projects' names cannot: that would
+# take intersphinx, which downloads their inventories.
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(?!armgpi\b).*")]
+
+# The index names its pages by pattern, so a page not written yet is no error.
+suppress_warnings = ["toc.empty_glob"]
+
+html_theme = "furo"
+html_title = "armgpi"
