@@ -31,7 +31,7 @@ $(STAMP): pyproject.toml constraints.txt
 	  echo "This Python lacks its venv module. On Debian or Ubuntu: apt install python3-venv"; exit 1; }
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
 	  echo "Setting up $(VENV), once ..."; "$(PYTHON)" -m venv --clear $(VENV); }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[all,dev,docs]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-warn-script-location -c constraints.txt -e ".[all,dev,docs]"
 	@touch $@
 
 demo: $(STAMP) ## Simulate and compare the controllers on the demo arm, into demo_out/

@@ -134,11 +134,17 @@ class ClosedLoop:
         """
         if target is None:
             target = self.reference.at(state.k * self.dt)
-        measured = self.plant.measure(state.plant)
-        seen = measured if self._sees_velocity else Measurement(measured.q)
-        tau, controller = self.controller.step(seen, target, state.controller)
-        plant = self.plant.step(tau, state.plant, self.dt)
+        plant, controller, measured, tau = self._sample(state.plant, state.controller, target)
         return LoopStep(LoopState(state.k + 1, plant, controller), measured, tau)
+
+    def _sample(
+        self, plant: Any, controller: Any, target: Target
+    ) -> tuple[Any, Any, FullState, Array]:
+        """Return the next states of plant and controller, what was measured and the torque asked for."""
+        measured = self.plant.measure(plant)
+        seen = measured if self._sees_velocity else Measurement(measured.q)
+        tau, controller = self.controller.step(seen, target, controller)
+        return self.plant.step(tau, plant, self.dt), controller, measured, tau
 
     def truth(self, state: LoopState) -> PlantState:
         """Return the true state of the plant."""
@@ -241,26 +247,24 @@ class _Run:
         self.signals = signals
         self.done = 0
         self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
-        # One (true state before, measurement, torque asked for, loop state after) per sample.
-        self._samples: list[tuple[PlantState, FullState, Array, LoopState]] = []
+        # What ClosedLoop._sample returns, sample by sample.
+        self._samples: list[tuple[Any, Any, FullState, Array]] = []
 
     def take(self, count: int) -> int:
         """Take `count` samples and record them: the hot path."""
-        loop, state, samples = self.loop, self.state, self._samples
-        step, plant_truth = loop.step, loop.plant.truth
-        truth = loop.truth(state)
+        sample, samples = self.loop._sample, self._samples
+        _, plant, controller = self.state
         for target in map(Target, *self._targets(count)):
-            state, measured, tau = step(state, target)
-            samples.append((truth, measured, tau, state))
-            truth = plant_truth(state.plant)
+            taken = plant, controller, _, _ = sample(plant, controller, target)
+            samples.append(taken)
         self._keep()
         return count
 
     def finish(self) -> None:
         """Record the state after the last sample, its torque still held."""
-        truth = self.loop.truth(self.state)
-        measured = self.loop.plant.measure(self.state.plant)
-        self._samples.append((truth, measured, self._last_command, self.state))
+        _, plant, controller = self.state
+        measured = self.loop.plant.measure(plant)
+        self._samples.append((plant, controller, measured, self._last_command))
         self._keep()
 
     def interrupt(self) -> None:
@@ -279,17 +283,18 @@ class _Run:
         samples, count = self._samples, len(self._samples)
         if not count:
             return
-        befores, measured, commands, afters = zip(*samples, strict=True)
-        applied = [self.loop.truth(state).tau for state in afters]
+        plants, controllers, measured, commands = zip(*samples, strict=True)
+        after = [self.loop.plant.truth(state) for state in plants]
+        before = [self.loop.truth(self.state), *after[:-1]]
         columns = {
-            "q": [truth.q for truth in befores],
-            "v": [truth.v for truth in befores],
+            "q": [truth.q for truth in before],
+            "v": [truth.v for truth in before],
             "q_measured": [seen.q for seen in measured],
             "tau_command": commands,
-            "tau": applied,
+            "tau": [truth.tau for truth in after],
         }
         if self.signals:
-            values = [self.loop.controller.signals(state.controller) for state in afters]
+            values = [self.loop.controller.signals(state) for state in controllers]
             columns.update({name: [value[name] for value in values] for name in values[0]})
         # One row per rollout, a single run being one row: (samples, rollouts, n).
         n = self.loop.plant.robot.n
@@ -299,8 +304,8 @@ class _Run:
         self._mark_diverged(rows, q_ref)
         self.recording.store(self.done, {**rows, "q_ref": q_ref, "v_ref": v_ref})
         self._last_command = commands[-1]
-        self.state = afters[-1]
         self.done += count
+        self.state = LoopState(self.done, plants[-1], controllers[-1])
         samples.clear()
 
     def _mark_diverged(self, rows: Mapping[str, Array], q_ref: Array) -> None:

@@ -91,6 +91,7 @@ class GPI(Controller):
         self.delay = float(delay)
         self.batch = common_batch(self.batch, self.gains.batch)
         self._law = REALISATIONS[realisation]
+        self._dynamics = robot.dynamics
         self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
         self._warn_of_delay()
 
@@ -100,9 +101,9 @@ class GPI(Controller):
         e = q - target.q
         hold = np.zeros_like(e)
         if self.start == "hold":
-            hold = self.robot.dynamics.inertia_solve(q, self.limited(self.robot.dynamics.gravity(q)))
+            hold = self._dynamics.inertia_solve(q, self.limited(self._dynamics.gravity(q)))
         learn = np.ones_like(e)
-        return GPIState(self._law.init(e, hold, self._nominal), self.gains.init(e), learn)
+        return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
 
     def step(self, measurement: Measurement, target: Target, state: GPIState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""
@@ -112,18 +113,20 @@ class GPI(Controller):
         if self.gains.adaptive:
             tuning, gains_state = self.gains.step(e, learn, state.gains)
             coefficients = self._law.coefficients(tuning, self.dt)
-        v, law = self._law.output(e, state.law, coefficients)
-        asked = self.robot.dynamics.inertia_times(q, v)  # eq. 19
+        v = self._law.output(e, state.law, coefficients)
+        asked = self._dynamics.inertia_times(q, v)  # eq. 19
         tau = self.limited(asked)
         cut = tau - asked
-        law = self._law.correct(self.robot.dynamics.inertia_solve(q, cut), law, coefficients)
+        missing = self._dynamics.inertia_solve(q, cut)
+        law = self._law.update(e, v, missing, state.law, coefficients)
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return ControlStep(tau, GPIState(law, gains_state, learn))
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""
-        return {name: value for name, value in state.law._asdict().items() if name not in ("e", "v")}
+        signals: dict[str, Array] = state.law._asdict()
+        return signals
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data."""

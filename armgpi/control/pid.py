@@ -16,11 +16,9 @@ class PIDState(NamedTuple):
     """State of the baseline.
 
     Attributes:
-        e: the last error [rad].
-        integral: integral part of u, Ki int(e) [rad/s^2].
+        integral: integral part of u up to the last sample, Ki int(e) [rad/s^2].
     """
 
-    e: Array
     integral: Array
 
 
@@ -72,29 +70,28 @@ class PIDInversion(Controller):
         )
         self.bias_robot = robot if bias_robot is None else bias_robot
         self.batch = common_batch(self.batch, self.bias_robot.batch, self.kp, self.ki, self.kd)
-        self._ki_half = 0.5 * self.dt * self.ki
+        self._ki_dt = self.dt * self.ki
+        self._kp_now = self.kp + 0.5 * self._ki_dt
         # Anti-windup by back-calculation with the tracking time Kp / Ki, no integral where Ki = 0.
         self._back = self.dt * self.ki / np.where(self.kp > 0.0, self.kp, 1.0)
 
     def init(self, measurement: FullState, target: Target) -> PIDState:
         """Return the state before the first sample; see :meth:`Controller.init`."""
-        e = measurement.q - target.q
-        # The mirrored error makes the first trapezoid, which lies before the start, empty.
-        return PIDState(e=-e, integral=np.zeros_like(e))
+        return PIDState(integral=np.zeros_like(measurement.q - target.q))
 
     def step(self, measurement: FullState, target: Target, state: PIDState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""
         q, v = measurement
         e = q - target.q
-        integral = state.integral + self._ki_half * (e + state.e)
-        u = self.kp * e + integral + self.kd * (v - target.v)  # eq. 33
+        # The trapezoidal rule: past samples count whole, the one now by half.
+        u = self._kp_now * e + state.integral + self.kd * (v - target.v)  # eq. 33
         if self.bias_robot is self.robot:
             asked = self.robot.dynamics.inverse(q, v, target.a - u)  # eq. 32
         else:
             asked = self.robot.dynamics.inertia_times(q, target.a - u) + self.bias_robot.dynamics.bias(q, v)
         tau = self.limited(asked)
         missing = self.robot.dynamics.inertia_solve(q, tau - asked)
-        return ControlStep(tau, PIDState(e, integral - self._back * missing))
+        return ControlStep(tau, PIDState(state.integral + self._ki_dt * e - self._back * missing))
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data."""

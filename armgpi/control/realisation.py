@@ -16,63 +16,54 @@ from armgpi.arrays import Array
 from armgpi.control.gains import Tuning, betas
 
 
-class LawStep(NamedTuple):
-    """Result of one step of the law.
-
-    Attributes:
-        v: virtual acceleration asked for [rad/s^2 or m/s^2].
-        state: the next state.
-    """
-
-    v: Array
-    state: Any
-
-
 class Realisation(ABC):
-    """A discrete v = -C(s) e: elementwise, no branch on values."""
+    """A discrete v = -C(s) e: elementwise, no branch on values.
+
+    An integrator of x by the trapezoidal rule is kept as the sum s of dt x over past samples; its value
+    now is s + dt x / 2. So the output needs the error now and the state, and the state is updated last,
+    when it is known what was applied.
+    """
 
     @abstractmethod
     def coefficients(self, tuning: Tuning, dt: float) -> Any:
         """Return what the other methods need of the tuning and the sample time [s]."""
 
     @abstractmethod
-    def init(self, e: Array, hold: Array, c: Any) -> Any:
+    def init(self, hold: Array, c: Any) -> Any:
         """Return the state that, while the error is zero, keeps v = `hold` [rad/s^2]."""
 
     @abstractmethod
-    def output(self, e: Array, state: Any, c: Any) -> LawStep:
-        """Return v for the error `e` [rad or m] and the state that has taken it in."""
+    def output(self, e: Array, state: Any, c: Any) -> Array:
+        """Return v [rad/s^2 or m/s^2] for the error `e` [rad or m]."""
 
     @abstractmethod
-    def correct(self, a: Array, state: Any, c: Any) -> Any:
-        """Return the state that knows that v + `a` was applied instead of v (anti-windup)."""
+    def update(self, e: Array, v: Array, a: Array, state: Any, c: Any) -> Any:
+        """Return the next state, after v was asked for and v + `a` applied (anti-windup)."""
 
 
 class BumplessState(NamedTuple):
     """State of the bumpless realisation.
 
     Attributes:
-        e: the last error [rad].
         lam: settles on the disturbance acceleration, whatever the gains [rad/s^2].
         chi: settles on its slope [rad/s^3].
         eta: filtered derivative of the error, times its gain [rad/s^2].
     """
 
-    e: Array
     lam: Array
     chi: Array
     eta: Array
 
 
 class _BumplessCoefficients(NamedTuple):
-    proportional: Array  # -beta3
-    b: Array  # from the sum of two errors into lam, by itself and by way of chi
-    c: Array  # the like into chi
-    d: Array  # the like into eta
+    direct: Array  # from the error into v
+    lam: Array  # from the error into lam, by itself and by way of chi
+    chi: Array
+    eta: Array
     decay: Array  # of eta over a sample
     dt: Array  # sample time [s]
-    to_lam: Array  # anti-windup gains, times the sample time
-    to_chi: Array
+    back_lam: Array  # anti-windup, times the sample time
+    back_chi: Array
 
 
 class Bumpless(Realisation):
@@ -89,56 +80,56 @@ class Bumpless(Realisation):
     def coefficients(self, tuning: Tuning, dt: float) -> _BumplessCoefficients:
         """Return the coefficients of the trapezoidal rule; see :meth:`Realisation.coefficients`."""
         beta0, beta1, beta2, beta3, beta4 = betas(tuning)
+        b = (beta1 - beta0 / beta4) / beta4
+        c = beta0 / beta4
+        d = (((-beta3 * beta4 + beta2) * beta4 - beta1) * beta4 + beta0) / (beta4 * beta4)
         half = 0.5 * dt
-        stiff = 1.0 / (1.0 + half * beta4)
+        decay = (1.0 - half * beta4) / (1.0 + half * beta4)
+        filtered = half * d / (1.0 + half * beta4)
         omega = tuning.omega_c
         return _BumplessCoefficients(
-            proportional=-beta3,
-            b=half * (beta1 - beta0 / beta4) / beta4 + half * half * beta0 / beta4,
-            c=half * beta0 / beta4,
-            d=half * stiff * (((-beta3 * beta4 + beta2) * beta4 - beta1) * beta4 + beta0) / (beta4 * beta4),
-            decay=stiff * (1.0 - half * beta4),
+            direct=-(beta3 + half * b + half * half * c + filtered),
+            lam=dt * (b + dt * c),
+            chi=dt * c,
+            eta=(1.0 + decay) * filtered,
+            decay=decay,
             dt=np.array(dt),
             # Back-calculation on both integrators: on lam alone it diverges for fast loops.
-            to_lam=3.0 * dt * omega,
-            to_chi=2.0 * dt * omega * omega,
+            back_lam=3.0 * dt * omega,
+            back_chi=2.0 * dt * omega * omega,
         )
 
-    def init(self, e: Array, hold: Array, c: _BumplessCoefficients) -> BumplessState:
+    def init(self, hold: Array, c: _BumplessCoefficients) -> BumplessState:
         """Return the state at rest; see :meth:`Realisation.init`."""
-        zero = np.zeros_like(e + hold)
-        # The mirrored error makes the first trapezoid, which lies before the start, empty.
-        return BumplessState(e=-e, lam=zero - hold, chi=zero, eta=zero)
+        zero = np.zeros_like(hold)
+        return BumplessState(lam=zero - hold, chi=zero, eta=zero)
 
-    def output(self, e: Array, state: BumplessState, c: _BumplessCoefficients) -> LawStep:
-        """Return v and the next state; see :meth:`Realisation.output`."""
-        both = e + state.e
-        # lam' = b e + chi by the trapezoidal rule, with the new chi put in.
-        lam = state.lam + c.dt * state.chi + c.b * both
-        chi = state.chi + c.c * both
-        eta = c.decay * state.eta + c.d * both
-        return LawStep(c.proportional * e - lam - eta, BumplessState(e, lam, chi, eta))
+    def output(self, e: Array, state: BumplessState, c: _BumplessCoefficients) -> Array:
+        """Return v; see :meth:`Realisation.output`."""
+        return c.direct * e - state.lam - state.eta
 
-    def correct(self, a: Array, state: BumplessState, c: _BumplessCoefficients) -> BumplessState:
-        """Return the corrected state; see :meth:`Realisation.correct`."""
-        e, lam, chi, eta = state
-        return BumplessState(e, lam - c.to_lam * a, chi - c.to_chi * a, eta)
+    def update(
+        self, e: Array, v: Array, a: Array, state: BumplessState, c: _BumplessCoefficients
+    ) -> BumplessState:
+        """Return the next state; see :meth:`Realisation.update`."""
+        lam, chi, eta = state
+        return BumplessState(
+            lam=lam + c.dt * chi + c.lam * e - c.back_lam * a,
+            chi=chi + c.chi * e - c.back_chi * a,
+            eta=c.decay * eta + c.eta * e,
+        )
 
 
 class PaperState(NamedTuple):
-    """State of the printed realisation: the integrals of eqs. 14 and 17.
+    """State of the printed realisation: the integrals of eqs. 14 and 17, up to the last sample.
 
     Attributes:
-        e: the last error [rad].
-        v: the last applied virtual acceleration [rad/s^2].
         int_v: integral of v, the reconstructed velocity error [rad/s].
         int_e: integral of e [rad s].
         int2_e: second integral of e [rad s^2].
         int3_e: third integral of e [rad s^3].
     """
 
-    e: Array
-    v: Array
     int_v: Array
     int_e: Array
     int2_e: Array
@@ -151,8 +142,9 @@ class _PaperCoefficients(NamedTuple):
     beta2: Array
     beta3: Array
     beta4: Array
-    half: float  # half a sample [s]
-    solve: Array  # 1 / (1 + half beta4): v stands on both sides of the trapezoidal rule
+    dt: float  # sample time [s]
+    half: float  # half of it [s]
+    solve: Array  # -1 / (1 + half beta4): v stands on both sides of eq. 17
 
 
 class Paper(Realisation):
@@ -166,35 +158,42 @@ class Paper(Realisation):
         """Return the coefficients of the trapezoidal rule; see :meth:`Realisation.coefficients`."""
         half = 0.5 * dt
         gains = betas(tuning)
-        return _PaperCoefficients(*gains, half=half, solve=1.0 / (1.0 + half * gains.beta4))
+        return _PaperCoefficients(*gains, dt=dt, half=half, solve=-1.0 / (1.0 + half * gains.beta4))
 
-    def init(self, e: Array, hold: Array, c: _PaperCoefficients) -> PaperState:
+    def init(self, hold: Array, c: _PaperCoefficients) -> PaperState:
         """Return the state at rest; see :meth:`Realisation.init`."""
-        zero = np.zeros_like(e + hold)
-        # With int2_e at this value int3_e grows so that it cancels int_v, and v stays at `hold`.
+        zero = np.zeros_like(hold)
+        # A constant int2_e makes int3_e grow so that it cancels int_v, and v stays at `hold`.
         return PaperState(
-            e=-e,
-            v=c.beta3 * e - hold,
             int_v=hold * (c.beta1 / c.beta0 - 1.0 / c.beta4),
             int_e=zero,
             int2_e=-hold * c.beta4 / c.beta0,
-            int3_e=2.0 * c.half * hold * c.beta4 / c.beta0,
+            int3_e=zero,
         )
 
-    def output(self, e: Array, state: PaperState, c: _PaperCoefficients) -> LawStep:
-        """Return v and the next state; see :meth:`Realisation.output`."""
-        int_e = state.int_e + c.half * (state.e + e)
-        int2_e = state.int2_e + c.half * (state.int_e + int_e)
-        int3_e = state.int3_e + c.half * (state.int2_e + int2_e)
-        int_v = state.int_v + c.half * state.v
-        v = -c.solve * (  # eq. 17
-            c.beta4 * int_v + c.beta3 * e + c.beta2 * int_e + c.beta1 * int2_e + c.beta0 * int3_e
+    def output(self, e: Array, state: PaperState, c: _PaperCoefficients) -> Array:
+        """Return v; see :meth:`Realisation.output`."""
+        int_e = state.int_e + c.half * e
+        int2_e = state.int2_e + c.half * int_e
+        int3_e = state.int3_e + c.half * int2_e
+        return c.solve * (  # eq. 17
+            c.beta4 * state.int_v
+            + c.beta3 * e
+            + c.beta2 * int_e
+            + c.beta1 * int2_e
+            + c.beta0 * int3_e
         )
-        return LawStep(v, PaperState(e, v, int_v + c.half * v, int_e, int2_e, int3_e))
 
-    def correct(self, a: Array, state: PaperState, c: _PaperCoefficients) -> PaperState:
-        """Return the state whose reconstructor (eq. 14) integrates what was applied."""
-        return state._replace(v=state.v + a, int_v=state.int_v + c.half * a)
+    def update(self, e: Array, v: Array, a: Array, state: PaperState, c: _PaperCoefficients) -> PaperState:
+        """Return the next state, whose reconstructor (eq. 14) integrates what was applied."""
+        int_e = state.int_e + c.half * e
+        int2_e = state.int2_e + c.half * int_e
+        return PaperState(
+            int_v=state.int_v + c.dt * (v + a),
+            int_e=state.int_e + c.dt * e,
+            int2_e=state.int2_e + c.dt * int_e,
+            int3_e=state.int3_e + c.dt * int2_e,
+        )
 
 
 REALISATIONS: dict[str, Realisation] = {"bumpless": Bumpless(), "paper": Paper()}

@@ -20,18 +20,6 @@ from armgpi.robot import AnyRobot, Friction
 _COULOMB_ITERATIONS = 12
 
 
-class Motion(NamedTuple):
-    """Positions and velocities.
-
-    Attributes:
-        q: positions [rad or m], shape (n,) or (batch, n).
-        v: velocities [rad/s or m/s], same shape.
-    """
-
-    q: Array
-    v: Array
-
-
 class _StepSizes(NamedTuple):
     """Multiples of a step size as 0-d arrays, which NumPy multiplies faster than Python numbers."""
 
@@ -150,8 +138,8 @@ class RigidBodyPlant(Plant):
 
     def _without_friction(
         self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
-    ) -> Motion:
-        """Take one classical Runge-Kutta step of q' = v, v' = D^-1 (tau - C v - G).
+    ) -> tuple[Array, Array]:
+        """Return q and v after one classical Runge-Kutta step of q' = v, v' = D^-1 (tau - C v - G).
 
         The three torques are what acts at the beginning, in the middle and at the end of the step.
         """
@@ -169,11 +157,11 @@ class RigidBodyPlant(Plant):
         a4 = forward(ahead + c.h * gain2, v + c.h * a3, end)
         inner = a2 + a3
         first = a1 + inner
-        return Motion(ahead + c.square * first, v + c.sixth * (first + inner + a4))
+        return ahead + c.square * first, v + c.sixth * (first + inner + a4)
 
     def _with_friction(
         self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
-    ) -> Motion:
+    ) -> tuple[Array, Array]:
         """Take a Runge-Kutta step without friction, then the friction that acts over it, implicitly.
 
         With v_free the velocity without friction, v solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0,
@@ -194,7 +182,7 @@ class RigidBodyPlant(Plant):
             resistance = inertia.copy()
             resistance[..., diagonal, diagonal] += h * (viscous + coulomb / speed)
             new = _solve(resistance, momentum)
-        return Motion(q_free + 0.5 * h * (new - v_free), new)
+        return q_free + 0.5 * h * (new - v_free), new
 
     def _friction(self, friction: str | Friction | None) -> Friction | None:
         """Return the friction coefficients, None when there is no friction."""
