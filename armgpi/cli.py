@@ -276,7 +276,9 @@ def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         note = f"; left its joint limits by up to {excess:.3g}" if excess > 0.0 else ""
-        console.print(f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}", highlight=False)
+        console.print(
+            f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}", highlight=False
+        )
 
 
 def _short(value: float | None) -> str:

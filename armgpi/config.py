@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -324,7 +325,9 @@ def per_joint(value: PerJoint, robot: Robot, default: Array | float = 0.0) -> Ar
             result[robot.joint_names.index(joint)] = number
         return result
     if isinstance(value, Sequence) and len(value) != robot.n:
-        raise ConfigError("value", "", f"expected {robot.n} numbers ({', '.join(robot.joint_names)}), got {len(value)}")
+        raise ConfigError(
+            "value", "", f"expected {robot.n} numbers ({', '.join(robot.joint_names)}), got {len(value)}"
+        )
     return np.array(np.broadcast_to(np.array(value, dtype=np.float64), (robot.n,)))
 
 
@@ -359,7 +362,9 @@ def _loads(section: LoadSection, robot: Robot) -> list[loads.Load]:
     """Return the loads of one entry."""
     if section.type == "paper":
         return loads.paper_disturbances()
-    kind: Any = {"step": loads.Step, "ramp": loads.Ramp, "sine": loads.Sine, "pulse": loads.Pulse}[section.type]
+    kind: Any = {"step": loads.Step, "ramp": loads.Ramp, "sine": loads.Sine, "pulse": loads.Pulse}[
+        section.type
+    ]
     given = {
         key: per_joint(value, robot) if key in ("amplitude", "slope") else value
         for key, value in section.model_dump(exclude={"type"}, exclude_none=True).items()
@@ -376,9 +381,7 @@ def _loads(section: LoadSection, robot: Robot) -> list[loads.Load]:
     return [load]
 
 
-def _controller(
-    config: ExperimentConfig, section: GPISection | PIDSection, robot: Robot
-) -> Controller:
+def _controller(config: ExperimentConfig, section: GPISection | PIDSection, robot: Robot) -> Controller:
     """Return one controller."""
     dt = config.sample_time
     believed = robot if section.inertia_scale == 1.0 else robot.scaled_inertia(section.inertia_scale)
@@ -410,8 +413,7 @@ def _reference(section: ReferenceSection | None, robot: Robot) -> Waypoints:
         gentle = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0) * _MOVE_SHARE
         gentle = np.where(gentle > 0.0, gentle, _MOVE_SHARE)
         durations = [
-            max(1.0, minimum_duration(b - a, gentle, _MOVE_ACCELERATION))
-            for a, b in zip(points[:-1], points[1:], strict=True)
+            max(1.0, minimum_duration(b - a, gentle, _MOVE_ACCELERATION)) for a, b in pairwise(points)
         ]
     return Waypoints(points, durations, section.holds)
 
@@ -458,9 +460,7 @@ def _path_in_data(data: Any, location: Sequence[str | int]) -> tuple[tuple[str |
     """
     path: list[str | int] = []
     for position, step in enumerate(location):
-        if isinstance(data, Mapping) and step in data:
-            data = data[step]
-        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
+        if (isinstance(data, Mapping) and step in data) or (isinstance(data, list) and isinstance(step, int) and step < len(data)):
             data = data[step]
         elif isinstance(data, Mapping) and position == len(location) - 1 and isinstance(step, str):
             return (*path, step), None  # a key that is missing

@@ -115,12 +115,10 @@ class PinocchioDynamics:
         if q.ndim == 1:
             matrix: Array = np.array(pin.crba(self._model, self._data, q))
             return matrix
-        return np.array([pin.crba(self._model, self._data, row) for row in q]).reshape(
-            *q.shape, q.shape[-1]
-        )
+        return np.array([pin.crba(self._model, self._data, row) for row in q]).reshape(*q.shape, q.shape[-1])
 
     def _parallel(self, kernel: Any, free_fall: bool, q: Array, v: Array, x: Array) -> Array:
-        """Run one of Pinocchio's batch kernels; it wants (n, batch), which a transposed row-major array is."""
+        """Run a batch kernel; Pinocchio wants (n, batch), which a transposed row-major array is."""
         pool = self._pools.get(free_fall)
         if pool is None:
             pool = pin.ModelPool(self._free if free_fall else self._model, self._threads)
@@ -171,9 +169,7 @@ class StackedDynamics:
 
     def _scatter(self, name: str, *arguments: Array) -> Array:
         """Call the kernel `name` of every part on its rows and put the results back in order."""
-        results = [
-            (rows, getattr(part, name)(*(x[rows] for x in arguments))) for part, rows in self._groups
-        ]
+        results = [(rows, getattr(part, name)(*(x[rows] for x in arguments))) for part, rows in self._groups]
         out = np.empty((len(arguments[0]), *results[0][1].shape[1:]))
         for rows, result in results:
             out[rows] = result

@@ -7,8 +7,6 @@ and saturated time then miss what lay between. A rollout that diverged has infin
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 import xarray as xr
 
@@ -18,7 +16,7 @@ from armgpi.rollout import Status
 
 def error(rollout: xr.Dataset) -> xr.DataArray:
     """Return the tracking error q - q* [rad or m], dimensions (..., time, joint)."""
-    return cast(xr.DataArray, rollout["q"] - rollout["q_ref"])
+    return rollout["q"] - rollout["q_ref"]
 
 
 def itae(rollout: xr.Dataset) -> xr.DataArray:
@@ -38,7 +36,7 @@ def ise(rollout: xr.Dataset) -> xr.DataArray:
 
 def rms(rollout: xr.Dataset) -> xr.DataArray:
     """Return the root of the mean squared error [rad]."""
-    return _named(rollout, np.sqrt(_integral(error(rollout) ** 2) / _duration(rollout)), "RMS error", "rad")
+    return _named(rollout, (_integral(error(rollout) ** 2) / _duration(rollout)) ** 0.5, "RMS error", "rad")
 
 
 def peak_error(rollout: xr.Dataset) -> xr.DataArray:
@@ -58,9 +56,7 @@ def isci(rollout: xr.Dataset) -> xr.DataArray:
 
 def total_variation(rollout: xr.Dataset) -> xr.DataArray:
     """Return the total variation of torque, sum |tau_k+1 - tau_k| [N m]: how much it chatters."""
-    return _named(
-        rollout, abs(rollout["tau"].diff("time")).sum("time"), "total variation of torque", "N m"
-    )
+    return _named(rollout, abs(rollout["tau"].diff("time")).sum("time"), "total variation of torque", "N m")
 
 
 def peak_torque(rollout: xr.Dataset) -> xr.DataArray:
@@ -76,8 +72,10 @@ def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
 
 def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
     """Return how far the joint went beyond its position limits [rad]; 0 when it stayed inside."""
-    beyond = np.maximum(rollout["lower"] - rollout["q"], rollout["q"] - rollout["upper"])
-    return _named(rollout, np.maximum(beyond, 0.0).max("time"), "beyond position limits", "rad")
+    below = (rollout["lower"] - rollout["q"]).max("time")
+    above = (rollout["q"] - rollout["upper"]).max("time")
+    beyond = xr.where(below > above, below, above).clip(min=0.0)
+    return _named(rollout, beyond, "beyond position limits", "rad")
 
 
 #: Every figure of merit, by the name it has in tables and files.
@@ -103,13 +101,13 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
 
 def _integral(values: xr.DataArray) -> xr.DataArray:
     """Integrate over time by the trapezoidal rule."""
-    return cast(xr.DataArray, values.integrate("time"))
+    return values.integrate("time")
 
 
 def _held_integral(values: xr.DataArray) -> xr.DataArray:
     """Integrate over time values that are held from each sample to the next."""
     steps = values["time"].diff("time", label="lower")
-    return cast(xr.DataArray, (values.isel(time=slice(None, -1)) * steps).sum("time"))
+    return (values.isel(time=slice(None, -1)) * steps).sum("time")
 
 
 def _duration(rollout: xr.Dataset) -> float:

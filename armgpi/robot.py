@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -120,7 +119,7 @@ class _Checked:
         return self.dynamics.forward(q_, v_, tau_)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Return the torque D(q) a + C(q, v) v + G(q) [N m or N], by RNEA; shapes as in `forward_dynamics`."""
+        """Return D(q) a + C(q, v) v + G(q) [N m or N], by RNEA; shapes as in `forward_dynamics`."""
         q_, v_, a_ = self._states(q=q, v=v, a=a)
         return self.dynamics.inverse(q_, v_, a_)
 
@@ -206,7 +205,7 @@ class Robot(_Checked):
         self.friction = Friction(*map(frozen, friction))
         self.provenance = dict(provenance)
         self.dynamics = PinocchioDynamics(model)
-        self._frames = {}
+        self._frames: dict[str, int] = {}
         for index, frame in enumerate(model.frames):
             # Where a link and a joint share a name, the link's frame is the one people mean.
             if index and (frame.name not in self._frames or frame.type == pin.FrameType.BODY):
@@ -493,9 +492,7 @@ class Robot(_Checked):
         except (KeyError, TypeError):
             raise NameNotFound("frame", name, self.frame_names) from None
 
-    def _per_joint(
-        self, value: PerJoint, name: str, current: Array, lowest: float, highest: float
-    ) -> Array:
+    def _per_joint(self, value: PerJoint, name: str, current: Array, lowest: float, highest: float) -> Array:
         """Return a per-joint quantity given as a number, an array or name -> value."""
         result = np.array(current)
         if isinstance(value, Mapping):
@@ -513,9 +510,7 @@ class Robot(_Checked):
                 raise LimitError(name, self.joint_names[j], number, lowest, highest)
         return result
 
-    def _changed(
-        self, change: Mapping[str, Any], model: Any = None, limits: Limits | None = None
-    ) -> Robot:
+    def _changed(self, change: Mapping[str, Any], model: Any = None, limits: Limits | None = None) -> Robot:
         """Return a robot with another model or limits, remembering the change."""
         provenance = {**self.provenance, "changes": [*self.provenance["changes"], dict(change)]}
         return Robot(
@@ -539,7 +534,7 @@ class Robot(_Checked):
         links = self._links_moved_by(joint)
         raise UrdfError(
             source,
-            f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so the inertia matrix is "
+            f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so D(q) is "
             f"singular; give them mass and inertia, lock the joint, or check its axis",
             joint,
         )
@@ -547,9 +542,7 @@ class Robot(_Checked):
     def _links_moved_by(self, joint: str) -> list[str]:
         """Return the links that a joint carries directly."""
         index = self.joint_names.index(joint) + 1
-        return [
-            f.name for f in self._model.frames if f.type == pin.FrameType.BODY and f.parentJoint == index
-        ]
+        return [f.name for f in self._model.frames if f.type == pin.FrameType.BODY and f.parentJoint == index]
 
 
 class RobotBatch(_Checked):
@@ -575,13 +568,17 @@ class RobotBatch(_Checked):
         first = robots[0]
         for robot in robots:
             if robot.joint_names != first.joint_names:
-                raise ParameterError("robots", robot, f"robots with the joints {', '.join(first.joint_names)}")
+                raise ParameterError(
+                    "robots", robot, f"robots with the joints {', '.join(first.joint_names)}"
+                )
         self.robots = tuple(robots)
         self.name = first.name
         self.joint_names = first.joint_names
         self.joint_types = first.joint_types
         self.batch = len(self.robots)
-        self.limits = Limits(*(frozen(np.stack(rows)) for rows in zip(*(r.limits for r in robots), strict=True)))
+        self.limits = Limits(
+            *(frozen(np.stack(rows)) for rows in zip(*(r.limits for r in robots), strict=True))
+        )
         self.friction = Friction(
             *(frozen(np.stack(rows)) for rows in zip(*(r.friction for r in robots), strict=True))
         )

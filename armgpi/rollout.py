@@ -98,7 +98,7 @@ class Recording:
         """Make room for `steps` samples and the state after them; `shape` is (n,) or (batch, n)."""
         rollouts = shape[0] if len(shape) == 2 else 1
         return cls(
-            times=dt * np.arange(0, steps + 1, every),
+            times=np.arange(0, steps + 1, every) * np.float64(dt),
             every=every,
             shape=shape,
             variables={},
@@ -109,7 +109,8 @@ class Recording:
     @property
     def running(self) -> npt.NDArray[np.bool_]:
         """Which rollouts are neither diverged nor interrupted."""
-        return self.status == Status.FINISHED
+        running: npt.NDArray[np.bool_] = self.status == Status.FINISHED
+        return running
 
     def store(self, first: int, samples: Mapping[str, Array]) -> None:
         """Store the samples `first`, `first` + 1, ... of every variable, (k, rollouts, n), thinned."""
@@ -128,7 +129,7 @@ class Recording:
             return np.full((len(self.times), *self.shape), np.nan)
         except MemoryError:
             raise RolloutError(
-                f"recording {len(self.times)} samples of {self.shape} numbers does not fit into memory; record "
+                f"recording {len(self.times)} samples of {self.shape} numbers needs too much memory; record "
                 "fewer with record_every=10, or run a smaller batch"
             ) from None
 

@@ -99,7 +99,7 @@ class ClosedLoop:
         if first.q.ndim not in (1, 2) or first.q.shape[-1] != plant.robot.n:
             raise ArrayError(
                 "reference",
-                f"expected targets of shape ({plant.robot.n},) or (batch, {plant.robot.n}), got {first.q.shape}",
+                f"expected targets of shape (n,) or (batch, n) with n = {plant.robot.n}, got {first.q.shape}",
             )
         self.batch = common_batch(plant.batch, controller.batch, first.q)
         self._sees_velocity = controller.sees is FullState
@@ -137,9 +137,7 @@ class ClosedLoop:
         plant, controller, measured, tau = self._sample(state.plant, state.controller, target)
         return LoopStep(LoopState(state.k + 1, plant, controller), measured, tau)
 
-    def _sample(
-        self, plant: Any, controller: Any, target: Target
-    ) -> tuple[Any, Any, FullState, Array]:
+    def _sample(self, plant: Any, controller: Any, target: Target) -> tuple[Any, Any, FullState, Array]:
         """Return the next states of plant and controller, what was measured and the torque asked for."""
         measured = self.plant.measure(plant)
         seen = measured if self._sees_velocity else Measurement(measured.q)
@@ -212,7 +210,7 @@ def simulate(
         except KeyboardInterrupt:
             run.interrupt()
             warnings.warn(
-                f"interrupted at t = {run.done * loop.dt:g} s of {steps * loop.dt:g} s; what is there is kept",
+                f"interrupted at t = {run.done * loop.dt:g} s of {steps * loop.dt:g} s; kept what is there",
                 ArmgpiWarning,
                 stacklevel=2,
             )
@@ -276,7 +274,7 @@ class _Run:
 
     def _targets(self, count: int) -> Target:
         """Return the targets of the next samples."""
-        return self.loop.reference.at(self.loop.dt * np.arange(self.done, self.done + count))
+        return self.loop.reference.at(np.arange(self.done, self.done + count) * np.float64(self.loop.dt))
 
     def _keep(self) -> None:
         """Look for divergence in the samples taken, then move them to the recording."""
@@ -313,7 +311,7 @@ class _Run:
         recording = self.recording
         good = np.abs(rows["q"] - q_ref) <= self.divergence
         good &= np.isfinite(rows["v"]) & np.isfinite(rows["tau"])
-        whole = good.all(axis=-1)
+        whole = np.asarray(good.all(axis=-1))
         for row in np.flatnonzero(~whole.all(axis=0)):
             first = 0
             if recording.running[row]:
@@ -344,7 +342,9 @@ def _check_reference(loop: ClosedLoop, t_final: float) -> None:
     rank = 2 if target.q.ndim == 3 or robot.batch is not None else 1
     q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
     if q.ndim not in (2, 3) or q.shape[0] != len(times) or q.shape[-1] != robot.n:
-        raise ArrayError("reference", f"expected targets of shape ({len(times)}, ..., {robot.n}), got {target.q.shape}")
+        raise ArrayError(
+            "reference", f"expected targets of shape ({len(times)}, ..., {robot.n}), got {target.q.shape}"
+        )
     if not all(np.isfinite(part).all() for part in target):
         raise ArrayError("reference", "expected finite positions, velocities and accelerations")
     lower, upper = robot.limits.lower, robot.limits.upper

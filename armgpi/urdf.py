@@ -203,14 +203,12 @@ def build(
     if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
         raise UrdfError(
             urdf.source,
-            f"Pinocchio made {len(joints)} joints with {model.nq} coordinates out of {len(moving)} moving joints",
+            f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
         )
     return Built(model, joints, locked)
 
 
-def _unique_names(
-    root: ElementTree.Element, tag: str, source: str
-) -> dict[str, ElementTree.Element]:
+def _unique_names(root: ElementTree.Element, tag: str, source: str) -> dict[str, ElementTree.Element]:
     """Return the elements `tag` under `root` by name; names must exist and differ."""
     found: dict[str, ElementTree.Element] = {}
     for element in root.findall(tag):
@@ -331,7 +329,9 @@ def _check_tree(
             if not link:
                 raise UrdfError(source, f"joint {name!r} has no {tag} link", name)
             if link not in links:
-                raise UrdfError(source, f"joint {name!r} names the {tag} link {link!r}, which is missing", name)
+                raise UrdfError(
+                    source, f"joint {name!r} names the {tag} link {link!r}, which is missing", name
+                )
             ends.append(link)
         parent, child = ends
         if child in parent_of:
@@ -339,7 +339,9 @@ def _check_tree(
         parent_of[child] = parent
     roots = [link for link in links if link not in parent_of]
     if len(roots) > 1:
-        raise UrdfError(source, f"is not one tree: {' and '.join(map(repr, roots[:5]))} have no parent", roots[1])
+        raise UrdfError(
+            source, f"is not one tree: {' and '.join(map(repr, roots[:5]))} have no parent", roots[1]
+        )
     reached = set(roots)
     children: dict[str, list[str]] = {}
     for child, parent in parent_of.items():

@@ -20,8 +20,5 @@ autodoc_typehints_description_target = "documented"
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!armgpi\b).*")]
 
-# The index names its pages by pattern, so a page not written yet is no error.
-suppress_warnings = ["toc.empty_glob"]
-
 html_theme = "furo"
 html_title = "armgpi"

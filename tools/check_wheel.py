@@ -35,7 +35,7 @@ def main() -> None:
         (wheel,) = tmp.glob("*.whl")
 
         shipped = set(zipfile.ZipFile(wheel).namelist())
-        wanted = {f"armgpi/urdf/{p.relative_to(ROOT / 'urdf')}" for p in ROOT.glob("urdf/**/*.urdf")}
+        wanted = {f"armgpi/{path.relative_to(ROOT)}" for path in ROOT.glob("urdf/**/*.urdf")}
         if missing := sorted((wanted | {"armgpi/py.typed"}) - shipped):
             sys.exit(f"{wheel.name} lacks {', '.join(missing)}")
 

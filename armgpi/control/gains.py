@@ -135,8 +135,7 @@ class FixedGains(Gains):
             ArrayError: when a value is not positive or a shape does not fit.
         """
         arrays = [
-            per_joint(getattr(self, name), name, joint_names, "positive", positive)
-            for name in Tuning._fields
+            per_joint(getattr(self, name), name, joint_names, "positive", positive) for name in Tuning._fields
         ]
         gains = FixedGains(*arrays)
         gains._tuning = Tuning(*arrays)
@@ -156,12 +155,12 @@ class FixedGains(Gains):
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        return f"FixedGains(omega_c={self.omega_c}, zeta_c={self.zeta_c}, p_c={self.p_c})"
+        return f"FixedGains(omega_c={self.omega_c!r}, zeta_c={self.zeta_c!r}, p_c={self.p_c!r})"
 
     _tuning: Tuning
 
 
-def default_omega(dt: float, delay: float = 0.0, highest: float = 40.0) -> float:
+def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float:
     """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
 
     A hold of dt and the computation take 1.5 dt, the wires take `delay`; the law stands 0.356 / omega_c of

@@ -151,9 +151,10 @@ class GPI(Controller):
         if spent > margin:
             fastest = float(np.max(nominal.omega_c))
             warnings.warn(
-                f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of {self.delay:g} s: "
-                f"the loop stands a delay of {margin:.3g} s, sample and hold and transport take {spent:.3g} s, so "
-                f"it will be unstable; {default_omega(self.dt, self.delay):.3g} rad/s would do",
+                f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of "
+                f"{self.delay:g} s: the loop stands a delay of {margin:.3g} s, sample and hold and transport "
+                f"take {spent:.3g} s, so it will be unstable; "
+                f"{default_omega(self.dt, self.delay):.3g} rad/s would do",
                 ArmgpiWarning,
                 stacklevel=3,
             )

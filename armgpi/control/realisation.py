@@ -177,11 +177,7 @@ class Paper(Realisation):
         int2_e = state.int2_e + c.half * int_e
         int3_e = state.int3_e + c.half * int2_e
         return c.solve * (  # eq. 17
-            c.beta4 * state.int_v
-            + c.beta3 * e
-            + c.beta2 * int_e
-            + c.beta1 * int2_e
-            + c.beta0 * int3_e
+            c.beta4 * state.int_v + c.beta3 * e + c.beta2 * int_e + c.beta1 * int2_e + c.beta0 * int3_e
         )
 
     def update(self, e: Array, v: Array, a: Array, state: PaperState, c: _PaperCoefficients) -> PaperState:

@@ -175,11 +175,7 @@ class PaperArm:
             + p.m3 / 2.0 * p.lc3**2 * (1.0 + np.cos(2.0 * q2 + 2.0 * q3))
         )
         d[..., 1, 1] = (
-            p.Iy2
-            + p.Iy3
-            + p.m2 * p.lc2**2
-            + 2.0 * coupling * np.cos(q3)
-            + p.m3 * (p.l2**2 + p.lc3**2)
+            p.Iy2 + p.Iy3 + p.m2 * p.lc2**2 + 2.0 * coupling * np.cos(q3) + p.m3 * (p.l2**2 + p.lc3**2)
         )
         d[..., 1, 2] = p.Iy3 + coupling * np.cos(q3) + p.m3 * p.lc3**2
         d[..., 2, 1] = d[..., 1, 2]
@@ -410,9 +406,7 @@ def _broadcast(**arguments: ArrayLike) -> list[Array]:
     try:
         return list(np.broadcast_arrays(*arrays))
     except ValueError:
-        shapes = ", ".join(
-            f"{name} {array.shape}" for name, array in zip(arguments, arrays, strict=True)
-        )
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(arguments, arrays, strict=True))
         raise ArrayError("/".join(arguments), f"batch axes do not broadcast: {shapes}") from None
 
 

@@ -56,7 +56,7 @@ class Step(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
-        return _gate(t, self.onset, self.end) * self.amplitude
+        return _gate(t, self.onset, self.end) * _array(self.amplitude)
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Ramp(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
-        return (np.minimum(np.maximum(t, self.onset), self.end) - self.onset) * self.slope
+        return (np.minimum(np.maximum(t, self.onset), self.end) - self.onset) * _array(self.slope)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,8 @@ class Sine(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
-        return _gate(t, self.onset, self.end) * self.amplitude * np.sin(self.omega * t + self.phase)
+        wave = np.sin(_array(self.omega) * t + _array(self.phase))
+        return _gate(t, self.onset, self.end) * _array(self.amplitude) * wave
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,8 @@ class Pulse(Load):
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
         x = np.minimum(np.maximum((t - self.onset) / self.duration, 0.0), 1.0)
-        return np.sin(np.pi * x) ** 2 * self.amplitude
+        push: Array = np.sin(np.pi * x) ** 2 * _array(self.amplitude)
+        return push
 
 
 def multi_sine(
@@ -168,6 +170,11 @@ def paper_disturbances() -> list[Load]:
         Sine([0.0, 0.0, 0.2], 0.1, onset=20.0),  # eq. 31
         Sine([0.0, 0.0, 0.1], 0.5, onset=20.0),
     ]
+
+
+def _array(value: PerJointInput) -> Array:
+    """Return a field of a load, which its check has made an array already."""
+    return np.asarray(value, dtype=np.float64)
 
 
 def _gate(t: Array, onset: float, end: float) -> Array:

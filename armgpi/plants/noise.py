@@ -31,7 +31,7 @@ def uniform(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array
     rows = np.arange(shape[0], dtype=np.uint64)[:, None] if len(shape) == 2 else np.uint64(0)
     columns = np.arange(shape[-1], dtype=np.uint64)
     with np.errstate(over="ignore"):
-        key = _mix(np.uint64(seed % 2**64) + rows + _GOLDEN)
+        key = _mix(np.asarray(np.uint64(seed % 2**64) + rows + _GOLDEN, dtype=np.uint64))
         counter = np.uint64(k) * np.uint64(0x10000) + np.uint64(stream) * np.uint64(0x1000) + columns
         bits = _mix(_mix(key ^ (counter * _GOLDEN)) + key)
     # The top 53 bits, moved half a step up, so that 0 and 1 are never reached.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, not_negative, per_joint
+from armgpi.arrays import Array, not_negative, per_joint
 from armgpi.control.controller import FullState, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.loads import Load
@@ -79,10 +79,8 @@ class RigidBodyPlant(Plant):
         self.substeps = substeps
         self.stick_velocity = float(stick_velocity)
         self.friction = self._friction(friction)
-        sizes: list[int | Array | None] = [robot.batch, *(self.friction or ())]
-        for load in self.loads:
-            sizes.append(np.zeros(self._check_load(load)))
-        self.batch = common_batch(*sizes)
+        loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
+        self.batch = common_batch(robot.batch, *(self.friction or ()), *loads_now)
         self._table = _LoadTable(self.disturbance, substeps) if self.loads else None
         self._substep = self._without_friction if self.friction is None else self._with_friction
 
@@ -219,6 +217,8 @@ class _LoadTable:
     """
 
     _SAMPLES = 256
+    #: Shares of a substep. The end lies just before it, so that a load which sets in there is not felt yet.
+    _STAGES = np.array([0.0, 0.5, 1.0 - 1e-9])
 
     def __init__(self, disturbance: Callable[[Array], Array | None], substeps: int) -> None:
         self._disturbance = disturbance
@@ -231,21 +231,20 @@ class _LoadTable:
         """Return the torque at the beginning, middle and end of a substep of sample `k`."""
         first = k - k % self._SAMPLES
         if first != self._first or dt != self._dt:
-            count = 2 * self._substeps * self._SAMPLES
-            times = dt * (first + np.arange(count + 1) / (2 * self._substeps))
-            rows = self._disturbance(times)
+            substeps = np.arange(self._substeps * self._SAMPLES)[:, None]
+            times = dt * (first + (substeps + self._STAGES) / self._substeps)
+            rows = self._disturbance(times.ravel())
             assert rows is not None
             self._first, self._dt, self._rows = first, dt, rows
-        i = 2 * (self._substeps * (k - first) + substep)
+        i = 3 * (self._substeps * (k - first) + substep)
         return self._rows[i], self._rows[i + 1], self._rows[i + 2]
 
 
 def _solve(matrix: Array, column: Array) -> Array:
     """Solve for one column per matrix; where a rollout has diverged the answer is NaN, not an exception."""
     try:
-        solution: Array = np.linalg.solve(matrix, column)[..., 0]
+        return np.asarray(np.linalg.solve(matrix, column)[..., 0])
     except np.linalg.LinAlgError:
-        finite = np.isfinite(matrix).all(axis=(-2, -1))[..., None, None]
+        finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))[..., None, None]
         safe = np.where(finite, matrix, np.eye(matrix.shape[-1]))
-        solution = np.where(finite, np.linalg.solve(safe, column), np.nan)[..., 0]
-    return solution
+        return np.where(finite, np.linalg.solve(safe, column), np.nan)[..., 0]

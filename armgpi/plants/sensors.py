@@ -19,8 +19,8 @@ class Encoder(Wrapper):
 
     Attributes:
         bits: resolution.
-        step_size: one count [rad or m], shape (n,): a turn / 2^bits, for a prismatic joint its travel / 2^bits (1 m
-            where it has none).
+        step_size: one count [rad or m], shape (n,): a turn / 2^bits, for a prismatic joint its
+            travel / 2^bits (1 m where it has no limits).
     """
 
     def __init__(self, plant: Plant, bits: int = 16) -> None:
@@ -31,7 +31,9 @@ class Encoder(Wrapper):
         self.bits = bits
         travel = plant.robot.limits.upper - plant.robot.limits.lower
         linear = np.array([kind == "prismatic" for kind in plant.robot.joint_types])
-        self.step_size = np.where(linear, np.where(np.isfinite(travel), travel, 1.0), 2.0 * math.pi) / 2.0**bits
+        self.step_size = (
+            np.where(linear, np.where(np.isfinite(travel), travel, 1.0), 2.0 * math.pi) / 2.0**bits
+        )
 
     def measure(self, state: Any) -> FullState:
         """Return positions rounded to the nearest count."""
@@ -52,9 +54,7 @@ class Noisy(Wrapper):
         seed: seed of rollout 0; rollout i of a batch uses seed + i.
     """
 
-    def __init__(
-        self, plant: Plant, std_q: PerJointInput, std_v: PerJointInput = 0.0, seed: int = 0
-    ) -> None:
+    def __init__(self, plant: Plant, std_q: PerJointInput, std_v: PerJointInput = 0.0, seed: int = 0) -> None:
         """Put noise on the measurements of `plant`."""
         super().__init__(plant)
         names = plant.robot.joint_names
