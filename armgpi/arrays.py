@@ -22,20 +22,29 @@ ArrayLike = npt.ArrayLike
 PerJointInput = npt.ArrayLike
 
 
-def as_float_array(value: Any, name: str) -> Array:
+def as_float_array(value: Any, name: str, infinite: bool = False) -> Array:
     """Return `value` as a finite, C-contiguous, native float64 array of any shape.
 
     Args:
         value: a native float64 array, or a Python number, or (nested) lists of them.
         name: name of the argument, for the message.
+        infinite: whether infinity is as good as a number here (a limit that is none).
 
     Raises:
         ArrayError: when it is an array of another dtype or byte order, not numeric, ragged, or holds
             NaN or infinity.
     """
     array = _convert(value, name)
-    _check_finite(array, name)
+    _check_finite(np.where(np.isinf(array), 0.0, array) if infinite else array, name)
     return array
+
+
+def as_number(value: Any, name: str, infinite: bool = False) -> float:
+    """Return `value` as a single float; arguments and errors as :func:`as_float_array`."""
+    array = as_float_array(value, name, infinite)
+    if array.ndim:
+        raise ArrayError(name, f"expected one number, got shape {array.shape}")
+    return float(array)
 
 
 def as_joint_array(value: Any, name: str, joint_names: Sequence[str]) -> Array:
@@ -77,7 +86,7 @@ def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, 
     """
     array = as_float_array(value, name)
     n = len(joint_names)
-    if array.ndim and array.shape[-1] not in (1, n):
+    if array.ndim > 2 or (array.ndim and array.shape[-1] not in (1, n)):
         raise ArrayError(name, f"expected a number or shape ({n},) or (batch, {n}), got {array.shape}")
     array = np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], n)))
     bad = np.argwhere(~ok(array))
@@ -123,26 +132,28 @@ def _convert(value: Any, name: str) -> Array:
             f"expected a native float64 array, got dtype {value.dtype.str!r}; "
             "convert it with x.astype(np.float64)",
         )
-    if _holds_bool_or_text(value):
+    if _holds_other_than_numbers(value):
         raise ArrayError(name, f"expected numbers, got {value!r}")
     try:
         return np.ascontiguousarray(value, dtype=np.float64).reshape(np.shape(value))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ArrayError(name, f"expected an array of numbers, got {value!r} ({error})") from None
 
 
 def _check_finite(array: Array, name: str, joint_names: Sequence[str] | None = None) -> None:
     """Refuse NaN and infinity, saying where the first one stands."""
     bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
+    if len(bad):  # not its size: the index of a lone number is empty
         index = tuple(int(i) for i in bad[0])
         place = f"{name}[{', '.join(map(str, index))}]" if index else name
         joint = f" (joint {joint_names[index[-1]]!r})" if joint_names is not None else ""
         raise ArrayError(name, f"expected finite numbers, got {place} = {array[index]}{joint}")
 
 
-def _holds_bool_or_text(value: Any) -> bool:
-    """Tell whether plain Python data holds a bool or a string, which NumPy would convert silently."""
-    if isinstance(value, bool | np.bool_ | str | bytes):
-        return True
-    return isinstance(value, list | tuple) and any(_holds_bool_or_text(item) for item in value)
+def _holds_other_than_numbers(value: Any) -> bool:
+    """Tell whether lists hold a bool, text, date or complex number, which NumPy converts silently."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.kind not in "iuf"
+    if isinstance(value, list | tuple):
+        return any(_holds_other_than_numbers(item) for item in value)
+    return isinstance(value, bool | str | bytes)

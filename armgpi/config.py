@@ -460,7 +460,9 @@ def _path_in_data(data: Any, location: Sequence[str | int]) -> tuple[tuple[str |
     """
     path: list[str | int] = []
     for position, step in enumerate(location):
-        if (isinstance(data, Mapping) and step in data) or (isinstance(data, list) and isinstance(step, int) and step < len(data)):
+        in_mapping = isinstance(data, Mapping) and step in data
+        in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
+        if in_mapping or in_list:
             data = data[step]
         elif isinstance(data, Mapping) and position == len(location) - 1 and isinstance(step, str):
             return (*path, step), None  # a key that is missing

@@ -74,7 +74,7 @@ def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
     """Return how far the joint went beyond its position limits [rad]; 0 when it stayed inside."""
     below = (rollout["lower"] - rollout["q"]).max("time")
     above = (rollout["q"] - rollout["upper"]).max("time")
-    beyond = xr.where(below > above, below, above).clip(min=0.0)
+    beyond = below.where(below > above, above).clip(min=0.0)
     return _named(rollout, beyond, "beyond position limits", "rad")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Any, NamedTuple, TypeVar
@@ -11,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi import robots, urdf
-from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, frozen
+from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
 from armgpi.dynamics import Dynamics, PinocchioDynamics, StackedDynamics
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
 
@@ -144,14 +145,14 @@ class _Checked:
             ArrayError: when the shape or dtype is wrong or a value is not finite.
             LimitError: when a position is outside its joint's limits by more than rounding.
         """
-        positions = as_joint_array(q, what, self.joint_names)
-        lower, upper = self.limits.lower, self.limits.upper
+        (positions,) = self._states(**{what: q})
+        lower, upper = (np.broadcast_to(limit, positions.shape) for limit in self.limits[:2])
         slack = 1e-9 * np.maximum(1.0, np.abs(positions))
         outside = np.argwhere((positions < lower - slack) | (positions > upper + slack))
         if outside.size:
             index = tuple(int(i) for i in outside[0])
-            j = index[-1]
-            raise LimitError(what, self.joint_names[j], positions[index], lower[j], upper[j])
+            joint = self.joint_names[index[-1]]
+            raise LimitError(what, joint, positions[index], lower[index], upper[index])
         return positions
 
     def _states(self, **arguments: ArrayLike) -> tuple[Array, ...]:
@@ -385,7 +386,7 @@ class Robot(_Checked):
             ParameterError: when the mass is negative or the frame does not move.
             ArrayError: when `com` or `inertia` is not as it should be.
         """
-        mass = float(as_float_array(mass, "mass"))
+        mass = as_number(mass, "mass")
         if mass < 0.0:
             raise ParameterError("mass", mass, "zero or positive [kg]")
         centre = _shaped(com, "com", (3,))
@@ -410,7 +411,7 @@ class Robot(_Checked):
             armature: [kg m^2 or kg], a number, shape (n,), or name -> value (the others keep theirs).
         """
         model = self._model.copy()
-        model.armature = self._per_joint(armature, "armature", self.armature, 0.0, math.inf)
+        model.armature = self._per_joint(armature, "armature", self.armature, 0.0, sys.float_info.max)
         return self._changed({"armature": model.armature.tolist()}, model=model)
 
     def scaled_inertia(self, factor: float) -> Robot:
@@ -419,12 +420,11 @@ class Robot(_Checked):
         D, C and G all scale. For a controller that uses D alone (GPI) this is the paper's variation of
         D(q); see ``PIDInversion`` for a law that uses C and G as well.
         """
-        factor = float(as_float_array(factor, "factor"))
+        factor = as_number(factor, "factor")
         if factor <= 0.0:
             raise ParameterError("factor", factor, "positive")
         model = self._model.copy()
-        for index in range(1, model.njoints):
-            inertia = model.inertias[index]
+        for index, inertia in enumerate(self._model.inertias):
             # Not a pin.Inertia product: mass and tensor scale, the centre of mass stays.
             model.inertias[index] = pin.Inertia(
                 factor * inertia.mass, inertia.lever, factor * inertia.inertia
@@ -499,9 +499,10 @@ class Robot(_Checked):
             for joint, number in value.items():
                 if joint not in self.joint_names:
                     raise NameNotFound("joint", joint, self.joint_names)
-                result[self.joint_names.index(joint)] = as_float_array(number, f"{name}[{joint!r}]")
+                index = self.joint_names.index(joint)
+                result[index] = as_number(number, f"{name}[{joint!r}]", infinite=True)
         else:
-            array = as_float_array(value, name)
+            array = as_float_array(value, name, infinite=True)
             if array.shape not in ((), (1,), (self.n,)):
                 raise ArrayError(name, f"expected a number or shape ({self.n},), got {array.shape}")
             result[:] = array
@@ -606,7 +607,11 @@ _T = TypeVar("_T")
 
 def _rowwise(function: Callable[[Array], Array], q: Array) -> Array:
     """Apply a function of one posture to (n,), or to every row of (batch, n)."""
-    return function(q) if q.ndim == 1 else np.stack([function(row) for row in q])
+    if q.ndim == 1:
+        return function(q)
+    if not len(q):
+        return function(np.zeros(q.shape[-1]))[np.newaxis][:0]
+    return np.stack([function(row) for row in q])
 
 
 def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

@@ -45,21 +45,21 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
         UrdfError: when it is a path that does not exist.
     """
     try:
-        text = os.fspath(path_or_name)
+        text = os.fsdecode(path_or_name)
     except TypeError:
         raise NameNotFound("robot", path_or_name, names()) from None
     path = Path(text)
     if path.suffix or len(path.parts) != 1 or path.is_absolute():
-        if not path.exists():
+        if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
             raise UrdfError(path, "there is no such file")
         return path, None
     own = _own_folder() / f"{text}.urdf"
-    if own.is_file():
+    if os.path.isfile(own):
         return own, text
     folder = _example_folder()
     if folder is not None and text in EXAMPLE_ROBOT_DATA and (folder / EXAMPLE_ROBOT_DATA[text]).is_file():
         return folder / EXAMPLE_ROBOT_DATA[text], text
-    if path.is_file():
+    if os.path.isfile(path):
         return path, None
     remedy = ""
     if text in EXAMPLE_ROBOT_DATA and folder is None:

@@ -25,6 +25,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from armgpi.arrays import as_number
 from armgpi.errors import ArmgpiWarning, NameNotFound, UrdfError
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -34,6 +35,8 @@ MAX_MOVING_JOINTS = 64
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 #: Stands for "no limit" where urdfdom wants a number.
 _UNBOUNDED = "1e300"
+#: Attributes that hold numbers which Pinocchio reads.
+_NUMBERS = ("xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,7 @@ def build(
 
     Raises:
         NameNotFound: when a name is not that of a moving joint.
+        ArrayError: when a value to lock at is no finite number.
         UrdfError: when a joint type is not supported, no moving joint is left, or Pinocchio refuses.
     """
     locked = _locked_values(urdf, lock, keep)
@@ -364,6 +368,8 @@ def _numbers(
     if text is None:
         return (0.0,) * count
     try:
+        if not text.isascii() or "_" in text:
+            raise ValueError  # Python's float reads 1_0 and digits of other scripts, urdfdom does not
         values = tuple(float(word) for word in text.split())
     except ValueError:
         raise UrdfError(source, f"{where}: {key}={text!r} is not a number", name) from None
@@ -400,11 +406,8 @@ def _locked_values(
     values: dict[str, float] = {}
     for name, value in asked.items():
         joint = urdf.joints[name]
-        if value is None:
-            value = min(max(0.0, joint.lower), joint.upper)
-        if not math.isfinite(value):
-            raise UrdfError(urdf.source, f"joint {name!r} cannot be locked at {value!r}", name)
-        values[name] = float(value)
+        nearest_zero = min(max(0.0, joint.lower), joint.upper)
+        values[name] = nearest_zero if value is None else as_number(value, f"lock[{name!r}]")
     for name in moving:
         joint = urdf.joints[name]
         if joint.mimic is None or name in values:
@@ -416,7 +419,7 @@ def _locked_values(
                 f"{urdf.source}: joint {name!r} mimics {joint.mimic!r}; it is locked at {values[name]:g}, "
                 f"so lock {joint.mimic!r} as well if they move one gripper",
                 ArmgpiWarning,
-                stacklevel=4,
+                stacklevel=5,  # where the user calls Robot.load
             )
     return values
 
@@ -440,6 +443,11 @@ def _with_locks(urdf: Urdf, locked: Mapping[str, float]) -> ElementTree.Element:
             if joint.type == "continuous":
                 # One unbounded angle instead of Pinocchio's (cos, sin), so that nq = nv.
                 element.set("type", "revolute")
+    for element in root.iter():
+        for key in _NUMBERS:
+            if key in element.attrib:
+                # A space after a number makes urdfdom drop the inertia silently.
+                element.set(key, " ".join(element.get(key, "").split()))
     # Dynamics need no geometry, and a missing mesh must not stop them.
     for link in root.findall("link"):
         for tag in ("visual", "collision"):

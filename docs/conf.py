@@ -14,6 +14,8 @@ myst_heading_anchors = 3  # lets pages link to each other's headings
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
+# "Attributes:" of a class as a list in its text: autodoc already has an entry for each.
+napoleon_use_ivar = True
 
 # A reference to one of our own names must resolve. Other projects' names cannot: that would
 # take intersphinx, which downloads their inventories.

@@ -1,0 +1,164 @@
+"""Timing of contenders against each other, on a machine that does other things as well.
+
+The speed of a machine drifts, so contenders take turns: in every round each is called once, and what is
+compared are the times within a round. A figure is the median over the rounds, with the least and the
+greatest; a ratio is the median of the ratios of each round.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+
+class Contender(NamedTuple):
+    """Something to be timed.
+
+    Attributes:
+        run: does the work once and returns its result.
+        units: how many units of work that is, such as control steps.
+        check: raises when the result is not right; called after every run, outside of the timing.
+    """
+
+    run: Callable[[], Any]
+    units: int
+    check: Callable[[Any], None] = lambda result: None
+
+
+class Samples(NamedTuple):
+    """Times of one contender, one per round.
+
+    Attributes:
+        wall: microseconds per unit.
+        cores: processor time over wall time: 1 when a single thread had a core for itself.
+    """
+
+    wall: npt.NDArray[np.float64]
+    cores: npt.NDArray[np.float64]
+
+
+class Spread(NamedTuple):
+    """Median, least and greatest of some numbers."""
+
+    median: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """Return "median (low..high)" with three digits."""
+        return f"{self.median:#.3g} ({self.low:#.3g}..{self.high:#.3g})"
+
+
+def spread(values: npt.NDArray[np.float64]) -> Spread:
+    """Return the spread of times or ratios."""
+    return Spread(float(np.median(values)), float(np.min(values)), float(np.max(values)))
+
+
+def ratio(contender: Samples, floor: Samples) -> Spread:
+    """Return how many times longer a contender takes than another, round by round."""
+    return spread(contender.wall / floor.wall)
+
+
+def take_turns(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Samples]:
+    """Time contenders in turns, after a first call of each that is checked but not timed."""
+    names = list(contenders)
+    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    for k in range(-1, rounds):
+        # Nobody always comes after the same one, whose work may still be in the caches.
+        for name in names if k % 2 else reversed(names):
+            run, units, check = contenders[name]
+            gc.collect()
+            cpu, wall = time.process_time(), time.perf_counter()
+            result = run()
+            wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+            check(result)
+            del result  # else its memory is freed within the next one's time
+            if k >= 0:
+                taken[name].append((1e6 * wall / units, cpu / wall))
+    return {name: Samples(*np.array(pairs).T) for name, pairs in taken.items()}
+
+
+def plain(samples: Mapping[str, Samples]) -> dict[str, Any]:
+    """Return samples as plain data for a JSON file, times in microseconds."""
+    return {
+        name: {**spread(one.wall)._asdict(), "rounds": one.wall.tolist(), "cores": one.cores.tolist()}
+        for name, one in samples.items()
+    }
+
+
+def table(headers: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a Markdown table, its first column left-aligned and the others right-aligned."""
+    cells = [list(headers), *([str(cell) for cell in row] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+
+    def line(row: Sequence[str]) -> str:
+        first, *others = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths)))
+        return "| " + " | ".join([first, *others]) + " |"
+
+    rule = "|" + "|".join([":" + "-" * (widths[0] + 1), *("-" * (w + 1) + ":" for w in widths[1:])]) + "|"
+    return "\n".join([line(cells[0]), rule, *map(line, cells[1:])])
+
+
+def machine(packages: Sequence[str]) -> dict[str, Any]:
+    """Return what the figures were taken on, as plain data."""
+    return {
+        "cpu": _cpu_model(),
+        "cores": os.cpu_count(),
+        "usable_cores": usable_cores(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "packages": {package: _version(package) for package in packages},
+        "OMP_WAIT_POLICY": os.environ.get("OMP_WAIT_POLICY", "not set"),
+        "load_average": load_average(),
+    }
+
+
+def machine_line(facts: Mapping[str, Any]) -> str:
+    """Return :func:`machine` in one line."""
+    packages = ", ".join(f"{name} {number}" for name, number in facts["packages"].items())
+    load = facts["load_average"]
+    return (
+        f"{facts['cpu']}, {facts['usable_cores']} of {facts['cores']} cores, {facts['system']}; "
+        f"Python {facts['python']}, {packages}; OMP_WAIT_POLICY {facts['OMP_WAIT_POLICY']}; "
+        f"load average before {'unknown' if load is None else format(load, '.2f')}"
+    )
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def load_average() -> float | None:
+    """Return how many processes wanted to run over the last minute, None where that is not known."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+
+
+def _cpu_model() -> str:
+    """Return the processor's name."""
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            key, _, value = line.partition(":")
+            if key.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+def _version(package: str) -> str:
+    """Return the version of an installed package."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,49 @@
+# /// script
+# requires-python = ">=3.10"
+# dependencies = ["armgpi[robots]"]
+# ///
+"""Two robots nobody tuned for: default gains, 16-bit encoders, an unknown quarter of a kilogram.
+
+Each robot goes from the middle of its joint ranges by up to 0.5 rad and back. The controller believes in
+an inertia matrix that is 20 % too small, right, or 20 % too large, and not in the payload. The three run
+as one batch.
+"""
+
+from armgpi import (
+    GPI,
+    Encoder,
+    RigidBodyPlant,
+    Robot,
+    RobotBatch,
+    Saturated,
+    Waypoints,
+    metrics,
+    simulate,
+)
+from armgpi.rollout import describe_end
+
+SCALES = (0.8, 1.0, 1.2)
+ROBOTS = {
+    "panda": ["panda_finger_joint1", "panda_finger_joint2"],
+    "ur5": [],
+    "anthropomorphic3": [],
+}
+
+print("| robot | D scaled by | end | peak error [rad] | final error [rad] | saturated [s] | beyond limits [rad] |")
+print("|---|---|---|---|---|---|---|")
+for name, lock in ROBOTS.items():
+    robot = Robot.load(name, lock=lock)
+    start = robot.middle()
+    goal = start + 0.5 * (robot.limits.upper - start).clip(max=1.0)
+    reference = Waypoints([start, goal, start], durations=2.0, holds=[1.0, 1.0, 2.0])
+    believed = RobotBatch([robot.scaled_inertia(scale) for scale in SCALES])
+    controller = GPI(believed, dt=1e-3)
+    plant = Encoder(Saturated(RigidBodyPlant(robot.with_payload(robot.tip, mass=0.25))), bits=16)
+    rollout = simulate(plant, controller, reference, t_final=8.0)
+    for i, scale in enumerate(SCALES):
+        one = rollout.isel(rollout=i)
+        print(
+            f"| {name} | {scale} | {describe_end(one)[0]} "
+            f"| {float(metrics.peak_error(one).max()):.4f} | {float(metrics.final_error(one).max()):.5f} "
+            f"| {float(metrics.saturated_time(one).max()):.3f} | {float(metrics.limit_excess(one).max()):.1g} |"
+        )
