@@ -60,14 +60,14 @@ docs: $(STAMP) ## The documentation, into build/docs; a warning is an error
 # Run from build/examples: they work from any folder, and what they write stays out of the way.
 examples: $(STAMP) ## Run every example, with no screen
 	@mkdir -p build/examples
-	@set -e; for f in examples/*.py; do [ -e "$$f" ] || continue; \
+	@set -e; for f in examples/[!_]*.py; do [ -e "$$f" ] || continue; \
 	  echo "python $$f"; (cd build/examples && "$(CURDIR)/$(BIN)/python" "$(CURDIR)/$$f"); done
 
 wheel: $(STAMP) ## Build the wheel and try it in a fresh environment
 	$(BIN)/python tools/check_wheel.py
 
 bench: $(STAMP) ## Run every benchmark
-	@set -e; for f in benchmarks/*.py; do [ -e "$$f" ] || continue; \
+	@set -e; for f in benchmarks/[!_]*.py; do [ -e "$$f" ] || continue; \
 	  echo "python $$f"; $(BIN)/python "$$f"; done
 
 clean: ## Remove what make wrote, .venv too

@@ -6,6 +6,7 @@ Exit codes: 0 fine, 1 a rollout diverged, 2 bad input, 130 interrupted.
 from __future__ import annotations
 
 import json
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -15,54 +16,150 @@ import typer
 
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
-    from armgpi.config import Experiment, ExperimentConfig
+    from rich.console import Console
+    from rich.measure import Measurement
+    from rich.table import Table
+
+    from armgpi.config import Experiment, Loaded
 
 app = typer.Typer(
     help="Torque control of any robot arm from its URDF and measured positions alone.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: it may speak of units in [brackets]
 )
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
+_FLAG = ""
 RobotName = Annotated[
-    str | None, typer.Argument(help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
+    str | None,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
+        show_default=False,
+    ),
 ]
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", "-c", help="Experiment file (YAML); options override it.")
+    Path | None,
+    typer.Option("--config", "-c", metavar="FILE", help="Experiment file (YAML); options override it."),
+]
+Controller = Annotated[
+    str | None, typer.Option(metavar="NAME", help="gpi (default) or pid; or a label of the experiment file.")
+]
+Controllers = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="Which ones, 'gpi,pid' by default; or types and labels of the experiment file.",
+    ),
+]
+To = Annotated[
+    str | None,
+    typer.Option(
+        metavar="POSTURE",
+        help="Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
+    ),
+]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--from", metavar="POSTURE", help="Start, given as --to; the middle of the joint ranges by default."
+    ),
+]
+Duration = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="Time of each move [s]; gentle by default.")
+]
+Omega = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Bandwidth omega_c [rad/s] of gpi: '20' or 'j1=20,...'; from the sample time by default.",
+    ),
 ]
 Lock = Annotated[
-    list[str] | None, typer.Option(help="Joint to hold fixed, 'name' or 'name=value'; may be repeated.")
+    list[str] | None,
+    typer.Option(metavar="JOINT", help="Joint to hold fixed, 'name' or 'name=value'; may be repeated."),
 ]
-Keep = Annotated[list[str] | None, typer.Option(help="Joint to keep, all others are locked; repeatable.")]
-Effort = Annotated[str | None, typer.Option(help="Torque limits [N m]: 'j1=10,j2=5' or one number.")]
-To = Annotated[str | None, typer.Option(help="Goal [rad or m]: 'j1=0.8,j2=-0.4', or all joints '0.8,-0.4'.")]
-Start = Annotated[
-    str | None, typer.Option("--from", help="Start, as --to; the middle of the joint ranges by default.")
+Keep = Annotated[
+    list[str] | None,
+    typer.Option(metavar="JOINT", help="Joint to keep, all others are locked; may be repeated."),
 ]
-Duration = Annotated[float | None, typer.Option(help="Time of the move [s]; gentle by default.")]
-Omega = Annotated[str | None, typer.Option(help="Bandwidth omega_c [rad/s] of GPI: '20' or 'j1=20,...'.")]
+Effort = Annotated[
+    str | None,
+    typer.Option(metavar="NUMBERS", help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all."),
+]
 InertiaScale = Annotated[
-    float | None, typer.Option(help="The controllers believe in D(q) times this; the plant is as it is.")
+    float | None,
+    typer.Option(
+        metavar="FACTOR", help="The controllers believe in D(q) times this; the plant stays as it is."
+    ),
 ]
 Payload = Annotated[
-    float | None, typer.Option(help="Mass at the tip [kg] that the controllers do not know of.")
+    float | None, typer.Option(metavar="KG", help="Mass at the tip [kg] that the controllers do not know of.")
 ]
-Bits = Annotated[int | None, typer.Option("--encoder-bits", help="Encoder resolution; exact by default.")]
-Delay = Annotated[int | None, typer.Option(help="Samples by which measurements are late.")]
-Friction = Annotated[bool, typer.Option("--friction", help="Add the URDF's joint friction to the plant.")]
-SampleTime = Annotated[float | None, typer.Option("--dt", help="Sample time [s]; 0.001 by default.")]
-TFinal = Annotated[float | None, typer.Option("--t-final", help="How long to run [s].")]
-Seed = Annotated[int | None, typer.Option(help="Seed of noise and drop-outs.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder for rollout.nc and the configuration.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+Bits = Annotated[
+    int | None, typer.Option("--encoder-bits", metavar="BITS", help="Encoder resolution; exact by default.")
+]
+Delay = Annotated[int | None, typer.Option(metavar="SAMPLES", help="Samples by which measurements are late.")]
+Friction = Annotated[
+    bool | None,
+    typer.Option(
+        "--friction/--no-friction",
+        metavar=_FLAG,
+        help="Whether the plant has the URDF's joint friction; not by default.",
+        show_default=False,
+    ),
+]
+SampleTime = Annotated[
+    float | None, typer.Option("--dt", metavar="SECONDS", help="Sample time [s]; 0.001 by default.")
+]
+TFinal = Annotated[
+    float | None,
+    typer.Option(
+        "--t-final", metavar="SECONDS", help="How long to run [s]; by default 2 s beyond the last move."
+    ),
+]
+Seed = Annotated[int | None, typer.Option(metavar="NUMBER", help="Seed of noise and drop-outs.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", metavar="FOLDER", help="Where to put rollout.nc, experiment.yaml and metrics.json."
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", metavar=_FLAG, help="Print JSON instead of tables.")]
+
+
+def _show_version(wanted: bool) -> None:
+    """Print the version and exit."""
+    if wanted:
+        from armgpi import __version__
+
+        typer.echo(f"armgpi {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            metavar=_FLAG,
+            callback=_show_version,
+            is_eager=True,
+            help="Show the version and exit.",
+        ),
+    ] = False,
+) -> None:
+    """Take the options of armgpi itself."""
 
 
 @app.command()
 def run(
     robot: RobotName = None,
-    controller: Annotated[str | None, typer.Option(help="gpi or pid.")] = None,
+    controller: Controller = None,
     config: ConfigFile = None,
     to: To = None,
     start: Start = None,
@@ -75,14 +172,19 @@ def run(
     payload: Payload = None,
     encoder_bits: Bits = None,
     delay: Delay = None,
-    friction: Friction = False,
+    friction: Friction = None,
     dt: SampleTime = None,
     t_final: TFinal = None,
     seed: Seed = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate one controller on a robot and print how well it tracked."""
+    """Simulate one controller on a robot and print how well it tracked.
+
+    \b
+    armgpi run ur5 --payload 0.5 --encoder-bits 16
+    armgpi run anthropomorphic3 --to q1=0.8,q2=0.4 --t-final 8 --out results
+    """  # noqa: D301 (\b keeps the lines apart)
     options = dict(locals())
     options["controllers"] = options.pop("controller")
     _experiment(options, compare=False)
@@ -91,7 +193,7 @@ def run(
 @app.command()
 def compare(
     robot: RobotName = None,
-    controllers: Annotated[str | None, typer.Option(help="Which ones: 'gpi,pid'.")] = None,
+    controllers: Controllers = None,
     config: ConfigFile = None,
     to: To = None,
     start: Start = None,
@@ -104,24 +206,32 @@ def compare(
     payload: Payload = None,
     encoder_bits: Bits = None,
     delay: Delay = None,
-    friction: Friction = False,
+    friction: Friction = None,
     dt: SampleTime = None,
     t_final: TFinal = None,
     seed: Seed = None,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate several controllers on the same robot, loads and sensors, and print one table."""
+    """Simulate several controllers on the same robot and print one table.
+
+    \b
+    armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
+    armgpi compare --config experiment.yaml --out results
+    """  # noqa: D301 (\b keeps the lines apart)
     _experiment(dict(locals()), compare=True)
 
 
 @app.command()
 def robots() -> None:
     """List the robots that can be loaded by name."""
-    from armgpi.robots import names
+    from armgpi.robots import EXAMPLE_ROBOT_DATA, names
 
-    for name in names():
+    found = names()
+    for name in found:
         typer.echo(name)
+    if not set(EXAMPLE_ROBOT_DATA) & set(found):
+        typer.echo("more come with: pip install 'armgpi[robots]'", err=True)
 
 
 def main() -> None:
@@ -132,6 +242,10 @@ def main() -> None:
         text = f"warning: {message}" if issubclass(category, ArmgpiWarning) else str(message)
         typer.secho(text, err=True, fg="yellow")
 
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that has no "²" shows "?" instead.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
     with warnings.catch_warnings():
         warnings.showwarning = show
         warnings.simplefilter("default", ArmgpiWarning)
@@ -147,13 +261,22 @@ def main() -> None:
 
 def _experiment(options: dict[str, Any], compare: bool) -> None:
     """Run what the options describe, print it, save it, and exit."""
+    try:
+        sys.exit(_run(options, compare))
+    except KeyboardInterrupt:  # before or after the simulation, which keeps what is there itself
+        typer.secho("interrupted", err=True, fg="yellow")
+        sys.exit(INTERRUPTED)
+
+
+def _run(options: dict[str, Any], compare: bool) -> int:
+    """Run what the options describe, print it, save it, and return the exit code."""
     from armgpi import config as configuration
     from armgpi import experiment as experiments
     from armgpi.rollout import Status
 
-    settings = _settings(options)
-    source = str(options["config"] or "command line")
-    experiment = configuration.build(settings, source)
+    experiment = configuration.build(*_settings(options, compare))
+    _check_out(options)
+    _note_early_end(experiment)
     if compare:
         result = experiments.compare(experiment)
     else:
@@ -168,122 +291,246 @@ def _experiment(options: dict[str, Any], compare: bool) -> None:
         for path in experiments.save(result, experiment, options["out"]):
             typer.echo(f"wrote {path}", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
-    sys.exit(code[experiments.worst(records)])
+    return code[experiments.worst(records)]
 
 
-def _settings(options: dict[str, Any]) -> ExperimentConfig:
+def _settings(options: dict[str, Any], compare: bool) -> Loaded:
     """Return the configuration of a file and the options that override it."""
     from armgpi import config as configuration
+    from armgpi.config import Loaded, Origin
+
+    data: dict[str, Any] = {}
+    origin = Origin("command line")
+    if options["config"] is not None:
+        config, origin = configuration.read(options["config"])
+        data = config.model_dump(exclude_unset=True)
+    sources: dict[str, str] = {}  # dotted key -> the option that set it
+
+    def override(option: str, value: Any, *path: str | int) -> None:
+        """Put an option's value into the data and remember whose it is."""
+        section: Any = data
+        for step in path[:-1]:
+            section = section[step] if isinstance(step, int) else section.setdefault(step, {})
+        section[path[-1]] = value
+        sources[".".join(map(str, path))] = option
+
+    def given(name: str) -> bool:
+        return options[name] not in (None, [])
+
+    if given("robot"):
+        data["robot"] = {}
+        override("ROBOT", options["robot"], "robot", "name")
+    if "robot" not in data:
+        raise _refusal("", "name a robot, or give an experiment file with --config")
+    if given("lock"):
+        override("--lock", _locks(options["lock"]), "robot", "lock")
+    if given("keep"):
+        override("--keep", _split(options["keep"]), "robot", "keep")
+    if given("effort"):
+        override("--effort", _per_joint(options["effort"], "--effort"), "robot", "effort")
+    if given("payload"):
+        override("--payload", options["payload"], "plant", "payload", "mass")
+    if given("friction"):
+        override("--friction", "urdf" if options["friction"] else "none", "plant", "friction")
+    for name in ("encoder_bits", "delay"):
+        if given(name):
+            override(f"--{name.replace('_', '-')}", options[name], "plant", name)
+    for name, key in (("dt", "sample_time"), ("t_final", "t_final"), ("seed", "seed")):
+        if given(name):
+            override(f"--{name.replace('_', '-')}", options[name], key)
+    origin = _choose_controllers(options, compare, data, origin, sources)
+    for index, section in enumerate(data["controllers"]):
+        if given("omega") and section["type"] == "gpi":
+            override("--omega", _per_joint(options["omega"], "--omega"), "controllers", index, "omega")
+        if given("inertia_scale"):
+            override("--inertia-scale", options["inertia_scale"], "controllers", index, "inertia_scale")
+    if given("omega") and "--omega" not in sources.values():
+        raise _refusal("--omega", "is for gpi, which is not among the controllers")
+    if given("to"):
+        begin = _per_joint(options["start"], "--from") if given("start") else {}
+        data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}
+        override("--from", begin, "reference", "points", 0)
+        override("--to", _per_joint(options["to"], "--to"), "reference", "points", 1)
+    elif given("start"):
+        raise _refusal("--from", "goes with --to")
+    if given("duration"):
+        override("--duration", options["duration"], "reference", "durations")
+    # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
+    origin = origin._replace(options=dict(sorted(sources.items(), key=lambda item: -len(item[0]))))
+    return Loaded(configuration.check(data, origin), origin)
+
+
+def _choose_controllers(
+    options: dict[str, Any],
+    compare: bool,
+    data: dict[str, Any],
+    origin: Any,
+    sources: dict[str, str],
+) -> Any:
+    """Leave in `data` the controllers asked for, and return an origin that still knows their lines."""
+    listed = data.get("controllers", [])
+    option = "--controllers" if compare else "--controller"
+    wanted = options["controllers"]
+    if wanted is None:
+        standard = [{"type": "gpi"}, {"type": "pid"}]
+        data["controllers"] = (listed or standard) if compare else (listed or standard)[:1]
+        return origin
+    names = [name.strip() for name in wanted.split(",")]
+    if not compare and len(names) > 1:
+        raise _refusal(option, f"armgpi run takes one; use armgpi compare for {wanted!r}")
+    chosen: list[dict[str, Any]] = []
+    lines = {path: line for path, line in origin.lines.items() if path[0] != "controllers"}
+    for name in names:
+        # By label, by type, and as a new one, in this order.
+        numbers = [i for i, section in enumerate(listed) if section.get("label") == name]
+        numbers = numbers or [i for i, section in enumerate(listed) if section["type"] == name]
+        for number in numbers if compare else numbers[:1]:
+            for path, line in origin.lines.items():
+                if path[:2] == ("controllers", number):
+                    lines[("controllers", len(chosen), *path[2:])] = line
+            chosen.append(listed[number])
+        if not numbers:
+            sources[f"controllers.{len(chosen)}"] = option
+            chosen.append({"type": name})
+    data["controllers"] = chosen
+    return origin._replace(lines=lines)
+
+
+def _refusal(option: str, message: str) -> Exception:
+    """Return the error for options that cannot be used."""
     from armgpi.errors import ConfigError
 
-    source = "command line"
-    data: dict[str, Any] = {}
-    if options["config"] is not None:
-        data = configuration.read(options["config"]).model_dump(exclude_unset=True)
-    if options["robot"] is not None:
-        data["robot"] = {"name": options["robot"]}
-    if "robot" not in data:
-        raise ConfigError(source, "", "name a robot, or give an experiment file with --config")
-    robot = data["robot"]
-    if options["lock"]:
-        robot["lock"] = _locks(options["lock"])
-    for name in ("keep", "effort"):
-        if options[name]:
-            robot[name] = _per_joint(options[name], name) if name == "effort" else options[name]
-    plant = data.setdefault("plant", {})
-    if options["payload"] is not None:
-        plant["payload"] = {"mass": options["payload"]}
-    if options["friction"]:
-        plant["friction"] = "urdf"
-    for name in ("encoder_bits", "delay"):
-        if options[name] is not None:
-            plant[name] = options[name]
-    for name, key in (("dt", "sample_time"), ("t_final", "t_final"), ("seed", "seed")):
-        if options[name] is not None:
-            data[key] = options[name]
-    if options["controllers"] is not None:
-        data["controllers"] = [{"type": name.strip()} for name in options["controllers"].split(",")]
-    for section in data.setdefault("controllers", [{"type": "gpi"}]):
-        if options["omega"] is not None and section["type"] == "gpi":
-            section["omega"] = _per_joint(options["omega"], "omega")
-        if options["inertia_scale"] is not None:
-            section["inertia_scale"] = options["inertia_scale"]
-    if options["to"] is not None:
-        begin = _per_joint(options["start"], "from") if options["start"] is not None else {}
-        data["reference"] = {"points": [begin, _per_joint(options["to"], "to")], "holds": [1.0, 0.0]}
-        if options["duration"] is not None:
-            data["reference"]["durations"] = options["duration"]
-    elif options["start"] is not None or options["duration"] is not None:
-        raise ConfigError(source, "", "--from and --duration go with --to")
-    return configuration.check(data, source)
+    return ConfigError("command line", option, message)
+
+
+def _split(items: list[str]) -> list[str]:
+    """Return the parts of texts with commas in them."""
+    return [part.strip() for item in items for part in item.split(",") if part.strip()]
 
 
 def _per_joint(text: str, option: str) -> Any:
     """Read 'j1=1,j2=2', '1,2,3' or '1'."""
-    from armgpi.errors import ConfigError
-
-    parts = [part.strip() for part in text.split(",") if part.strip()]
+    parts = _split([text])
     try:
         if parts and all("=" in part for part in parts):
             pairs = [part.split("=", 1) for part in parts]
-            return {name.strip(): float(value) for name, value in pairs}
+            joints = [name.strip() for name, _ in pairs]
+            for joint in joints:
+                if joints.count(joint) > 1:
+                    raise _refusal(option, f"joint {joint!r} stands twice")
+            return {joint: float(value) for joint, (_, value) in zip(joints, pairs, strict=True)}
         numbers = [float(part) for part in parts]
     except ValueError:
         numbers = []
     if not numbers:
         expected = "numbers such as 'j1=0.8,j2=-0.4' or '0.8,-0.4'"
-        raise ConfigError("command line", f"--{option}", f"expected {expected}, got {text!r}")
+        raise _refusal(option, f"expected {expected}, got {text!r}")
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def _locks(items: list[str]) -> Any:
+def _locks(items: list[str]) -> dict[str, float | None]:
     """Read joint names, some with a value to lock at."""
-    if not any("=" in item for item in items):
-        return items
-    locks: dict[str, float] = {}
-    for item in items:
-        locks.update(_per_joint(item if "=" in item else f"{item}=0", "lock"))
+    locks: dict[str, float | None] = {}
+    for part in _split(items):
+        name, equals, value = (x.strip() for x in part.partition("="))
+        try:
+            locks[name] = float(value) if equals else None
+        except ValueError:
+            raise _refusal("--lock", f"expected 'name' or 'name=value', got {part!r}") from None
     return locks
 
 
-def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
-    """Print one table per controller, or one line where it failed."""
-    from rich.console import Console
-    from rich.table import Table
+def _check_out(options: dict[str, Any]) -> None:
+    """Refuse a folder for results that cannot be used: better before a long run than after it."""
+    from armgpi import experiment as experiments
 
-    columns = (
+    folder, config = options["out"], options["config"]
+    if folder is None:
+        return
+    if config is not None and (folder / "experiment.yaml").resolve() == config.resolve():
+        raise _refusal("--out", f"would overwrite {config}; choose another folder")
+    experiments.prepare(folder)
+
+
+def _note_early_end(experiment: Experiment) -> None:
+    """Say when the run is over before the last move is."""
+    moves = experiment.reference.moves
+    end = moves[-1].t_start + moves[-1].duration if moves else 0.0
+    if experiment.t_final < end - experiment.config.sample_time:
+        typer.echo(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
+
+
+def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
+    """Print a table of figures per controller and joint, and a line on how each rollout ended."""
+    from rich.console import Console
+
+    errors = (
         ("itae", "ITAE\nrad s²"),
         ("peak_error", "peak error\nrad"),
         ("final_error", "final error\nrad"),
+    )
+    torques = (
         ("isci", "ISCI\n(N m)² s"),
         ("total_variation", "variation\nN m"),
         ("peak_torque", "peak\nN m"),
         ("saturated_time", "saturated\ns"),
     )
     seen = {"Measurement": "positions only", "FullState": "positions and velocities"}
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    table = Table(title=f"{experiment.robot.name}, {experiment.t_final:g} s", title_style="bold")
-    table.add_column("controller", overflow="fold")
-    table.add_column("joint", overflow="fold")
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
+    console = Console(width=width, markup=False, emoji=False, highlight=False)
+    title = f"{experiment.robot.name}, {experiment.t_final:.4g} s"
+    if len(records) == 1:
+        title = f"{records[0]['label']} on {title}"
+    tables = [_table(title, records, errors + torques)]
+    if _widths(console, tables[0]).maximum > console.width:
+        tables = [
+            _table(f"{title}: errors", records, errors),
+            _table(f"{title}: torques", records, torques),
+        ]
+    for table in tables:
+        # Long names are folded; a terminal too narrow for the numbers gets whole ones all the same.
+        console.print(table, width=max(console.width, _widths(console, table).minimum), crop=False)
+    for record in records:
+        excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
+        note = f"; left its joint limits by up to {excess:.3g}" if excess > 0.0 else ""
+        console.print(f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}")
+
+
+def _table(title: str, records: list[dict[str, Any]], columns: tuple[tuple[str, str], ...]) -> Table:
+    """Return a table of some figures."""
+    from rich.table import Table
+
+    table = Table(title=title, title_style="bold")
+    labels = [record["label"] for record in records]
+    joints = [joint for record in records for joint in record["joints"]]
+    names_of = {"controller": labels, "joint": joints}
+    if len(records) == 1:  # the title says which
+        del names_of["controller"]
+    for heading, names in names_of.items():
+        longest = max(map(len, (heading, *names)))
+        table.add_column(heading, overflow="fold", min_width=min(longest, 10))
     for _, heading in columns:
         table.add_column(heading, justify="right", no_wrap=True)
     for record in records:
         for index, joint in enumerate(record["joints"]):
-            label = record["label"] if index == 0 else ""
+            names = [record["label"] if index == 0 else "", joint][-len(names_of) :]
             values = [_short(record["metrics"][name][index]) for name, _ in columns]
-            table.add_row(label, joint, *values, end_section=index == len(record["joints"]) - 1)
-    console.print(table)
-    for record in records:
-        excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
-        note = f"; left its joint limits by up to {excess:.3g}" if excess > 0.0 else ""
-        console.print(
-            f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}", highlight=False
-        )
+            table.add_row(*names, *values, end_section=index == len(record["joints"]) - 1)
+    return table
+
+
+def _widths(console: Console, table: Table) -> Measurement:
+    """Return how narrow and how wide a table can be, whatever the console's width."""
+    from rich.measure import Measurement
+
+    return Measurement.get(console, console.options.update(max_width=10_000), table)
 
 
 def _short(value: float | None) -> str:
-    """Return a number with four significant digits; a dash when there is none."""
-    return "-" if value is None else f"{value:.4g}"
+    """Return a number with four significant digits, rounding errors as 0; a dash when there is none."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if abs(value) > 1e-12 else "0"
 
 
 if __name__ == "__main__":

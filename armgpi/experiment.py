@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -10,8 +12,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from armgpi import metrics, rollout
-from armgpi.config import Experiment, dump
+from armgpi import metrics, robots, rollout
+from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.errors import RolloutError
 from armgpi.rollout import Status
 from armgpi.simulation import simulate
@@ -67,8 +69,8 @@ def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
     joined = xr.concat(
         list(runs.values()), dim="rollout", data_vars="all", join="outer", combine_attrs="override"
     )
-    labels = np.array(list(runs), dtype=object)
-    sees = np.array([provenance[label]["measurement"] for label in runs], dtype=object)
+    labels = np.array(list(runs))
+    sees = np.array([provenance[label]["measurement"] for label in runs])
     joined = joined.assign_coords(label=("rollout", labels), sees=("rollout", sees))
     joined.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
     return joined
@@ -78,7 +80,8 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
     """Return, for every rollout, its label, its end and its figures of merit as plain data."""
     single = "rollout" not in result.dims
     rows = result.expand_dims("rollout") if single else result
-    table = metrics.summary(rows)
+    # A run that was stopped at once has no figures.
+    table = metrics.summary(rows) if rows.sizes["time"] > 1 else None
     ends = rollout.describe_end(rows)
     provenance = json.loads(result.attrs["provenance"])
     found = []
@@ -86,7 +89,10 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
         label = str(rows["label"].values[index]) if "label" in rows.coords else "run"
         own = provenance.get(label, provenance)
         figures = {
-            name: [_plain(x) for x in table[name].isel(rollout=index).values] for name in table.data_vars
+            name: [_plain(x) for x in table[name].isel(rollout=index).values]
+            if table is not None
+            else [None] * rows.sizes["joint"]
+            for name in metrics.ALL
         }
         found.append(
             {
@@ -101,21 +107,55 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
     return found
 
 
+def prepare(folder: Path) -> None:
+    """Make a folder for results and try to write there: better before a long run than after it.
+
+    Raises:
+        RolloutError: when the folder cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+
+
 def save(result: xr.Dataset, experiment: Experiment, folder: Path) -> list[Path]:
     """Write ``rollout.nc``, the exact ``experiment.yaml`` and ``metrics.json`` to a folder, made if needed.
+
+    The experiment file has every default written out, and a URDF that was given by its path is copied
+    beside it: it makes the same rollout again, also on another machine.
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
     """
+    prepare(folder)
+    figures = json.dumps(records(result), indent=2) + "\n"
+    written = [rollout.save(result, folder / "rollout.nc")]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        configuration = folder / "experiment.yaml"
-        configuration.write_text(dump(experiment.config), encoding="utf-8")
-        figures = folder / "metrics.json"
-        figures.write_text(json.dumps(records(result), indent=2) + "\n", encoding="utf-8")
+        config, copied = _portable(experiment, folder)
+        texts = {"experiment.yaml": dump(config), "metrics.json": figures}
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    return [rollout.save(result, folder / "rollout.nc"), configuration, figures]
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    return [*written, *(folder / name for name in texts), *copied]
+
+
+def _portable(experiment: Experiment, folder: Path) -> tuple[ExperimentConfig, list[Path]]:
+    """Return the configuration with a robot that is found from `folder`, and the files copied there."""
+    config = experiment.config
+    if config.robot.name in robots.names():
+        return config, []
+    source, _ = robots.locate(config.robot.name)
+    content = source.read_bytes()
+    # The hash in its name keeps the copy from overwriting another robot.
+    digest = hashlib.sha256(content).hexdigest()[:8]
+    copy = folder / f"{source.stem.removesuffix(f'-{digest}')}-{digest}.urdf"
+    copy.write_bytes(content)
+    robot = config.robot.model_copy(update={"name": copy.name})
+    return config.model_copy(update={"robot": robot}), [copy]
 
 
 def worst(results: Iterable[dict[str, Any]]) -> Status:
@@ -128,5 +168,5 @@ def worst(results: Iterable[dict[str, Any]]) -> Status:
 
 
 def _plain(value: float) -> float | None:
-    """Return a number that JSON has: None for infinite (a diverged rollout)."""
+    """Return a number that JSON has: None for infinite (a diverged rollout) or none at all."""
     return float(value) if np.isfinite(value) else None

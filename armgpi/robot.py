@@ -274,7 +274,7 @@ class Robot(_Checked):
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames: links, joints and fixed joints."""
+        """Names of all frames (links, joints and fixed joints)."""
         return tuple(self._frames)
 
     @property
@@ -289,7 +289,7 @@ class Robot(_Checked):
 
     @property
     def tip(self) -> str:
-        """Name of the link at the end: the one farthest from the last joint over fixed joints."""
+        """Name of the link at the end, the one farthest from the last joint over fixed joints."""
         model = self._model
         last = max(range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
         bodies = [
@@ -361,11 +361,10 @@ class Robot(_Checked):
         (q_,) = self._states(q=q)
 
         def jacobian(row: Array) -> Array:
-            return np.array(
-                pin.computeFrameJacobian(
-                    self._model, self._kinematics, row, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-                )
+            J = pin.computeFrameJacobian(
+                self._model, self._kinematics, row, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             )
+            return np.array(J).reshape(6, self.n)  # for a single joint Pinocchio drops an axis
 
         return _rowwise(jacobian, q_)
 

@@ -18,6 +18,7 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -38,6 +39,11 @@ from armgpi.robot import AnyRobot
 
 #: Version of the layout described above.
 FORMAT = 1
+#: What every rollout has.
+_SAMPLED = ("q", "v", "q_measured", "tau_command", "tau", "q_ref", "v_ref")
+_REQUIRED = (*_SAMPLED, "status", "t_end", "lower", "upper", "velocity", "effort", "joint", "time")
+#: Recorded quantities to expect, when it is asked whether they fit into memory.
+_VARIABLES = 8
 _UNITS = {
     "q": "rad",
     "v": "rad/s",
@@ -95,7 +101,14 @@ class Recording:
 
     @classmethod
     def new(cls, shape: tuple[int, ...], steps: int, dt: float, every: int) -> Recording:
-        """Make room for `steps` samples and the state after them; `shape` is (n,) or (batch, n)."""
+        """Make room for `steps` samples and the state after them; `shape` is (n,) or (batch, n).
+
+        Raises:
+            RolloutError: when so many do not fit into this machine's memory.
+        """
+        samples = steps // every + 1
+        if 8 * _VARIABLES * samples * math.prod(shape) > _memory():
+            raise RolloutError(_too_much(samples, shape))
         rollouts = shape[0] if len(shape) == 2 else 1
         return cls(
             times=np.arange(0, steps + 1, every) * np.float64(dt),
@@ -151,8 +164,11 @@ def to_dataset(
     stored = recording.stored if interrupted else len(recording.times)
     dims = ("rollout", "time", "joint") if batched else ("time", "joint")
     variables: dict[str, Any] = {}
-    arrays = dict(recording.variables)
+    # A run that was interrupted at once has no samples of what it would have recorded.
+    arrays = {name: np.empty((0, *recording.shape)) for name in _SAMPLED} | recording.variables
     if disturbance is not None:
+        if batched and disturbance.ndim == 2:
+            disturbance = disturbance[:, None]  # the same for every rollout
         arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
     for name, values in arrays.items():
         ordered = np.swapaxes(values[:stored], 0, 1) if batched else values[:stored]
@@ -175,14 +191,16 @@ def to_dataset(
         variables,
         coords={
             "time": ("time", recording.times[:stored], {"units": "s"}),
-            "joint": ("joint", np.array(robot.joint_names, dtype=object)),
-            "joint_type": ("joint", np.array(robot.joint_types, dtype=object)),
+            "joint": ("joint", np.array(robot.joint_names)),
+            "joint_type": ("joint", np.array(robot.joint_types)),
         },
         attrs={
             "title": f"armgpi rollout of {robot.name}",
             "robot": robot.name,
             "armgpi_format": FORMAT,
-            "provenance": json.dumps({**provenance, "versions": versions()}, sort_keys=True),
+            "provenance": json.dumps(
+                _finite({**provenance, "versions": versions()}), sort_keys=True, allow_nan=False
+            ),
         },
     )
 
@@ -207,7 +225,7 @@ def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
     target = Path(path)
     partial = target.with_name(f".{target.name}.{os.getpid()}")
     encoding = {
-        name: {"zlib": True, "complevel": 4}
+        name: {"zlib": True, "complevel": 4, "fletcher32": True}  # the checksum finds damage
         for name, variable in rollout.data_vars.items()
         if variable.dtype.kind == "f" and variable.ndim
     }
@@ -233,13 +251,14 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     try:
         with xr.open_dataset(source, engine="h5netcdf") as lazy:
             rollout = lazy.load()
-    except (OSError, ValueError, KeyError) as error:
-        raise RolloutError(f"{source}: is no readable NetCDF file ({error})") from None
-    if rollout.attrs.get("armgpi_format") != FORMAT:
-        raise RolloutError(
-            f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = "
-            f"{rollout.attrs.get('armgpi_format')!r})"
-        )
+    except Exception as error:  # h5py has no one kind of error for a damaged file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
+    found = rollout.attrs.get("armgpi_format")
+    if not isinstance(found, int | np.integer) or found != FORMAT:
+        raise RolloutError(f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = {found!r})")
+    if missing := [name for name in _REQUIRED if name not in rollout]:
+        raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
     return rollout
 
 
@@ -253,6 +272,32 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "unknown"
     return found
+
+
+def _finite(value: Any) -> Any:
+    """Return plain data with what JSON has no number for as text: "inf", "-inf", "nan"."""
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _memory() -> float:
+    """Return the bytes of memory of this machine, infinite when it does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):  # as on Windows
+        return math.inf
+
+
+def _too_much(samples: int, shape: tuple[int, ...]) -> str:
+    """Return what to do when a recording does not fit into memory."""
+    size = " x ".join(map(str, shape))
+    return (
+        f"recording {samples:.3g} samples of {size} numbers each does not fit into memory; run for a shorter "
+        "time, record fewer samples with record_every, or run a smaller batch"
+    )
 
 
 def _attributes(name: str) -> dict[str, str]:

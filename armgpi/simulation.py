@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from armgpi.arrays import Array, ArrayLike, as_joint_array
+from armgpi.arrays import Array, ArrayLike, as_joint_array, check_number, check_whole, new
 from armgpi.control.controller import Controller, FullState, Measurement, common_batch
 from armgpi.errors import ArmgpiWarning, ArrayError, LimitError, ParameterError
 from armgpi.plants.plant import Plant, PlantState
@@ -24,8 +24,11 @@ from armgpi.rollout import Recording, Status, to_dataset
 _CHUNK = 256
 #: Numbers per recorded quantity and chunk, so that a batch of thousands stays in memory.
 _CHUNK_NUMBERS = 1 << 19
-#: Postures of the reference that are checked against the joint limits before the run.
-_REFERENCE_CHECKS = 2001
+#: More samples than this cannot be counted in a float.
+_MOST_STEPS = 1e15
+#: How many postures of the reference are checked against the joint limits before the run; fewer where the
+#: reference of a large batch has more numbers in all than this.
+_MOST_CHECKS, _FEWEST_CHECKS, _CHECKED_NUMBERS = 2001, 65, 1 << 20
 #: Seconds after which a run gets a progress bar.
 _LONG = 2.0
 
@@ -140,7 +143,7 @@ class ClosedLoop:
     def _sample(self, plant: Any, controller: Any, target: Target) -> tuple[Any, Any, FullState, Array]:
         """Return the next states of plant and controller, what was measured and the torque asked for."""
         measured = self.plant.measure(plant)
-        seen = measured if self._sees_velocity else Measurement(measured.q)
+        seen = measured if self._sees_velocity else new(Measurement, (measured.q,))
         tau, controller = self.controller.step(seen, target, controller)
         return self.plant.step(tau, plant, self.dt), controller, measured, tau
 
@@ -193,10 +196,8 @@ def simulate(
     """
     loop = ClosedLoop(plant, controller, reference)
     steps = _whole_steps(t_final, loop.dt)
-    if isinstance(record_every, bool) or not isinstance(record_every, int) or record_every < 1:
-        raise ParameterError("record_every", record_every, "a whole number, at least 1")
-    if not divergence > 0.0:
-        raise ParameterError("divergence", divergence, "positive [rad or m]")
+    record_every = check_whole(record_every, "record_every", 1)
+    divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
     state = loop.init(q0, v0)
     _check_reference(loop, steps * loop.dt)
 
@@ -252,8 +253,9 @@ class _Run:
         """Take `count` samples and record them: the hot path."""
         sample, samples = self.loop._sample, self._samples
         _, plant, controller = self.state
-        for target in map(Target, *self._targets(count)):
-            taken = plant, controller, _, _ = sample(plant, controller, target)
+        self._block = self._targets(count)
+        for target in zip(*self._block, strict=True):
+            taken = plant, controller, _, _ = sample(plant, controller, new(Target, target))
             samples.append(taken)
         self._keep()
         return count
@@ -262,6 +264,7 @@ class _Run:
         """Record the state after the last sample, its torque still held."""
         _, plant, controller = self.state
         measured = self.loop.plant.measure(plant)
+        self._block = self._targets(1)
         self._samples.append((plant, controller, measured, self._last_command))
         self._keep()
 
@@ -297,8 +300,10 @@ class _Run:
         # One row per rollout, a single run being one row: (samples, rollouts, n).
         n = self.loop.plant.robot.n
         rows = {name: np.concatenate(parts).reshape(count, -1, n) for name, parts in columns.items()}
-        targets = self._targets(count)
-        q_ref, v_ref = (np.broadcast_to(x.reshape(count, -1, n), rows["q"].shape) for x in targets[:2])
+        # What was interrupted used the beginning of its stretch of targets.
+        q_ref, v_ref = (
+            np.broadcast_to(x[:count].reshape(count, -1, n), rows["q"].shape) for x in self._block[:2]
+        )
         self._mark_diverged(rows, q_ref)
         self.recording.store(self.done, {**rows, "q_ref": q_ref, "v_ref": v_ref})
         self._last_command = commands[-1]
@@ -324,10 +329,9 @@ class _Run:
 
 def _whole_steps(t_final: float, dt: float) -> int:
     """Return the number of samples in `t_final`."""
-    if isinstance(t_final, bool) or not isinstance(t_final, int | float | np.floating):
-        raise ParameterError("t_final", t_final, "a positive, finite time [s]")
-    if not (math.isfinite(t_final) and t_final > 0.0):
-        raise ParameterError("t_final", t_final, "a positive, finite time [s]")
+    t_final = check_number(t_final, "t_final", "a positive, finite time [s]", open_=True)
+    if t_final / dt > _MOST_STEPS:
+        raise ParameterError("t_final", t_final, f"at most {_MOST_STEPS:g} sample times of {dt:g} s")
     steps = round(t_final / dt)
     if steps < 1:
         raise ParameterError("t_final", t_final, f"at least one sample time, {dt:g} s")
@@ -337,7 +341,8 @@ def _whole_steps(t_final: float, dt: float) -> int:
 def _check_reference(loop: ClosedLoop, t_final: float) -> None:
     """Refuse a reference that leaves the joint limits or is not finite."""
     robot = loop.plant.robot
-    times = np.linspace(0.0, t_final, _REFERENCE_CHECKS)
+    numbers = loop.reference.at(0.0).q.size
+    times = np.linspace(0.0, t_final, max(_FEWEST_CHECKS, min(_MOST_CHECKS, _CHECKED_NUMBERS // numbers)))
     target = loop.reference.at(times)
     rank = 2 if target.q.ndim == 3 or robot.batch is not None else 1
     q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
@@ -349,16 +354,17 @@ def _check_reference(loop: ClosedLoop, t_final: float) -> None:
         raise ArrayError("reference", "expected finite positions, velocities and accelerations")
     lower, upper = robot.limits.lower, robot.limits.upper
     slack = 1e-9 * np.maximum(1.0, np.abs(q))
-    outside = np.argwhere((q < lower - slack) | (q > upper + slack))
+    beyond = (q < lower - slack) | (q > upper + slack)
+    outside = np.argwhere(beyond)
     if outside.size:
         index = tuple(int(i) for i in outside[0])
-        bounds = index[1:] if lower.ndim == 2 else index[-1:]
+        value, low, high = (np.broadcast_to(x, beyond.shape)[index] for x in (q, lower, upper))
         raise LimitError(
             f"the reference at t = {times[index[0]]:.4g} s",
             robot.joint_names[index[-1]],
-            q[index],
-            lower[bounds],
-            upper[bounds],
+            value,
+            low,
+            high,
             "choose another goal, or other limits with robot.with_limits(...)",
         )
 

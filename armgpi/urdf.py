@@ -12,6 +12,7 @@ import copy
 import hashlib
 import math
 import os
+import re
 import stat
 import tempfile
 import warnings
@@ -147,7 +148,7 @@ def parse(text: str, source: str) -> Urdf:
         raise UrdfError(source, "has a document type declaration (DTD), which a URDF does not need")
     try:
         root = ElementTree.fromstring(text.lstrip("\ufeff").strip())
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, UnicodeEncodeError) as error:
         raise UrdfError(source, f"is not well-formed XML: {error}") from None
     if root.tag != "robot":
         raise UrdfError(source, f"expected the root element <robot>, got <{root.tag}>")
@@ -427,6 +428,7 @@ def _locked_values(
 def _with_locks(urdf: Urdf, locked: Mapping[str, float]) -> ElementTree.Element:
     """Return the XML for Pinocchio: locked joints fixed, continuous ones unbounded, no mimic."""
     root = copy.deepcopy(urdf.root)
+    root.set("name", urdf.name)  # urdfdom insists on one
     for element in root.findall("joint"):
         joint = urdf.joints[element.get("name", "")]
         mimic = element.find("mimic")
@@ -488,7 +490,8 @@ def _pinocchio_model(xml: str, source: str) -> Any:
         except (ValueError, RuntimeError, UnicodeError) as error:
             model, reason = None, str(error)
     if model is None:
-        said = " ".join(captured[0].split()) if captured else ""
+        # Line numbers in it are of urdfdom's source.
+        said = " ".join(re.sub(r" at line \d+ in \S+", "", captured[0]).split()) if captured else ""
         raise UrdfError(source, f"is refused by Pinocchio: {said or reason}")
     return model
 

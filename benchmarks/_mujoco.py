@@ -49,40 +49,40 @@ class Trajectory(NamedTuple):
 
 
 class Law:
-    """The bumpless GPI law v = -(beta3 e + lam + eta) by the trapezoidal rule, in plain NumPy.
+    """The bumpless GPI law by the trapezoidal rule, in plain NumPy and as few operations as armgpi's.
 
-    With zeta_c = 1 and p_c = omega_c all poles are at -omega_c, so the betas are binomial.
+    v = -(beta3 e + lam + eta), lam' = b e + chi, chi' = c e, eta' = -beta4 eta + d e. What the present
+    error adds to lam, chi and eta is in the factor `direct`, so each state is updated once a sample. With
+    zeta_c = 1 and p_c = omega_c all poles are at -omega_c, and the betas are binomial.
     """
 
-    def __init__(self, omega: float, dt: float, e: Array, hold: Array) -> None:
-        """Start so that v = `hold` while the error is zero; `e` is the first error."""
-        beta0, beta1, beta2, beta3, beta4 = (
-            math.comb(5, k) * omega ** (5 - k) for k in range(5)
-        )
+    def __init__(self, omega: float, dt: float, hold: Array) -> None:
+        """Start so that v = `hold` while the error is zero."""
+        beta0, beta1, beta2, beta3, beta4 = (math.comb(5, k) * omega ** (5 - k) for k in range(5))
         b = (beta1 - beta0 / beta4) / beta4
         c = beta0 / beta4
         d = (-beta3 * beta4**3 + beta2 * beta4**2 - beta1 * beta4 + beta0) / beta4**2
         half = 0.5 * dt
+        decay = (1.0 - half * beta4) / (1.0 + half * beta4)
+        filtered = half * d / (1.0 + half * beta4)
         # 0-d arrays, which NumPy multiplies faster than Python numbers.
-        self._beta3 = np.array(beta3)
+        self._direct = np.array(-(beta3 + half * b + half * half * c + filtered))
+        self._to_lam = np.array(dt * (b + dt * c))
+        self._to_chi = np.array(dt * c)
+        self._to_eta = np.array((1.0 + decay) * filtered)
+        self._decay = np.array(decay)
         self._dt = np.array(dt)
-        self._b = np.array(half * b + half * half * c)
-        self._c = np.array(half * c)
-        self._d = np.array(half * d / (1.0 + half * beta4))
-        self._decay = np.array((1.0 - half * beta4) / (1.0 + half * beta4))
-        self._e = -e
         self._lam = -hold
-        self._chi = np.zeros_like(e)
-        self._eta = np.zeros_like(e)
+        self._chi = np.zeros_like(hold)
+        self._eta = np.zeros_like(hold)
 
     def step(self, e: Array) -> Array:
         """Return the virtual acceleration for the error `e`."""
-        both = e + self._e
-        self._e = e
-        self._lam = self._lam + self._dt * self._chi + self._b * both
-        self._chi = self._chi + self._c * both
-        self._eta = self._decay * self._eta + self._d * both
-        return -(self._beta3 * e + self._lam + self._eta)
+        v = self._direct * e - self._lam - self._eta
+        self._lam = self._lam + self._dt * self._chi + self._to_lam * e
+        self._chi = self._chi + self._to_chi * e
+        self._eta = self._decay * self._eta + self._to_eta * e
+        return v
 
 
 def compile_urdf(
@@ -110,7 +110,7 @@ def compile_urdf(
     found = [model.joint(j).name for j in range(model.njnt)]
     if found != list(joint_names):
         raise RuntimeError(f"MuJoCo's joints are {found}, expected {list(joint_names)}")
-    # Pinocchio's dynamics know none of these either.
+    # armgpi's plant has no friction unless asked, and a URDF says nothing of rotors.
     model.dof_damping[:] = 0.0
     model.dof_frictionloss[:] = 0.0
     model.dof_armature[:] = 0.0
@@ -132,6 +132,19 @@ def holding_acceleration(model: mujoco.MjModel, q: Array) -> Array:
         mujoco.mj_solveM(model, data, hold, data.qfrc_bias[None])
         rows.append(hold[0])
     return np.array(rows).reshape(q.shape)
+
+
+def _rest_of_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Compute what mj_step does after the position stage, for the Runge-Kutta method of order 4."""
+    mujoco.mj_forwardSkip(model, data, _POSITION_STAGE, 1)
+    mujoco.mj_RungeKutta(model, data, 4)
+
+
+_WAYS = {
+    "mj_step": (mujoco.mj_fwdPosition, mujoco.mj_step),
+    "parts": (mujoco.mj_fwdPosition, _rest_of_step),
+    "halves": (mujoco.mj_step1, mujoco.mj_step2),
+}
 
 
 def run_single(
@@ -180,8 +193,8 @@ def run_batch(
 ) -> Trajectory:
     """Run a batch of closed loops, each sample one call of mujoco.rollout for a single step.
 
-    MuJoCo offers no D(q) v for a batch, and a Python loop over mj_mulM takes longer than the dynamics; so
-    the batch kernel of Pinocchio is used for it, as by armgpi itself.
+    MuJoCo offers no D(q) v for a batch, and a Python loop over mj_fwdPosition and mj_mulM takes several
+    times as long as Pinocchio's parallel kernel; so that kernel is used, as by armgpi itself.
 
     Args:
         model: from :func:`compile_urdf`.
@@ -225,20 +238,6 @@ def run_batch(
 
 
 def _refuse_cut(cut: Array) -> None:
-    """Refuse a torque that had to be cut: the anti-windup for it is not written here."""
+    """Refuse a torque that had to be cut, or is NaN: the anti-windup for it is not written here."""
     if np.count_nonzero(cut):
-        raise RuntimeError("the benchmark's move asks for more torque than the arm has")
-
-
-def _rest_of_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Compute what mj_step does after the position stage, for the Runge-Kutta method of order 4."""
-    mujoco.mj_forwardSkip(model, data, _POSITION_STAGE, 1)
-    mujoco.mj_RungeKutta(model, data, 4)
-
-
-_WAYS = {
-    "mj_step": (mujoco.mj_fwdPosition, mujoco.mj_step),
-    "parts": (mujoco.mj_fwdPosition, _rest_of_step),
-    "halves": (mujoco.mj_step1, mujoco.mj_step2),
-}
-
+        raise RuntimeError("MuJoCo's run asks for more torque than the arm has, or for NaN")

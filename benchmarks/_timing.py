@@ -2,7 +2,8 @@
 
 The speed of a machine drifts, so contenders take turns: in every round each is called once, and what is
 compared are the times within a round. A figure is the median over the rounds, with the least and the
-greatest; a ratio is the median of the ratios of each round.
+greatest; a ratio is the median of the ratios of each round. Work on one thread is timed by the processor
+time it takes, so that it does not matter who else had a turn meanwhile; work on several, by wall time.
 """
 
 from __future__ import annotations
@@ -28,22 +29,24 @@ class Contender(NamedTuple):
         run: does the work once and returns its result.
         units: how many units of work that is, such as control steps.
         check: raises when the result is not right; called after every run, outside of the timing.
+        threads: on how many threads it works.
     """
 
     run: Callable[[], Any]
     units: int
     check: Callable[[Any], None] = lambda result: None
+    threads: int = 1
 
 
 class Samples(NamedTuple):
     """Times of one contender, one per round.
 
     Attributes:
-        wall: microseconds per unit.
+        times: microseconds per unit.
         cores: processor time over wall time: 1 when a single thread had a core for itself.
     """
 
-    wall: npt.NDArray[np.float64]
+    times: npt.NDArray[np.float64]
     cores: npt.NDArray[np.float64]
 
 
@@ -55,8 +58,13 @@ class Spread(NamedTuple):
     high: float
 
     def __str__(self) -> str:
-        """Return "median (low..high)" with three digits."""
-        return f"{self.median:#.3g} ({self.low:#.3g}..{self.high:#.3g})"
+        """Return "median (low..high)"."""
+        return f"{digits(self.median)} ({digits(self.low)}..{digits(self.high)})"
+
+
+def digits(value: float) -> str:
+    """Return a number with three digits."""
+    return f"{value:#.3g}".rstrip(".")
 
 
 def spread(values: npt.NDArray[np.float64]) -> Spread:
@@ -66,7 +74,7 @@ def spread(values: npt.NDArray[np.float64]) -> Spread:
 
 def ratio(contender: Samples, floor: Samples) -> Spread:
     """Return how many times longer a contender takes than another, round by round."""
-    return spread(contender.wall / floor.wall)
+    return spread(contender.times / floor.times)
 
 
 def take_turns(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Samples]:
@@ -76,7 +84,7 @@ def take_turns(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Sa
     for k in range(-1, rounds):
         # Nobody always comes after the same one, whose work may still be in the caches.
         for name in names if k % 2 else reversed(names):
-            run, units, check = contenders[name]
+            run, units, check, threads = contenders[name]
             gc.collect()
             cpu, wall = time.process_time(), time.perf_counter()
             result = run()
@@ -84,14 +92,14 @@ def take_turns(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Sa
             check(result)
             del result  # else its memory is freed within the next one's time
             if k >= 0:
-                taken[name].append((1e6 * wall / units, cpu / wall))
+                taken[name].append((1e6 * (cpu if threads == 1 else wall) / units, cpu / wall))
     return {name: Samples(*np.array(pairs).T) for name, pairs in taken.items()}
 
 
 def plain(samples: Mapping[str, Samples]) -> dict[str, Any]:
     """Return samples as plain data for a JSON file, times in microseconds."""
     return {
-        name: {**spread(one.wall)._asdict(), "rounds": one.wall.tolist(), "cores": one.cores.tolist()}
+        name: {**spread(one.times)._asdict(), "rounds": one.times.tolist(), "cores": one.cores.tolist()}
         for name, one in samples.items()
     }
 
@@ -100,13 +108,12 @@ def table(headers: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a Markdown table, its first column left-aligned and the others right-aligned."""
     cells = [list(headers), *([str(cell) for cell in row] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-
-    def line(row: Sequence[str]) -> str:
-        first, *others = (cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths)))
-        return "| " + " | ".join([first, *others]) + " |"
-
-    rule = "|" + "|".join([":" + "-" * (widths[0] + 1), *("-" * (w + 1) + ":" for w in widths[1:])]) + "|"
-    return "\n".join([line(cells[0]), rule, *map(line, cells[1:])])
+    rule = [":" + "-" * (widths[0] - 1), *("-" * (width - 1) + ":" for width in widths[1:])]
+    lines = []
+    for row in [cells[0], rule, *cells[1:]]:
+        others = (cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))
+        lines.append("| " + " | ".join([row[0].ljust(widths[0]), *others]) + " |")
+    return "\n".join(lines)
 
 
 def machine(packages: Sequence[str]) -> dict[str, Any]:

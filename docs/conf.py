@@ -14,6 +14,10 @@ myst_heading_anchors = 3  # lets pages link to each other's headings
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
+# Shown by their names, not as the unions that they stand for.
+autodoc_type_aliases = {
+    name: name for name in ("Array", "ArrayLike", "PerJoint", "PerJointInput", "AnyRobot")
+}
 # "Attributes:" of a class as a list in its text: autodoc already has an entry for each.
 napoleon_use_ivar = True
 

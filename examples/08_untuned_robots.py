@@ -29,7 +29,9 @@ ROBOTS = {
     "anthropomorphic3": [],
 }
 
-print("| robot | D scaled by | end | peak error [rad] | final error [rad] | saturated [s] | beyond limits [rad] |")
+print(
+    "| robot | D scaled by | end | peak error [rad] | final error [rad] | saturated [s] | beyond limits [rad] |"
+)
 print("|---|---|---|---|---|---|---|")
 for name, lock in ROBOTS.items():
     robot = Robot.load(name, lock=lock)

@@ -69,22 +69,23 @@ ACCELERATIONS = decimals(-10.0, 10.0)  # [rad/s^2 or m/s^2]
 @st.composite
 def urdf_texts(
     draw: st.DrawFn,
+    min_joints: int = 1,
     max_joints: int = 8,
     types: Sequence[str] = TYPES,
     shapes: Sequence[str] = SHAPES,
 ) -> str:
-    """URDFs of 1 to `max_joints` moving joints joint1, joint2, ... of the given types.
+    """URDFs of so many moving joints joint1, joint2, ... of the given types.
 
     Joint i carries link i; `base` is the root, with a mass. In a chain, joint i + 1 stands on
     link i; in a tree on any earlier link.
     """
-    count = draw(st.integers(1, max_joints))
+    count = draw(st.integers(min_joints, max_joints))
     shape = draw(st.sampled_from(shapes))
-    parts = [_link("base", **draw(BODIES))]
+    parts = [link("base", **draw(BODIES))]
     for i in range(1, count + 1):
         parent = i - 1 if shape == "chain" else draw(st.integers(0, i - 1))
         kind = draw(st.sampled_from(types))
-        parts.append(_link(f"link{i}", **draw(BODIES)))
+        parts.append(link(f"link{i}", **draw(BODIES)))
         parts.append(_joint(i, f"link{parent}" if parent else "base", kind, **draw(JOINTS)))
     return f'<robot name="{shape}{count}">\n{"".join(parts)}</robot>'
 
@@ -109,14 +110,14 @@ def robots_and_states(**options: Any) -> st.SearchStrategy[tuple[Robot, State]]:
     return robots(**options).flatmap(lambda robot: st.tuples(st.just(robot), states(robot)))
 
 
-def _link(name: str, mass: float, com: Array, rpy: Array, spread: Sequence[float]) -> str:
+def link(name: str, mass: float, com: Array, rpy: Array, spread: Sequence[float]) -> str:
     """Return a link that is a possible rigid body.
 
     Moments built from the spread of the mass along three axes satisfy the triangle inequality.
     """
     x, y, z = (mass * s**2 for s in spread)
     return (
-        f'<link name="{name}"><inertial><origin xyz="{_words(com)}" rpy="{_words(rpy)}"/>'
+        f'<link name="{name}"><inertial><origin xyz="{words(com)}" rpy="{words(rpy)}"/>'
         f'<mass value="{mass}"/><inertia ixx="{y + z}" iyy="{z + x}" izz="{x + y}" '
         'ixy="0" ixz="0" iyz="0"/></inertial></link>\n'
     )
@@ -137,11 +138,11 @@ def _joint(
     bounds = "" if kind == "continuous" else f'lower="{lower}" upper="{upper}" '
     return (
         f'<joint name="joint{i}" type="{kind}"><parent link="{parent}"/><child link="link{i}"/>'
-        f'<origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/><axis xyz="{_words(axis)}"/>'
+        f'<origin xyz="{words(xyz)}" rpy="{words(rpy)}"/><axis xyz="{words(axis)}"/>'
         f'<limit {bounds}effort="{effort}" velocity="10"/></joint>\n'
     )
 
 
-def _words(numbers: Array) -> str:
+def words(numbers: Array) -> str:
     """Join numbers as URDF attributes want them, to the last digit."""
     return " ".join(map(repr, numbers.tolist()))

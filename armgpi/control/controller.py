@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, per_joint, positive
+from armgpi.arrays import Array, PerJointInput, check_number, per_joint, positive
 from armgpi.errors import EffortError, ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot import AnyRobot
@@ -77,10 +76,8 @@ class Controller(ABC):
             ParameterError: when dt is not positive.
             EffortError: when a joint's limit leaves no torque.
         """
-        if isinstance(dt, bool) or not isinstance(dt, int | float | np.floating) or not 0.0 < dt < math.inf:
-            raise ParameterError("dt", dt, "a positive, finite sample time [s]")
         self.robot = robot
-        self.dt = float(dt)
+        self.dt = check_number(dt, "dt", "a positive sample time of at least 1e-9 [s]", lowest=1e-9)
         if effort is None:
             self.effort = robot.limits.effort
         else:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, per_joint, positive
+from armgpi.arrays import Array, PerJointInput, check_number, per_joint, positive
 from armgpi.control.controller import common_batch
 
 #: Share of the delay margin that the default bandwidth uses: omega_c (1.5 dt + delay) = 0.1.
@@ -172,14 +172,16 @@ def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float
         delay: transport delay in the loop [s].
         highest: cap [rad/s].
     """
+    dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
+    delay = check_number(delay, "delay", "zero or positive [s]")
     return min(_DEFAULT_PHASE / (1.5 * dt + delay), highest)
 
 
 def delay_margin(tuning: Tuning) -> Array:
     """Return the delay [s] that the continuous loop L(s) = C(s) / s^2 stands, elementwise.
 
-    At the crossover |L(j w)| = 1 the phase left above -180 degrees, divided by w. The crossover is the
-    largest root of |N(jw)|^2 = w^8 (w^2 + beta4^2) with N = beta3 s^3 + beta2 s^2 + beta1 s + beta0.
+    At the crossover ``|L(j w)| = 1`` the phase left above -180 degrees, divided by w. The crossover is the
+    largest root of ``|N(jw)|^2 = w^8 (w^2 + beta4^2)`` with N = beta3 s^3 + beta2 s^2 + beta1 s + beta0.
     """
     shape = np.broadcast_shapes(*(np.shape(x) for x in tuning))
     rows = np.stack([np.broadcast_to(x, shape).ravel() for x in betas(tuning)], axis=-1)

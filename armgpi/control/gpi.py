@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput
+from armgpi.arrays import Array, PerJointInput, check_number, new
 from armgpi.control.controller import Controller, ControlStep, Measurement, common_batch
 from armgpi.control.gains import FixedGains, Gains, default_omega, delay_margin
 from armgpi.control.realisation import REALISATIONS
@@ -79,16 +78,14 @@ class GPI(Controller):
             raise ParameterError("realisation", realisation, f"one of {', '.join(REALISATIONS)}")
         if start not in ("hold", "zero"):
             raise ParameterError("start", start, "one of hold, zero")
-        if not (math.isfinite(delay) and delay >= 0.0):
-            raise ParameterError("delay", delay, "zero or positive [s]")
+        self.delay = check_number(delay, "delay", "zero or positive [s]")
         if gains is None:
-            gains = FixedGains(default_omega(dt, delay))
+            gains = FixedGains(default_omega(self.dt, self.delay))
         if not isinstance(gains, Gains):
             raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
         self.gains = gains.prepare(robot.joint_names, self.dt)
         self.realisation = realisation
         self.start = start
-        self.delay = float(delay)
         self.batch = common_batch(self.batch, self.gains.batch)
         self._law = REALISATIONS[realisation]
         self._dynamics = robot.dynamics
@@ -118,10 +115,11 @@ class GPI(Controller):
         tau = self.limited(asked)
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
-        law = self._law.update(e, v, missing, state.law, coefficients)
+        # The solver hands a zero torque back as it is: then nothing was cut.
+        law = self._law.update(e, v, None if missing is cut else missing, state.law, coefficients)
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
-        return ControlStep(tau, GPIState(law, gains_state, learn))
+        return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""

@@ -72,8 +72,8 @@ class PIDInversion(Controller):
         self.batch = common_batch(self.batch, self.bias_robot.batch, self.kp, self.ki, self.kd)
         self._ki_dt = self.dt * self.ki
         self._kp_now = self.kp + 0.5 * self._ki_dt
-        # Anti-windup by back-calculation with the tracking time Kp / Ki, no integral where Ki = 0.
-        self._back = self.dt * self.ki / np.where(self.kp > 0.0, self.kp, 1.0)
+        # Anti-windup by back-calculation with the tracking time Kp / Ki, but no less than a sample.
+        self._back = np.minimum(self._ki_dt / np.maximum(self.kp, 1e-300), 1.0)
 
     def init(self, measurement: FullState, target: Target) -> PIDState:
         """Return the state before the first sample; see :meth:`Controller.init`."""

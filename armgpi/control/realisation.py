@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, new
 from armgpi.control.gains import Tuning, betas
 
 
@@ -37,8 +37,8 @@ class Realisation(ABC):
         """Return v [rad/s^2 or m/s^2] for the error `e` [rad or m]."""
 
     @abstractmethod
-    def update(self, e: Array, v: Array, a: Array, state: Any, c: Any) -> Any:
-        """Return the next state, after v was asked for and v + `a` applied (anti-windup)."""
+    def update(self, e: Array, v: Array, a: Array | None, state: Any, c: Any) -> Any:
+        """Return the next state, after v was asked for and v + `a` applied (anti-windup); None means v."""
 
 
 class BumplessState(NamedTuple):
@@ -109,15 +109,17 @@ class Bumpless(Realisation):
         return c.direct * e - state.lam - state.eta
 
     def update(
-        self, e: Array, v: Array, a: Array, state: BumplessState, c: _BumplessCoefficients
+        self, e: Array, v: Array, a: Array | None, state: BumplessState, c: _BumplessCoefficients
     ) -> BumplessState:
         """Return the next state; see :meth:`Realisation.update`."""
         lam, chi, eta = state
-        return BumplessState(
-            lam=lam + c.dt * chi + c.lam * e - c.back_lam * a,
-            chi=chi + c.chi * e - c.back_chi * a,
-            eta=c.decay * eta + c.eta * e,
-        )
+        lam = lam + c.dt * chi + c.lam * e
+        chi = chi + c.chi * e
+        eta = c.decay * eta + c.eta * e
+        if a is not None:
+            lam = lam - c.back_lam * a
+            chi = chi - c.back_chi * a
+        return new(BumplessState, (lam, chi, eta))
 
 
 class PaperState(NamedTuple):
@@ -180,12 +182,14 @@ class Paper(Realisation):
             c.beta4 * state.int_v + c.beta3 * e + c.beta2 * int_e + c.beta1 * int2_e + c.beta0 * int3_e
         )
 
-    def update(self, e: Array, v: Array, a: Array, state: PaperState, c: _PaperCoefficients) -> PaperState:
+    def update(
+        self, e: Array, v: Array, a: Array | None, state: PaperState, c: _PaperCoefficients
+    ) -> PaperState:
         """Return the next state, whose reconstructor (eq. 14) integrates what was applied."""
         int_e = state.int_e + c.half * e
         int2_e = state.int2_e + c.half * int_e
         return PaperState(
-            int_v=state.int_v + c.dt * (v + a),
+            int_v=state.int_v + c.dt * (v if a is None else v + a),
             int_e=state.int_e + c.dt * e,
             int2_e=state.int2_e + c.dt * int_e,
             int3_e=state.int3_e + c.dt * int2_e,

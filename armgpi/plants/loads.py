@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, as_float_array
+from armgpi.arrays import Array, PerJointInput, as_float_array, check_number
 from armgpi.errors import ParameterError
 
 
@@ -27,7 +27,7 @@ class Load(ABC):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the torque at one time: (), (n,) or (batch, n)."""
+        """Shape of the torque at one time, (), (n,) or (batch, n)."""
         return np.shape(self.torque(np.zeros(())))
 
     def describe(self) -> dict[str, Any]:
@@ -127,8 +127,7 @@ class Pulse(Load):
     def __post_init__(self) -> None:
         """Check the values."""
         _check(self, arrays=("amplitude",))
-        if not self.duration > 0.0:
-            raise ParameterError("duration", self.duration, "positive [s]")
+        check_number(self.duration, "duration", "positive [s]", open_=True)
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
@@ -186,14 +185,9 @@ def _check(load: Any, arrays: Sequence[str]) -> None:
     """Check a load's numbers and make arrays of its per-joint ones."""
     for name in arrays:
         object.__setattr__(load, name, as_float_array(getattr(load, name), name))
-    for field in fields(load):
-        value = getattr(load, field.name)
-        if field.name not in arrays and (isinstance(value, bool) or math.isnan(value) or value == -math.inf):
-            raise ParameterError(field.name, value, "a time [s]")
-    if not math.isfinite(load.onset):
-        raise ParameterError("onset", load.onset, "a finite time [s]")
-    if getattr(load, "end", math.inf) < load.onset:
-        raise ParameterError("end", load.end, f"after the onset {load.onset:g} [s]")
+    onset = check_number(load.onset, "onset", "a finite time [s]", lowest=-math.inf)
+    if getattr(load, "end", math.inf) != math.inf:
+        check_number(load.end, "end", f"a time after the onset {onset:g} [s]", lowest=onset)
 
 
 def _plain(value: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, not_negative, per_joint
+from armgpi.arrays import Array, check_number, check_whole, new, not_negative, per_joint
 from armgpi.control.controller import FullState, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.loads import Load
@@ -72,16 +72,12 @@ class RigidBodyPlant(Plant):
         """
         self.robot = robot
         self.loads = (loads,) if isinstance(loads, Load) else tuple(loads)
-        if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
-            raise ParameterError("substeps", substeps, "a whole number, at least 1")
-        if not (math.isfinite(stick_velocity) and stick_velocity > 0.0):
-            raise ParameterError("stick_velocity", stick_velocity, "positive [rad/s]")
-        self.substeps = substeps
-        self.stick_velocity = float(stick_velocity)
+        self.substeps = check_whole(substeps, "substeps", 1)
+        self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
         self.friction = self._friction(friction)
         loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
         self.batch = common_batch(robot.batch, *(self.friction or ()), *loads_now)
-        self._table = _LoadTable(self.disturbance, substeps) if self.loads else None
+        self._table = _LoadTable(self.disturbance, self.substeps) if self.loads else None
         self._substep = self._without_friction if self.friction is None else self._with_friction
 
     def init(self, q: Array, v: Array) -> PlantState:
@@ -93,16 +89,15 @@ class RigidBodyPlant(Plant):
         k, q, v, _ = state
         h = dt / self.substeps
         for i in range(self.substeps):
-            if self._table is None:
-                q, v = self._substep(q, v, tau, tau, tau, h)
-            else:
-                begin, middle, end = self._table.at(k, i, dt)
-                q, v = self._substep(q, v, tau - begin, tau - middle, tau - end, h)
-        return PlantState(k + 1, q, v, tau)
+            begin = middle = end = tau
+            if self._table is not None:
+                begin, middle, end = (tau - load for load in self._table.at(k, i, dt))
+            q, v = self._substep(q, v, begin, middle, end, h)
+        return new(PlantState, (k + 1, q, v, tau))
 
     def measure(self, state: PlantState) -> FullState:
         """Return the true positions and velocities."""
-        return FullState(state.q, state.v)
+        return new(FullState, (state.q, state.v))
 
     def truth(self, state: PlantState) -> PlantState:
         """Return the state itself."""
@@ -142,20 +137,20 @@ class RigidBodyPlant(Plant):
         The three torques are what acts at the beginning, in the middle and at the end of the step.
         """
         forward = self.robot.dynamics.forward
-        c = _step_sizes(h)
+        whole, half, sixth, square = _step_sizes(h)
         # Written out for second-order equations: the same stages with half the array operations.
-        way = c.half * v
+        way = half * v
         a1 = forward(q, v, begin)
-        gain1 = c.half * a1
+        gain1 = half * a1
         q2 = q + way
         a2 = forward(q2, v + gain1, middle)
-        gain2 = c.half * a2
-        a3 = forward(q2 + c.half * gain1, v + gain2, middle)
+        gain2 = half * a2
+        a3 = forward(q2 + half * gain1, v + gain2, middle)
         ahead = q2 + way
-        a4 = forward(ahead + c.h * gain2, v + c.h * a3, end)
+        a4 = forward(ahead + whole * gain2, v + whole * a3, end)
         inner = a2 + a3
         first = a1 + inner
-        return ahead + c.square * first, v + c.sixth * (first + inner + a4)
+        return ahead + square * first, v + sixth * (first + inner + a4)
 
     def _with_friction(
         self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, not_negative, per_joint
+from armgpi.arrays import Array, PerJointInput, check_number, check_whole, not_negative, per_joint
 from armgpi.control.controller import FullState
-from armgpi.errors import ParameterError
 from armgpi.plants import noise
 from armgpi.plants.plant import Plant, Wrapper
 
@@ -26,13 +25,11 @@ class Encoder(Wrapper):
     def __init__(self, plant: Plant, bits: int = 16) -> None:
         """Put an encoder of `bits` bits (1 to 52) on every joint of `plant`."""
         super().__init__(plant)
-        if isinstance(bits, bool) or not isinstance(bits, int) or not 1 <= bits <= 52:
-            raise ParameterError("bits", bits, "a whole number from 1 to 52")
-        self.bits = bits
+        self.bits = check_whole(bits, "bits", 1, 52)
         travel = plant.robot.limits.upper - plant.robot.limits.lower
         linear = np.array([kind == "prismatic" for kind in plant.robot.joint_types])
         self.step_size = (
-            np.where(linear, np.where(np.isfinite(travel), travel, 1.0), 2.0 * math.pi) / 2.0**bits
+            np.where(linear, np.where(np.isfinite(travel), travel, 1.0), 2.0 * math.pi) / 2.0**self.bits
         )
 
     def measure(self, state: Any) -> FullState:
@@ -60,7 +57,7 @@ class Noisy(Wrapper):
         names = plant.robot.joint_names
         self.std_q = per_joint(std_q, "std_q", names, "zero or positive", not_negative)
         self.std_v = per_joint(std_v, "std_v", names, "zero or positive", not_negative)
-        self.seed = _seed(seed)
+        self.seed = check_whole(seed, "seed", 0)
 
     def measure(self, state: Any) -> FullState:
         """Return the measurements with the noise of this sample."""
@@ -91,9 +88,7 @@ class Delayed(Wrapper):
     def __init__(self, plant: Plant, samples: int = 1) -> None:
         """Delay the measurements of `plant` by `samples` (0 or more)."""
         super().__init__(plant)
-        if isinstance(samples, bool) or not isinstance(samples, int) or samples < 0:
-            raise ParameterError("samples", samples, "a whole number, 0 or more")
-        self.samples = samples
+        self.samples = check_whole(samples, "samples", 0)
 
     def init(self, q: Array, v: Array) -> _Late:
         """Return the state; before time 0 the arm stood at its start."""
@@ -134,10 +129,8 @@ class DropOut(Wrapper):
     def __init__(self, plant: Plant, probability: float, seed: int = 0) -> None:
         """Lose measurements of `plant` with `probability` (0 to below 1)."""
         super().__init__(plant)
-        if not 0.0 <= probability < 1.0:
-            raise ParameterError("probability", probability, "in [0, 1)")
-        self.probability = float(probability)
-        self.seed = _seed(seed)
+        self.probability = check_number(probability, "probability", "in [0, 1)", highest=1.0 - 1e-12)
+        self.seed = check_whole(seed, "seed", 0)
 
     def init(self, q: Array, v: Array) -> _Held:
         """Return the state; the first measurement arrives."""
@@ -162,10 +155,3 @@ class DropOut(Wrapper):
     def parameters(self) -> dict[str, Any]:
         """Return probability and seed."""
         return {"probability": self.probability, "seed": self.seed}
-
-
-def _seed(seed: int) -> int:
-    """Check a seed."""
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise ParameterError("seed", seed, "a whole number, 0 or more")
-    return seed

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array
+from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.reference import Reference, Target
 
@@ -51,7 +51,7 @@ def minimum_duration(
 ) -> float:
     """Return the shortest duration [s] in which a move keeps its limits.
 
-    A move over D in T has the peaks 2.602 |D| / T (at 4/9 of the move) and 11.06 |D| / T^2.
+    A move over D in T has the peaks ``2.602 |D| / T`` (at 4/9 of the move) and ``11.06 |D| / T^2``.
 
     Args:
         distance: how far each joint goes [rad or m], any shape that broadcasts.
@@ -114,12 +114,8 @@ class Bezier(Reference):
                     "duration", None, "given, or a finite velocity_limit or acceleration_limit"
                 )
             duration = duration or 1.0  # nothing moves: any duration will do
-        if not (math.isfinite(duration) and duration > 0.0):
-            raise ParameterError("duration", duration, "a positive, finite time [s]")
-        if not math.isfinite(t_start):
-            raise ParameterError("t_start", t_start, "a finite time [s]")
-        self.duration = float(duration)
-        self.t_start = float(t_start)
+        self.duration = check_number(duration, "duration", "a positive, finite time [s]", open_=True)
+        self.t_start = check_number(t_start, "t_start", "a finite time [s]", lowest=-math.inf)
         self._distance = distance
 
     def at(self, t: float | Array) -> Target:

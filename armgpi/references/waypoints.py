@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike
+from armgpi.arrays import Array, ArrayLike, check_number
 from armgpi.errors import ParameterError
 from armgpi.references.bezier import Bezier
 from armgpi.references.reference import Reference, Target
@@ -48,9 +48,7 @@ class Waypoints(Reference):
         legs = max(len(points) - 1, 0)
         times = _per_item(durations, "durations", legs)
         stands = _per_item(holds, "holds", len(points))
-        for hold in stands:
-            if hold is None or not (math.isfinite(hold) and hold >= 0.0):
-                raise ParameterError("holds", holds, "zero or positive, finite times [s]")
+        stands = [check_number(hold, "holds", "zero or positive, finite times [s]") for hold in stands]
         moves = []
         t = float(stands[0] or 0.0)
         for leg in range(legs):

@@ -202,9 +202,7 @@ def test_inverse_dynamics_of_eq_8_is_that_of_the_urdf(oracle: Oracle, states: An
     np.testing.assert_allclose(ARM.inverse_dynamics(q, v, a), expected, rtol=0, atol=ROUNDING)
 
 
-def test_forward_dynamics_is_that_of_the_urdf_and_undoes_the_inverse(
-    oracle: Oracle, states: Any
-) -> None:
+def test_forward_dynamics_is_that_of_the_urdf_and_undoes_the_inverse(oracle: Oracle, states: Any) -> None:
     q, v, a = states
     tau = ARM.inverse_dynamics(q, v, a)
     solved = ARM.forward_dynamics(q, v, tau)
@@ -245,9 +243,7 @@ def test_coriolis_torque_is_what_lagrange_equation_3_demands(states: Any) -> Non
         return ARM.kinetic_energy(posture, v)
 
     slope = np.stack([derivative(kinetic, q, axis) for axis in np.eye(3)], axis=-1)
-    np.testing.assert_allclose(
-        ARM.coriolis_torque(q, v), momentum_drift - slope, rtol=0, atol=SLOPE
-    )
+    np.testing.assert_allclose(ARM.coriolis_torque(q, v), momentum_drift - slope, rtol=0, atol=SLOPE)
 
 
 def test_printed_coriolis_matrix_is_not_christoffel_but_its_torque_is_right(
@@ -306,9 +302,7 @@ def test_dynamics_do_not_depend_on_the_azimuth(q: Array, turn: float) -> None:
 
 
 @given(reachable_points(), elbows)
-def test_inverse_kinematics_puts_the_tool_at_any_reachable_point(
-    point: Array, elbow: Elbow
-) -> None:
+def test_inverse_kinematics_puts_the_tool_at_any_reachable_point(point: Array, elbow: Elbow) -> None:
     tool = ARM.forward_kinematics(ARM.inverse_kinematics(point, elbow))
     # Sine and cosine of q3 come from one number, so even next to the singular spheres, where angles
     # are ill-conditioned, their errors cancel in the position: only rounding of 1 m is left.
@@ -439,9 +433,7 @@ def test_printed_eq_2_holds_in_front_with_the_elbow_down_and_bent_by_less_than_9
         ([0.4, -0.9, 2.6], "the quadrants of q2 and q3, cos q3 < -l2/l3"),
     ],
 )
-def test_printed_arctan_of_eq_2_loses_the_quadrant_where_arctan2_keeps_it(
-    q: list[float], lost: str
-) -> None:
+def test_printed_arctan_of_eq_2_loses_the_quadrant_where_arctan2_keeps_it(q: list[float], lost: str) -> None:
     point = ARM.forward_kinematics(q)
     assert misses(printed_inverse_kinematics(point, +1.0), point) > 0.1, lost  # [m]
     np.testing.assert_allclose(ARM.inverse_kinematics(point, "down"), q, rtol=0, atol=1e-14)
@@ -638,9 +630,7 @@ def test_an_elbow_that_is_neither_up_nor_down_is_refused() -> None:
 def test_parameters_that_no_arm_has_are_refused_by_name(name: str, value: float) -> None:
     if name == "g" and np.isfinite(value):  # weightless or upside down is fine
         upside_down = PaperArm(replace(TABLE_1, g=value)).gravity(np.zeros(3))
-        np.testing.assert_allclose(
-            upside_down, value / TABLE_1.g * ARM.gravity(np.zeros(3)), rtol=1e-15
-        )
+        np.testing.assert_allclose(upside_down, value / TABLE_1.g * ARM.gravity(np.zeros(3)), rtol=1e-15)
         return
     with pytest.raises(ParameterError) as caught:
         replace(TABLE_1, **{name: value})

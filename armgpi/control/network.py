@@ -1,0 +1,241 @@
+"""B-spline networks that adapt the tuning of a GPI controller on line (eqs. 22-23, Figure 3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, PerJointInput, not_negative, per_joint, positive
+from armgpi.control.controller import common_batch
+from armgpi.control.gains import Gains, GainStep, Tuning
+from armgpi.control.splines import BSplineBasis
+from armgpi.errors import ArrayError, ParameterError
+
+#: Lowest and highest value of a tuning parameter; one number for one that does not adapt.
+Box = PerJointInput | tuple[PerJointInput, PerJointInput]
+
+
+class NetworkState(NamedTuple):
+    """State of the networks.
+
+    Attributes:
+        weights: for every adapted parameter its weights, as many as basis functions, each (..., n).
+        filtered: low-passed error, whose distance from the error is the filtered derivative [rad].
+        tuning: the tuning used last.
+    """
+
+    weights: tuple[tuple[Array, ...], ...]
+    filtered: Array
+    tuning: Tuning
+
+
+class BSplineNetwork(Gains):
+    """One network per joint and tuning parameter: y = nominal + a w, w learned at every sample.
+
+    The activations a are B-spline functions of the tracking error and of its filtered derivative, both
+    clipped to a range. The weights w start at zero, so a network that does not learn is
+    :class:`FixedGains`.
+
+    ``learning="magnitude"``: the weights follow w += l e_n a / |a|^2 (eq. 23) with e_n = (aim - y), where
+    the aim rises from the lower to the upper end of the parameter's box with the size of the error, beyond
+    a dead zone. So a gain rises only while the error is large, and leaks back. The functions are even in
+    their inputs: by default two third-order functions for each. Outputs are projected onto the box, and
+    omega_c moves no faster than |d omega/dt| <= rate omega^2, which is what a quadratic Lyapunov function
+    can certify. While the torque is cut nothing is learned.
+
+    ``learning="signed"``: eq. 23 to the letter, e_n = e, without box, dead zone or rate limit.
+
+    Attributes:
+        learning: "magnitude" or "signed".
+        size: number of basis functions.
+    """
+
+    def __init__(
+        self,
+        omega_c: Box = (20.0, 60.0),
+        zeta_c: Box = 1.0,
+        p_c: Box | None = None,
+        learning: str = "magnitude",
+        learning_rate: float = 0.1,
+        error_range: PerJointInput = 2e-3,
+        derivative_range: PerJointInput = 0.1,
+        dead_zone: PerJointInput = 2e-4,
+        leak: float = 5.0,
+        rate: float = math.inf,
+        bandwidth: float = 60.0,
+        knots: Sequence[float] | None = None,
+        order: int = 3,
+    ) -> None:
+        """Define the networks; per-joint quantities are numbers or arrays (n,) or (batch, n).
+
+        Args:
+            omega_c: box of the natural frequency [rad/s]; its lower end is the nominal value.
+            zeta_c: box of the damping ratio, or one value.
+            p_c: box of the real pole [rad/s], or one value; follows omega_c when not given.
+            learning: "magnitude" or "signed".
+            learning_rate: l of eq. 23, per sample; in [0, 2) for "magnitude", where normalised LMS is stable.
+            error_range: error at which the aim reaches the upper end; end of the input's range [rad or m].
+            derivative_range: end of the range of the error's filtered derivative [rad/s or m/s].
+            dead_zone: error that raises no gain, such as two encoder steps [rad or m].
+            leak: how fast what was learned is forgotten [1/s].
+            rate: rho in the limit |d omega/dt| <= rho omega^2; infinite for none.
+            bandwidth: of the derivative's filter [rad/s].
+            knots: knots over inputs scaled to [-1, 1]; when not given, those of two functions per input.
+            order: order of the functions.
+
+        Raises:
+            ParameterError: for a bad learning rule, rate or bandwidth.
+            ArrayError: for bad knots.
+        """
+        if learning not in ("magnitude", "signed"):
+            raise ParameterError("learning", learning, "one of magnitude, signed")
+        highest = 2.0 if learning == "magnitude" else math.inf
+        if not 0.0 <= learning_rate < highest:
+            raise ParameterError("learning_rate", learning_rate, f"in [0, {highest:g}), where it is stable")
+        if not rate > 0.0:
+            raise ParameterError("rate", rate, "positive")
+        if not 0.0 < bandwidth < math.inf:
+            raise ParameterError("bandwidth", bandwidth, "positive [rad/s]")
+        self.omega_c, self.zeta_c, self.p_c = omega_c, zeta_c, p_c
+        self.learning = learning
+        self.learning_rate = float(learning_rate)
+        self.error_range, self.derivative_range, self.dead_zone = error_range, derivative_range, dead_zone
+        self.rate = float(rate)
+        self.leak = float(leak)
+        self.bandwidth = float(bandwidth)
+        self.even = learning == "magnitude"
+        if knots is None:
+            # Four functions on [-1, 1], folded into two even ones; or the two whose middles are inside.
+            knots = [-1, -1, -1, 0, 1, 1, 1] if self.even else [-2, -1, 0, 1, 2]
+            if order != 3:
+                raise ParameterError("order", order, "3 with the default knots; give knots as well")
+        self.basis = BSplineBasis(knots, order)
+        self.size = 2 * (-(-self.basis.size // 2) if self.even else self.basis.size)
+
+    def prepare(self, joint_names: Sequence[str], dt: float) -> BSplineNetwork:
+        """Return the networks as arrays over the joints.
+
+        Raises:
+            ArrayError: when a value is not positive, a box is upside down or a shape does not fit.
+            ParameterError: when the filter is too fast for the sample time.
+        """
+        if self.bandwidth * dt >= 1.0:
+            raise ParameterError("bandwidth", self.bandwidth, f"below 1 / dt = {1.0 / dt:g} rad/s")
+        ready = object.__new__(BSplineNetwork)
+        ready.__dict__.update(self.__dict__)
+        names = joint_names
+        boxes = {name: _box(getattr(self, name), name, names) for name in ("omega_c", "zeta_c")}
+        boxes["p_c"] = boxes["omega_c"] if self.p_c is None else _box(self.p_c, "p_c", names)
+        ready._lower = Tuning(*(boxes[name][0] for name in Tuning._fields))
+        ready._upper = Tuning(*(boxes[name][1] for name in Tuning._fields))
+        ready._adapted = tuple(
+            name
+            for name in Tuning._fields
+            if (boxes[name][1] > boxes[name][0]).any() and not (name == "p_c" and self.p_c is None)
+        )
+        ready._error_range, ready._derivative_range = (
+            per_joint(getattr(self, name), name, names, "positive", positive)
+            for name in ("error_range", "derivative_range")
+        )
+        ready._dead_zone = per_joint(self.dead_zone, "dead_zone", names, "zero or positive", not_negative)
+        ready._dt = dt
+        ready._leak = self.leak * dt / self.learning_rate if self.learning_rate > 0.0 else 0.0
+        ready.batch = common_batch(
+            *ready._lower, *ready._upper, ready._error_range, ready._derivative_range, ready._dead_zone
+        )
+        return ready
+
+    def nominal(self) -> Tuning:
+        """Return the tuning where the error is small: the lower ends of the boxes."""
+        return self._lower
+
+    def init(self, e: Array) -> NetworkState:
+        """Return the state before the first sample: nothing learned."""
+        zero = np.zeros_like(e)
+        weights = ((zero,) * self.size,) * len(self._adapted)
+        return NetworkState(weights, e, Tuning(*(zero + low for low in self._lower)))
+
+    def step(self, e: Array, learn: Array, state: NetworkState) -> GainStep:
+        """Return the tuning for the tracking error `e`; see :meth:`Gains.step`."""
+        slope = self.bandwidth * (e - state.filtered)
+        filtered = state.filtered + self._dt * slope
+        a = self.activations(e, slope)
+        power = sum(x * x for x in a)
+        if self.even:
+            size = np.minimum(np.maximum(np.abs(e) - self._dead_zone, 0.0) / self._error_range, 1.0)
+        tuning, weights = {}, []
+        for name, old in zip(self._adapted, state.weights, strict=True):
+            low, high = getattr(self._lower, name), getattr(self._upper, name)
+            signal = e
+            if self.even:
+                raised = _dot(a, old)
+                signal = np.maximum((high - low) * size - raised, 0.0) - self._leak * raised
+            gain = self.learning_rate * learn * signal / power  # eq. 23
+            new = tuple(w + gain * x for w, x in zip(old, a, strict=True))
+            output = low + _dot(a, new)  # eq. 22
+            tuning[name] = np.minimum(np.maximum(output, low), high) if self.even else output
+            weights.append(new)
+        return GainStep(
+            self._limited(tuning, state.tuning),
+            NetworkState(tuple(weights), filtered, self._limited(tuning, state.tuning)),
+        )
+
+    def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
+        """Return the basis functions of the error [rad] and of its filtered derivative [rad/s]."""
+        values: list[Array] = []
+        for x in (e / self._error_range, slope / self._derivative_range):
+            functions = self.basis(x)
+            if self.even:
+                # The sum of a function and its mirror image is even in the input.
+                count = len(functions)
+                folded = [functions[i] + functions[-1 - i] for i in range(count // 2)]
+                functions = (*folded, *functions[count // 2 : count - count // 2])
+            values.extend(functions)
+        return tuple(values)
+
+    def signals(self, state: NetworkState) -> Mapping[str, Array]:
+        """Return tuning and weights under their names."""
+        named: dict[str, Array] = dict(state.tuning._asdict())
+        for name, weights in zip(self._adapted, state.weights, strict=True):
+            named.update({f"{name}_weight_{i + 1}": weight for i, weight in enumerate(weights)})
+        return named
+
+    def _limited(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
+        """Return a whole tuning, omega_c within its rate limit, what is not adapted as it was."""
+        omega = tuning.get("omega_c", last.omega_c)
+        if self.even and self.rate < math.inf:
+            most = self._dt * self.rate * last.omega_c * last.omega_c
+            omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
+        p = omega if self.p_c is None else tuning.get("p_c", last.p_c)
+        return Tuning(omega, tuning.get("zeta_c", last.zeta_c), p)
+
+    _lower: Tuning
+    _upper: Tuning
+    _adapted: tuple[str, ...]
+    _error_range: Array
+    _derivative_range: Array
+    _dead_zone: Array
+    _dt: float
+    _leak: float
+
+
+def _box(value: Any, name: str, joint_names: Sequence[str]) -> tuple[Array, Array]:
+    """Return the lower and upper end of a parameter's box."""
+    ends = value if isinstance(value, tuple) else (value, value)
+    if len(ends) != 2:
+        raise ParameterError(name, value, "a number or (lower, upper)")
+    low, high = (per_joint(end, name, joint_names, "positive", positive) for end in ends)
+    if (low > high).any():
+        raise ArrayError(name, f"expected lower <= upper, got {low.tolist()} above {high.tolist()}")
+    return low, high
+
+
+def _dot(a: Sequence[Array], w: Sequence[Array]) -> Array:
+    """Return the sum of products of activations and weights."""
+    total = a[0] * w[0]
+    for x, weight in zip(a[1:], w[1:], strict=True):
+        total = total + x * weight
+    return total

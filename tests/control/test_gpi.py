@@ -1,0 +1,239 @@
+"""The GPI controller: what it sees, what it asks for, how it starts, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from machines import sled, swing
+from strategies import State, robots_and_states
+
+from armgpi import (
+    GPI,
+    ArmgpiWarning,
+    Delayed,
+    FixedGains,
+    FullState,
+    Hold,
+    Measurement,
+    RigidBodyPlant,
+    Robot,
+    Target,
+    default_omega,
+    simulate,
+)
+from armgpi.errors import ArmgpiError, ArrayError, EffortError, ParameterError
+from armgpi.plants.plant import Wrapper
+
+Array = npt.NDArray[np.float64]
+
+DT = 1e-3
+ARM = Robot.load("anthropomorphic3")
+BRAKES = np.zeros(3)  # the paper's arm held level
+
+
+def still(q: Array) -> Target:
+    """Return the target of standing at q."""
+    return Target(q, np.zeros_like(q), np.zeros_like(q))
+
+
+def steps(controller: GPI, q: Array, target: Target) -> list[Array]:
+    """Return the torques for positions of shape (samples, ..., n)."""
+    state = controller.init(Measurement(q[0]), target)
+    torques = []
+    for row in q:
+        tau, state = controller.step(Measurement(row), target, state)
+        torques.append(tau)
+    return torques
+
+
+def test_the_torque_is_the_inertia_matrix_times_the_law_of_each_joint() -> None:
+    tuning = {"omega_c": np.array([10.0, 20.0, 30.0]), "zeta_c": np.array([0.8, 1.0, 1.2])}
+    way = BRAKES + 1e-3 * np.random.default_rng(0).normal(size=(50, 3))
+    torques = steps(GPI(ARM, DT, FixedGains(**tuning), effort=1e9, start="zero"), way, still(BRAKES))
+    rail = sled()  # where the force is v
+    for joint in range(3):
+        gains = FixedGains(*(value[joint] for value in tuning.values()))
+        v = steps(GPI(rail, DT, gains, start="zero"), way[:, [joint]], still(np.zeros(1)))
+        expected = [ARM.mass_matrix(q)[:, joint] * row for q, row in zip(way, v, strict=True)]
+        torques = [tau - part for tau, part in zip(torques, expected, strict=True)]
+    np.testing.assert_allclose(torques, 0.0, atol=1e-12)  # eq. 19; torques are below 1 N m
+
+
+class Blind(Wrapper):
+    """A plant whose velocity sensors are broken."""
+
+    def measure(self, state: Any) -> FullState:
+        q, v = self.plant.measure(state)
+        return FullState(q, np.full_like(v, np.nan))
+
+
+def test_it_is_given_positions_and_nothing_else() -> None:
+    assert GPI.sees is Measurement
+    assert Measurement._fields == ("q",)
+    plant, controller, reference = RigidBodyPlant(ARM), GPI(ARM, DT), Hold(BRAKES)
+    seeing, blind = (simulate(p, controller, reference, 0.2) for p in (plant, Blind(plant)))
+    np.testing.assert_array_equal(seeing["q"], blind["q"])
+    assert np.isfinite(blind["q"]).all()
+
+
+@given(robots_and_states(), st.floats(1.0, 100.0), st.integers(0, 1000))
+def test_the_torque_never_exceeds_the_limits_on_any_robot(
+    drawn: tuple[Robot, State], omega: float, seed: int
+) -> None:
+    robot, state = drawn
+    way = state.q + np.random.default_rng(seed).normal(0.0, 0.3, (20, robot.n))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # fast loops are asked for here
+        controller = GPI(robot, DT, FixedGains(omega))
+    torques = np.array(steps(controller, way, still(state.q)))
+    assert (np.abs(torques) <= robot.limits.effort).all()
+    assert np.isfinite(torques).all()
+
+
+@pytest.mark.parametrize("realisation", ["bumpless", "paper"])
+@pytest.mark.parametrize("start", ["hold", "zero"])
+def test_a_batch_is_the_same_controllers_one_by_one(realisation: str, start: str) -> None:
+    omega = np.array([[10.0, 20.0, 5.0], [30.0, 15.0, 20.0], [12.0, 40.0, 8.0]])
+    effort = np.array([[1.0], [2.0], [30.0]])
+    way = 0.1 * np.random.default_rng(3).normal(size=(60, 3, 3))
+    options = {"realisation": realisation, "start": start}
+    together = steps(GPI(ARM, DT, FixedGains(omega), effort=effort, **options), way, still(np.zeros((3, 3))))
+    for row in range(3):
+        alone = GPI(ARM, DT, FixedGains(omega[row]), effort=effort[row], **options)
+        expected = steps(alone, way[:, row], still(BRAKES))
+        np.testing.assert_array_equal(np.array(together)[:, row], expected)
+
+
+def test_a_batch_of_closed_loops_is_the_same_runs_one_by_one() -> None:
+    omega = np.array([[10.0, 20.0, 15.0], [30.0, 15.0, 20.0]])
+    together = simulate(
+        RigidBodyPlant(ARM), GPI(ARM, DT, FixedGains(omega)), Hold(BRAKES), 0.3, q0=BRAKES + 0.1
+    )
+    for row in range(2):
+        alone = simulate(
+            RigidBodyPlant(ARM), GPI(ARM, DT, FixedGains(omega[row])), Hold(BRAKES), 0.3, q0=BRAKES + 0.1
+        )
+        np.testing.assert_array_equal(together["q"][row], alone["q"])
+        np.testing.assert_array_equal(together["tau"][row], alone["tau"])
+
+
+def test_a_step_leaves_state_and_measurement_as_they_were() -> None:
+    controller = GPI(ARM, DT, FixedGains(20.0), effort=0.5)  # saturated: anti-windup at work
+    q = np.array([0.1, 0.2, 0.3])
+    state = controller.init(Measurement(q), still(BRAKES))
+    first = controller.step(Measurement(q), still(BRAKES), state)
+    again = controller.step(Measurement(q), still(BRAKES), state)
+    np.testing.assert_array_equal(first.tau, again.tau)
+    np.testing.assert_array_equal(first.state.law, again.state.law)
+    np.testing.assert_array_equal(q, [0.1, 0.2, 0.3])
+
+
+def test_started_from_the_holding_torque_an_exact_model_does_not_drop() -> None:
+    dropped = start_drop(ARM, "hold")
+    assert dropped.max() < 1e-12  # [rad]
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.2])
+def test_started_from_the_holding_torque_a_wrong_model_drops_a_fourth_of_that_from_zero(scale: float) -> None:
+    model = ARM.scaled_inertia(scale)
+    assert (4.0 * start_drop(model, "hold") < start_drop(model, "zero")).all()
+
+
+def start_drop(model: Robot, start: str) -> Array:
+    """Return how far shoulder and elbow move when the brakes of the level arm open [rad]."""
+    controller = GPI(model, DT, FixedGains(20.0), start=start)
+    return np.abs(simulate(RigidBodyPlant(ARM), controller, Hold(BRAKES), 1.0)["q"].values).max(axis=0)[1:]
+
+
+def test_holding_torque_beyond_the_limit_is_held_at_the_limit() -> None:
+    controller = GPI(ARM, DT, effort=[1.0, 1.0, 1.0])  # 2.8 N m would hold the shoulder
+    state = controller.init(Measurement(BRAKES), still(BRAKES))
+    tau, _ = controller.step(Measurement(BRAKES), still(BRAKES), state)
+    np.testing.assert_allclose(tau, np.minimum(ARM.gravity(BRAKES), 1.0), atol=1e-12)
+
+
+@pytest.mark.parametrize(("dt", "delay"), [(1e-3, 0.0), (1e-3, 2e-3), (5e-3, 0.0), (2e-2, 4e-2)])
+def test_without_gains_it_takes_the_default_bandwidth(dt: float, delay: float) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tuning = GPI(ARM, dt, delay=delay).gains.nominal()
+    np.testing.assert_array_equal(tuning.omega_c, default_omega(dt, delay))
+
+
+@pytest.mark.parametrize("samples", [0, 1, 5, 10])
+def test_loops_beyond_their_delay_margin_are_unstable_and_warned_of(samples: int) -> None:
+    delay = samples * DT
+    limit = 0.356 / (0.5 * DT + delay)  # [rad/s]; a hold delays by half a sample
+    rail = sled()
+    plant = Delayed(RigidBodyPlant(rail), samples)
+
+    def late_error(controller: GPI) -> float:
+        rollout = simulate(plant, controller, Hold([0.0]), 300.0 / limit, q0=[1e-3], divergence=1e9)
+        return float(np.abs(rollout["q"].values[-20:]).max())
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # with a sample for computation it would be too fast
+        assert late_error(GPI(rail, DT, FixedGains(0.95 * limit), delay=delay)) < 1e-3
+    with pytest.warns(ArmgpiWarning, match="too fast"):
+        too_fast = GPI(rail, DT, FixedGains(1.05 * limit), delay=delay)
+    assert late_error(too_fast) > 1e-2
+    GPI(
+        rail, DT, FixedGains(0.355 / (1.5 * DT + delay)), delay=delay
+    )  # not warned of: tests fail on warnings
+
+
+def test_a_rollout_can_tell_what_controlled_it() -> None:
+    told = json.loads(json.dumps(GPI(ARM, DT, FixedGains([10.0, 20.0, 30.0]), delay=1e-3).describe()))
+    assert told["controller"] == "GPI"
+    assert told["gains"]["omega_c"] == [10.0, 20.0, 30.0]
+    assert (told["dt"], told["delay"], told["realisation"], told["start"]) == (DT, 1e-3, "bumpless", "hold")
+
+
+@pytest.mark.parametrize("realisation", ["bumpless", "paper"])
+def test_the_states_of_the_law_can_be_recorded(realisation: str) -> None:
+    controller = GPI(ARM, DT, realisation=realisation)
+    state = controller.init(Measurement(BRAKES), still(BRAKES))
+    assert controller.signals(state)
+    assert all(signal.shape == (3,) for signal in controller.signals(state).values())
+
+
+def test_the_bumpless_lambda_settles_on_the_disturbance_acceleration() -> None:
+    pendulum = swing()
+    controller = GPI(pendulum, DT, FixedGains(20.0), start="zero")
+    rollout = simulate(RigidBodyPlant(pendulum), controller, Hold([0.3]), 3.0, signals=True)
+    weight = -pendulum.gravity([0.3]) / pendulum.mass_matrix([0.3])[0]
+    np.testing.assert_allclose(rollout["lam"][-1], weight, rtol=1e-9)  # e^(-20 * 3) has died out
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "named"),
+    [
+        ({"dt": 0.0}, ParameterError, "dt"),
+        ({"dt": -1e-3}, ParameterError, "dt"),
+        ({"dt": math.nan}, ParameterError, "dt"),
+        ({"dt": "fast"}, ParameterError, "dt"),
+        ({"gains": 20.0}, ParameterError, "gains"),
+        ({"gains": FixedGains(0.0)}, ArrayError, "omega_c"),
+        ({"gains": FixedGains([1.0, 2.0])}, ArrayError, "omega_c"),
+        ({"gains": FixedGains(np.ones((2, 3))), "effort": np.ones((3, 3))}, ParameterError, "batch"),
+        ({"realisation": "minimal"}, ParameterError, "realisation"),
+        ({"start": "cold"}, ParameterError, "start"),
+        ({"delay": -1.0}, ParameterError, "delay"),
+        ({"delay": math.inf}, ParameterError, "delay"),
+        ({"delay": None}, ParameterError, "delay"),
+        ({"effort": [1.0, 0.0, 1.0]}, ArrayError, "effort.*q2"),
+        ({"effort": np.ones(3, np.float32)}, ArrayError, "effort"),
+        ({"robot": ARM.with_limits(effort={"q3": 0.0})}, EffortError, "q3"),
+    ],
+)
+def test_a_bad_parameter_is_named(options: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
+    with pytest.raises(error, match=named):
+        GPI(**{"robot": ARM, "dt": DT, **options})

@@ -1,0 +1,152 @@
+"""What the README and the pages say is so: code runs and prints what is shown, names exist, lists are whole.
+
+A page is played from top to bottom in a folder of its own: a Python block is run (one namespace per page), a
+YAML block whose first line is `# NAME.yaml` becomes that file, and the `$ armgpi` and `$ make demo` lines of
+a console block are called. Where output is shown, after the command or in a text block after a Python one,
+it must be the output. Numbers agree within 1 % or one of their last decimal, as digits beyond that depend on
+the machine, and rounding errors (below 1e-9) with each other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import typer
+from pydantic import BaseModel
+
+import armgpi
+from armgpi import config
+from armgpi.cli import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+class Block(NamedTuple):
+    """A fenced block and the number of its first line."""
+
+    language: str
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    """Return the fenced blocks of a page that name a language."""
+    text = page.read_text(encoding="utf-8")
+    return [Block(m[1], m[2], text.count("\n", 0, m.start(2)) + 1) for m in FENCE.finditer(text)]
+
+
+def agree(shown: str, printed: str) -> bool:
+    """Tell whether two outputs have the same words and, as far as they are shown, the same numbers."""
+
+    def words(text: str) -> list[str]:
+        # Rules of tables are as long as their numbers are wide.
+        return re.sub(r"[\s─━│┃┏┳┓┡╇┩├┼┤└┴┘]+", " ", NUMBER.sub("#", text)).split()
+
+    def same(a: str, b: str) -> bool:
+        fixed = re.fullmatch(r"[-+]?\d*\.(\d+)", a)
+        last = 1.01 * 10.0 ** -len(fixed[1]) if fixed else 1e-9
+        return math.isclose(float(a), float(b), rel_tol=1e-2, abs_tol=last)
+
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=False)
+    return words(shown) == words(printed) and all(same(a, b) for a, b in pairs)
+
+
+def check(shown: str, printed: str, place: str) -> None:
+    """Fail with what was printed when it is not what the page shows."""
+    assert agree(shown, printed), f"{place} shows\n{shown}\nbut it prints\n{printed}"
+
+
+def called(command: str, folder: Path, place: str) -> str:
+    """Return what a command of ours prints, warnings included; it must succeed."""
+    if command == "make demo":  # as in the Makefile
+        command = f"armgpi compare --config {shlex.quote(str(ROOT / 'examples' / 'demo.yaml'))}"
+    if not command.startswith("armgpi "):
+        return ""
+    words = shlex.split(command.split("  #")[0])[1:]
+    done = subprocess.run(
+        [sys.executable, "-m", "armgpi.cli", *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{place}: {command}\n{done.stdout}"
+    return "\n".join(line for line in done.stdout.splitlines() if not line.startswith("wrote "))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_code_of_a_page_runs_and_prints_what_the_page_shows(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, object] = {"__name__": "__main__"}
+    printed = ""
+    for block in blocks(page):
+        place = f"{page.name}:{block.line}"
+        if block.language == "python":
+            code = compile("\n" * (block.line - 1) + block.text, str(page), "exec", dont_inherit=True)
+            with contextlib.redirect_stdout(io.StringIO()) as output:
+                exec(code, namespace)
+            printed = output.getvalue()
+        elif block.language == "text":
+            check(block.text, printed, place)
+        elif block.language == "yaml" and (name := re.match(r"# (\S+\.yaml)\n", block.text)):
+            (tmp_path / name[1]).write_text(block.text, encoding="utf-8")
+        elif block.language == "console":
+            for entry in re.split(r"^\$ ", block.text.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
+                command, _, shown = entry.partition("\n")
+                result = called(command, tmp_path, place)
+                if shown.strip():
+                    check(shown, result, place)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_tests_and_files_that_a_page_names_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for file, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text):
+        source = (ROOT / file).read_text(encoding="utf-8")
+        assert not name or f"def {name}(" in source, f"{page.name}: {file} has no {name}"
+    for target in re.findall(r"\]\((?!https?://|#)([^)#\s]+)", text):
+        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"armgpi\.(\w+)", text))
+    assert set(armgpi.__all__) - {"__version__"} <= named
+
+
+def test_every_command_and_option_is_in_the_page_of_the_command_line() -> None:
+    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        assert f"armgpi {name}" in text
+        for parameter in command.params:
+            for option in parameter.opts:
+                assert not option.startswith("-") or f"`{option}" in text, f"{name} {option}"
+
+
+def test_every_key_of_the_experiment_file_is_in_the_page_of_the_command_line() -> None:
+    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    sections = [
+        value
+        for value in vars(config).values()
+        if isinstance(value, type) and issubclass(value, BaseModel) and value.__module__ == config.__name__
+    ]
+    for section in sections:
+        for key in section.model_fields:
+            assert f"`{key}`" in text, f"{section.__name__}: {key}"

@@ -1,0 +1,270 @@
+"""Figures of merit against closed forms, SciPy and their own laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.integrate import quad, trapezoid
+
+from armgpi import Status, metrics
+from armgpi.errors import ArmgpiError, RolloutError
+
+T, H = 4.0, 1e-3
+TIME = np.arange(round(T / H) + 1) * H
+#: How each figure grows when all errors and torques are multiplied by a factor.
+POWER = dict.fromkeys(metrics.ALL, 1) | {"ise": 2, "isci": 2, "saturated_time": 0}
+
+
+def rollout(
+    e: np.ndarray,
+    tau: np.ndarray | None = None,
+    time: np.ndarray = TIME,
+    status: object = 0,
+    effort: float = 10.0,
+) -> xr.Dataset:
+    """A rollout with errors and torques of shape ([rollouts], time, joints), about a moving reference."""
+    e = np.asarray(e, dtype=float)
+    tau = np.zeros_like(e) if tau is None else np.asarray(tau, dtype=float)
+    dims = ("rollout", "time", "joint")[3 - e.ndim :]
+    q_ref = np.broadcast_to(np.sin(time)[:, None], e.shape)
+    limit = np.full(e.shape[-1], 1.0)
+    return xr.Dataset(
+        {
+            "q": (dims, q_ref + e),
+            "q_ref": (dims, q_ref),
+            "tau": (dims, tau),
+            "status": (dims[:-2], np.asarray(status, dtype=np.int32)),
+            "lower": ("joint", -5.0 * limit),
+            "upper": ("joint", 5.0 * limit),
+            "effort": ("joint", effort * limit),
+        },
+        coords={"time": time, "joint": [f"q{j}" for j in range(e.shape[-1])]},
+    )
+
+
+def column(values: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(values, TIME.shape)[:, None]
+
+
+# Rounding of 4,000 terms, each a multiple of q - q_ref that is rounded to 1e-16.
+EXACT = {"rtol": 1e-11, "atol": 1e-14}
+
+
+def test_a_constant_error_has_its_closed_forms() -> None:
+    c = -0.25
+    run = rollout(column(c))
+    for metric, expected in (
+        (metrics.itae, abs(c) * T**2 / 2),  # the trapezoidal rule is exact for t |c|
+        (metrics.iae, abs(c) * T),
+        (metrics.ise, c**2 * T),
+        (metrics.rms, abs(c)),
+        (metrics.peak_error, abs(c)),
+        (metrics.final_error, abs(c)),
+    ):
+        np.testing.assert_allclose(metric(run), [expected], **EXACT)
+
+
+def test_a_ramp_of_error_has_its_closed_forms() -> None:
+    r = 0.2
+    run = rollout(column(r * TIME))
+    # For squares of t, the trapezoidal rule is off by exactly h^2 / 12 times the difference of the slopes.
+    surplus = H**2 / 12 * 2.0 * T
+    np.testing.assert_allclose(metrics.itae(run), [r * (T**3 / 3 + surplus)], **EXACT)
+    np.testing.assert_allclose(metrics.iae(run), [r * T**2 / 2], **EXACT)
+    np.testing.assert_allclose(metrics.ise(run), [r**2 * (T**3 / 3 + surplus)], **EXACT)
+    np.testing.assert_allclose(metrics.final_error(run), [r * T], **EXACT)
+
+
+def test_a_sine_of_error_agrees_with_adaptive_quadrature() -> None:
+    e = lambda t: 0.3 * np.sin(7.0 * t + 0.4)  # noqa: E731
+    run = rollout(column(e(TIME)))
+    # |f''| of all three integrands is below 0.3 * 7^2 * T + 2 * 0.3 * 7 = 63, but for the kinks of |e|, each of
+    # which adds an error of at most its change of slope, 2 * 0.3 * 7 * T, times h^2 / 8.
+    bound = H**2 / 12 * 63 * T + 10 * 2 * 0.3 * 7 * T * H**2 / 8
+    zeros = (np.arange(1, 10) * np.pi - 0.4) / 7.0
+    for metric, integrand in (
+        (metrics.itae, lambda t: t * abs(e(t))),
+        (metrics.iae, lambda t: abs(e(t))),
+        (metrics.ise, lambda t: e(t) ** 2),
+    ):
+        expected, _ = quad(integrand, 0.0, T, points=zeros[zeros < T], epsabs=1e-12)
+        np.testing.assert_allclose(metric(run), [expected], atol=bound)
+    np.testing.assert_allclose(metrics.peak_error(run), [0.3], atol=0.3 * (7.0 * H) ** 2 / 8)
+
+
+def test_a_sine_of_torque_has_its_closed_forms() -> None:
+    a, periods = 3.0, 5
+    tau = a * np.sin(2.0 * np.pi * periods / T * TIME)  # every peak falls on a sample
+    run = rollout(column(0.0), column(tau))
+    # Over whole periods the sum of squares of equally spaced samples is exactly half of them.
+    np.testing.assert_allclose(metrics.isci(run), [a**2 * T / 2], **EXACT)
+    np.testing.assert_allclose(metrics.total_variation(run), [4 * a * periods], **EXACT)
+    np.testing.assert_allclose(metrics.peak_torque(run), [a], **EXACT)
+
+
+def test_torques_are_integrated_as_the_steps_they_are() -> None:
+    # 2 N m from 1 s to 3 s: eq. 35 is 8 exactly, where the trapezoidal rule would add half a sample.
+    run = rollout(column(0.0), column(np.where((TIME >= 1.0) & (TIME < 3.0), 2.0, 0.0)))
+    np.testing.assert_allclose(metrics.isci(run), [8.0], **EXACT)
+    np.testing.assert_allclose(metrics.total_variation(run), [4.0], **EXACT)
+
+
+def test_saturated_time_is_how_long_the_torque_stood_at_either_limit() -> None:
+    tau = np.select([TIME < 1.0, TIME < 1.5, TIME < 2.0], [10.0, -10.0, 9.9], 0.0)
+    np.testing.assert_allclose(metrics.saturated_time(rollout(column(0.0), column(tau))), [1.5], **EXACT)
+    unlimited = rollout(column(0.0), column(tau), effort=np.inf)
+    np.testing.assert_array_equal(metrics.saturated_time(unlimited), [0.0])
+
+
+@pytest.mark.parametrize(("e", "expected"), [(0.0, 0.0), (6.0, 2.0), (-7.0, 3.0)])
+def test_limit_excess_is_how_far_a_joint_went_beyond_its_limits(e: float, expected: float) -> None:
+    time = np.array([0.0, np.pi, 2.0 * np.pi])  # sin(t) = 0
+    run = rollout(np.array([[0.0], [e], [0.0]]), time=time)
+    np.testing.assert_allclose(metrics.limit_excess(run), [expected], atol=1e-12)
+
+
+# Laws.
+
+SHAPE = st.tuples(st.integers(2, 20), st.integers(1, 4))
+NUMBERS = st.floats(-2.0, 2.0, allow_subnormal=False)
+ERRORS = SHAPE.flatmap(
+    lambda shape: st.tuples(arrays(float, shape, elements=NUMBERS), arrays(float, shape, elements=NUMBERS))
+)
+FACTORS = st.floats(0.125, 2.0)
+
+
+def with_signals(e: np.ndarray, tau: np.ndarray) -> xr.Dataset:
+    # A grid that is not even, and a reference at rest: e is q itself, so that it scales exactly.
+    time = np.cumsum(1.0 + 0.5 * np.sin(np.arange(len(e)))) * 1e-2
+    return rollout(e, tau, time=time - time[0]).assign(
+        q_ref=lambda run: 0.0 * run["q"], q=lambda run: run["q"] - run["q_ref"]
+    )
+
+
+@given(ERRORS)
+def test_no_figure_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
+    table = metrics.summary(with_signals(*signals))
+    for name in metrics.ALL:
+        assert (table[name] >= 0.0).all()
+        assert np.isfinite(table[name]).all()
+
+
+@given(ERRORS, FACTORS)
+def test_figures_scale_with_the_error_or_its_square(
+    signals: tuple[np.ndarray, np.ndarray], factor: float
+) -> None:
+    run = with_signals(*signals)
+    scaled = run.assign(
+        {name: factor * run[name] for name in ("q", "q_ref", "tau", "lower", "upper", "effort")}
+    )
+    for name, metric in metrics.ALL.items():
+        np.testing.assert_allclose(metric(scaled), factor ** POWER[name] * metric(run), rtol=1e-9, atol=1e-14)
+
+
+@given(ERRORS, st.randoms(use_true_random=False))
+def test_figures_do_not_depend_on_the_order_of_joints(
+    signals: tuple[np.ndarray, np.ndarray], random: object
+) -> None:
+    run = with_signals(*signals)
+    order = list(range(run.sizes["joint"]))
+    random.shuffle(order)  # type: ignore[attr-defined]
+    assert metrics.summary(run.isel(joint=order)).identical(metrics.summary(run).isel(joint=order))
+
+
+@given(ERRORS)
+def test_integrals_of_errors_agree_with_scipy_on_any_grid(signals: tuple[np.ndarray, np.ndarray]) -> None:
+    run = with_signals(*signals)
+    e, t = np.abs((run["q"] - run["q_ref"]).values), run["time"].values
+    for metric, values in ((metrics.itae, t[:, None] * e), (metrics.iae, e), (metrics.ise, e**2)):
+        np.testing.assert_allclose(metric(run), trapezoid(values, t, axis=0), rtol=1e-12, atol=1e-15)
+    held = (run["tau"].values[:-1] ** 2 * np.diff(t)[:, None]).sum(axis=0)
+    np.testing.assert_allclose(metrics.isci(run), held, rtol=1e-12, atol=1e-15)
+
+
+@given(ERRORS)
+def test_a_thinned_rollout_has_the_figures_of_the_samples_kept(
+    signals: tuple[np.ndarray, np.ndarray],
+) -> None:
+    run = with_signals(*signals)
+    kept = run.isel(time=slice(None, None, 3))
+    if kept.sizes["time"] < 2:
+        return
+    e, t = np.abs((kept["q"] - kept["q_ref"]).values), kept["time"].values
+    np.testing.assert_allclose(
+        metrics.itae(kept), trapezoid(t[:, None] * e, t, axis=0), rtol=1e-12, atol=1e-15
+    )
+    # What lies between samples can only add to these.
+    assert (metrics.total_variation(kept) <= metrics.total_variation(run) + 1e-12).all()
+    assert (metrics.peak_error(kept) <= metrics.peak_error(run)).all()
+
+
+@pytest.mark.parametrize("name", metrics.ALL)
+def test_a_figure_is_a_pure_function(name: str) -> None:
+    run = rollout(column(0.1 * np.sin(TIME)), column(np.cos(TIME)))
+    for variable in run.variables.values():
+        if variable.dtype.kind == "f" and isinstance(variable._data, np.ndarray):
+            variable.values.setflags(write=False)
+    before = run.copy(deep=True)
+    assert metrics.ALL[name](run).identical(metrics.ALL[name](run))
+    assert run.identical(before)
+
+
+@pytest.mark.parametrize("name", metrics.ALL)
+def test_a_figure_has_one_number_per_rollout_and_joint_with_units(name: str) -> None:
+    single = metrics.ALL[name](rollout(np.zeros((len(TIME), 2))))
+    assert single.dims == ("joint",)
+    assert {"units", "long_name"} <= set(single.attrs)
+    batch = metrics.ALL[name](rollout(np.zeros((3, len(TIME), 2)), status=[0, 0, 0]))
+    assert batch.dims == ("rollout", "joint")
+    assert batch.sizes == {"rollout": 3, "joint": 2}
+
+
+def test_the_figures_of_a_batch_are_those_of_its_rollouts() -> None:
+    x = np.random.default_rng(0).normal(size=(2, 3, len(TIME), 2))
+    batch = rollout(x[0], x[1], status=[0, 0, 0])
+    table = metrics.summary(batch)
+    for i in range(3):
+        one = metrics.summary(batch.isel(rollout=i))
+        for name in metrics.ALL:
+            np.testing.assert_allclose(table[name][i], one[name], rtol=1e-13)
+
+
+# Rollouts that did not finish.
+
+
+@pytest.mark.parametrize("name", metrics.ALL)
+def test_a_diverged_rollout_has_infinite_cost_and_the_others_their_own(name: str) -> None:
+    e = np.full((2, len(TIME), 2), 0.1)
+    e[1, 100:] = np.nan
+    run = rollout(e, e, status=[Status.FINISHED, Status.DIVERGED])
+    figure = metrics.ALL[name](run)
+    np.testing.assert_array_equal(figure[1], [np.inf, np.inf])
+    np.testing.assert_array_equal(figure[0], metrics.ALL[name](run.isel(rollout=0)))
+    assert np.isfinite(figure[0]).all()
+
+
+@pytest.mark.parametrize("name", metrics.ALL)
+def test_an_interrupted_rollout_among_longer_ones_has_the_figures_until_then(name: str) -> None:
+    x = np.random.default_rng(1).normal(size=(2, 2, len(TIME), 3))
+    x[:, 1, 1000:] = np.nan
+    joined = rollout(x[0], x[1], status=[Status.FINISHED, Status.INTERRUPTED])
+    alone = joined.isel(rollout=1, time=slice(0, 1000))
+    # The order of summation differs.
+    np.testing.assert_allclose(metrics.ALL[name](joined)[1], metrics.ALL[name](alone), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("samples", [0, 1])
+def test_too_few_samples_are_refused(name: str, samples: int) -> None:
+    with pytest.raises(RolloutError, match=f"at least two samples, the rollout has {samples}"):
+        metrics.ALL[name](rollout(column(0.0)).isel(time=slice(0, samples)))
+
+
+@pytest.mark.parametrize("name", metrics.ALL)
+def test_a_dataset_that_is_no_rollout_is_refused(name: str) -> None:
+    with pytest.raises(ArmgpiError, match="lacks"):
+        metrics.ALL[name](xr.Dataset({"x": ("time", TIME)}))

@@ -1,0 +1,69 @@
+"""The names a user writes after `armgpi.`: all there, told alike to people, programs and type checkers."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import armgpi
+
+SOURCE = Path(armgpi.__file__)
+
+
+@pytest.mark.parametrize("name", armgpi.__all__)
+def test_every_public_name_loads(name: str) -> None:
+    value = getattr(armgpi, name)
+    if name == "__version__":
+        assert isinstance(value, str)
+    elif not isinstance(value, ModuleType):
+        assert value.__doc__
+        assert value.__name__ == name
+        assert value.__module__.startswith("armgpi.")
+
+
+def test_what_type_checkers_see_is_what_is_loaded() -> None:
+    tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = set()
+    for statement in block.body:
+        assert isinstance(statement, ast.ImportFrom)
+        for alias in statement.names:
+            # Only `import X as X` makes a name public for them.
+            assert alias.asname == alias.name
+            place = statement.module if alias.name in armgpi._HOME else f"armgpi.{alias.name}"
+            seen.add((alias.name, place))
+    loaded = {(name, f"armgpi.{home}") for name, home in armgpi._HOME.items()}
+    assert seen == loaded | {(name, f"armgpi.{name}") for name in armgpi._MODULES}
+
+
+def test_public_names_are_sorted_unique_and_what_dir_lists() -> None:
+    assert armgpi.__all__ == sorted(set(armgpi.__all__)) == dir(armgpi)
+
+
+def test_no_name_hides_a_module_of_the_package() -> None:
+    # `import armgpi.robot` sets armgpi.robot: a class of that name would then be replaced by it.
+    modules = {path.stem for path in SOURCE.parent.glob("*")}
+    assert not modules & set(armgpi._HOME)
+
+
+def test_a_name_that_does_not_exist_is_an_attribute_error_like_everywhere() -> None:
+    with pytest.raises(AttributeError, match="module 'armgpi' has no attribute 'Robott'"):
+        armgpi.Robott  # noqa: B018
+    assert not hasattr(armgpi, "Robott")
+
+
+def test_import_armgpi_loads_nothing_heavy() -> None:
+    heavy = ("pinocchio", "xarray", "numpy", "scipy", "matplotlib", "pydantic", "typer")
+    code = f"import sys, armgpi; print([name for name in {heavy} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_a_star_import_brings_all_names() -> None:
+    code = "from armgpi import *; Robot, simulate, metrics.itae, GPI"
+    subprocess.run([sys.executable, "-c", code], check=True)

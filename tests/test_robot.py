@@ -1,0 +1,421 @@
+"""Robot: checks at the boundary, robots made from robots, frames, limits, and one robot per rollout.
+
+That the equations of motion are right is in `test_dynamics.py` and `laws/test_every_robot.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import Array, State, robots, robots_and_states, states
+
+from armgpi import Robot, RobotBatch
+from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError
+
+ARM = Robot.load("anthropomorphic3")
+Q = np.array([0.3, 0.4, -0.5])
+#: Every function of states, and its arguments.
+FUNCTIONS = {
+    "mass_matrix": ("q",),
+    "gravity": ("q",),
+    "nonlinear_effects": ("q", "v"),
+    "forward_dynamics": ("q", "v", "tau"),
+    "inverse_dynamics": ("q", "v", "a"),
+    "inertia_times": ("q", "a"),
+    "inertia_solve": ("q", "tau"),
+}
+ARGUMENTS = [(name, argument) for name, arguments in FUNCTIONS.items() for argument in arguments]
+
+
+def call(robot: Robot | RobotBatch, name: str, **given: Any) -> Array:
+    """Call a function of states, with Q for the arguments that are not given."""
+    return getattr(robot, name)(*(given.get(argument, Q) for argument in FUNCTIONS[name]))
+
+
+# --- The boundary --------------------------------------------------------------------------------
+
+BAD = {
+    "too few": [0.1, 0.2],
+    "too many": [0.1, 0.2, 0.3, 0.4],
+    "number": 0.1,
+    "three axes": np.zeros((1, 1, 3)),
+    "transposed batch": np.zeros((3, 2)),
+    "float32": Q.astype(np.float32),
+    "big-endian": Q.astype(">f8"),
+    "integers": np.array([1, 2, 3]),
+    "bools": np.array([True, False, True]),
+    "ragged": [[0.1, 0.2, 0.3], [0.1]],
+    "text": ["0.1", "0.2", "0.3"],
+    "None": None,
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+@pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
+def test_a_bad_array_is_refused_with_the_name_of_the_argument(name: str, argument: str, what: str) -> None:
+    with pytest.raises(ArrayError) as caught:
+        call(ARM, name, **{argument: BAD[what]})
+    assert caught.value.name == argument
+    assert str(caught.value).startswith(f"{argument}: expected")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
+def test_a_number_that_is_not_finite_is_refused_with_its_joint(name: str, argument: str, bad: float) -> None:
+    # CRBA hides a NaN in q[0]: D is finite.
+    batch = np.tile(Q, (4, 1))
+    batch[2, 0] = bad
+    for array, place in ((batch[2], "[0]"), (batch, "[2, 0]")):
+        with pytest.raises(ArrayError, match="joint 'q1'") as caught:
+            call(ARM, name, **{argument: array})
+        assert f"{argument}{place} = {bad}" in str(caught.value)
+
+
+@pytest.mark.parametrize("function", ["frame_pose", "frame_jacobian"])
+@pytest.mark.parametrize("what", BAD)
+def test_a_bad_posture_of_a_frame_is_refused(function: str, what: str) -> None:
+    with pytest.raises(ArrayError, match="q: expected"):
+        getattr(ARM, function)("tool", BAD[what])
+
+
+def test_batches_of_different_sizes_do_not_go_together() -> None:
+    with pytest.raises(ArrayError, match=r"q, v: shapes do not go together: \(2, 3\), \(4, 3\)"):
+        ARM.nonlinear_effects(np.zeros((2, 3)), np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_single_state_goes_with_any_batch(name: str) -> None:
+    batch = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 3))
+    for argument in FUNCTIONS[name]:
+        result = call(ARM, name, **{argument: batch})
+        expected = [call(ARM, name, **{argument: row}) for row in batch]
+        np.testing.assert_array_equal(result, expected, strict=True)
+
+
+@pytest.mark.parametrize("layout", [list, tuple, np.asfortranarray, lambda x: np.repeat(x, 2, -1)[..., ::2]])
+def test_lists_and_arrays_of_any_layout_give_the_same_bits(layout: Callable[[Array], Any]) -> None:
+    batch = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3))
+    for name in FUNCTIONS:
+        arguments = dict.fromkeys(FUNCTIONS[name], batch)
+        expected = call(ARM, name, **arguments)
+        odd = {key: layout(value) for key, value in arguments.items()}
+        np.testing.assert_array_equal(call(ARM, name, **odd), expected)
+
+
+def test_an_empty_batch_gives_empty_results() -> None:
+    none = np.zeros((0, 3))
+    for name, arguments in FUNCTIONS.items():
+        shape = (0, 3, 3) if name == "mass_matrix" else (0, 3)
+        assert call(ARM, name, **dict.fromkeys(arguments, none)).shape == shape
+    assert [part.shape for part in ARM.frame_pose("tool", none)] == [(0, 3, 3), (0, 3)]
+    assert ARM.frame_jacobian("tool", none).shape == (0, 6, 3)
+
+
+def test_results_are_the_callers_own() -> None:
+    tau = np.zeros(3)
+    for name, arguments in FUNCTIONS.items():
+        first = call(ARM, name, **dict.fromkeys(arguments, tau))
+        first += 1.0
+    assert not tau.any()
+    pose = ARM.frame_pose("tool", Q)
+    before = pose.translation.copy()
+    ARM.frame_pose("tool", 2.0 * Q)
+    np.testing.assert_array_equal(pose.translation, before)
+
+
+# --- Frames --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("function", [ARM.frame_pose, ARM.frame_jacobian])
+def test_a_frame_that_does_not_exist_is_refused_and_the_near_one_offered(function: Any) -> None:
+    # Pinocchio returns an index past the end for it, which crashes or is silently zero later.
+    with pytest.raises(NameNotFound, match="no frame named 'tol'; did you mean 'tool'") as caught:
+        function("tol", Q)
+    assert caught.value.valid == ARM.frame_names
+    for name in (None, 3, ["tool"]):
+        with pytest.raises(NameNotFound):
+            function(name, Q)
+
+
+def test_links_and_joints_are_frames_and_the_base_does_not_move() -> None:
+    assert {"base", "q1", "link1", "q2", "link2", "q3", "link3", "tool"} <= set(ARM.frame_names)
+    assert not ARM.frame_jacobian("base", Q).any()
+    np.testing.assert_array_equal(ARM.frame_pose("base", Q).rotation, np.eye(3))
+
+
+def test_the_pose_is_a_rotation_and_a_position_of_the_same_frame_as_in_pinocchio() -> None:
+    model = ARM.pinocchio_model()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, Q)
+    place = data.oMf[model.getFrameId("tool")]
+    pose = ARM.frame_pose("tool", Q)
+    np.testing.assert_array_equal(pose.rotation, place.rotation)
+    np.testing.assert_array_equal(pose.translation, place.translation)
+
+
+# --- Limits --------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(robots_and_states(max_joints=4))
+def test_positions_inside_the_limits_pass_and_those_outside_are_refused_by_joint(
+    case: tuple[Robot, State],
+) -> None:
+    robot, (q, _, _) = case
+    np.testing.assert_array_equal(robot.check_position(q, "the start"), q)
+    for j, name in enumerate(robot.joint_names):
+        for limit, step in ((robot.limits.lower[j], -1e-6), (robot.limits.upper[j], 1e-6)):
+            if np.isinf(limit):
+                continue
+            outside = q.copy()
+            outside[j] = limit + step
+            with pytest.raises(LimitError, match="the start") as caught:
+                robot.check_position(np.stack([q, outside]), "the start")
+            assert (caught.value.joint, caught.value.value) == (name, outside[j])
+            assert (caught.value.lower, caught.value.upper) == (
+                robot.limits.lower[j],
+                robot.limits.upper[j],
+            )
+            outside[j] = limit + 1e-6 * step  # rounding is no offence
+            robot.check_position(outside, "the start")
+
+
+@settings(max_examples=30)
+@given(robots(max_joints=4))
+def test_the_middle_halves_the_ranges_and_is_zero_without(robot: Robot) -> None:
+    middle, (lower, upper, _, _) = robot.middle(), robot.limits
+    bounded = np.isfinite(lower)
+    np.testing.assert_allclose(middle[bounded] - lower[bounded], upper[bounded] - middle[bounded], atol=1e-15)
+    assert not middle[~bounded].any()
+
+
+def test_limits_cannot_be_changed_in_place() -> None:
+    for array in (*ARM.limits, *ARM.friction):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("effort", "expected"),
+    [
+        (5.0, [5.0, 5.0, 5.0]),
+        ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
+        ({"q2": 7.0}, [30.0, 7.0, 15.0]),
+        (np.inf, [np.inf] * 3),
+        ({"q2": np.inf}, [30.0, np.inf, 15.0]),
+        ([1.0, np.inf, 3.0], [1.0, np.inf, 3.0]),
+        (0.0, [0.0, 0.0, 0.0]),
+    ],
+)
+def test_limits_are_given_as_a_number_an_array_or_by_name(effort: Any, expected: list[float]) -> None:
+    robot = ARM.with_limits(effort=effort)
+    np.testing.assert_array_equal(robot.limits.effort, expected)
+    np.testing.assert_array_equal(robot.limits.lower, ARM.limits.lower)
+    np.testing.assert_array_equal(ARM.limits.effort, [30.0, 30.0, 15.0])
+
+
+@pytest.mark.parametrize("robot", [ARM, Robot.load("kinova"), Robot.load("finger_edu")])
+def test_a_robots_own_limits_change_nothing(robot: Robot) -> None:
+    same = robot.with_limits(**robot.limits._asdict())
+    for limit, own in zip(same.limits, robot.limits, strict=True):
+        np.testing.assert_array_equal(limit, own)
+
+
+@pytest.mark.parametrize("name", ["effort", "velocity"])
+def test_a_negative_limit_is_refused_by_joint(name: str) -> None:
+    with pytest.raises(LimitError, match=f"{name} of joint 'q2' is -1") as caught:
+        ARM.with_limits(**{name: {"q2": -1.0}})
+    assert caught.value.joint == "q2"
+
+
+def test_a_lower_limit_above_the_upper_is_refused_by_joint() -> None:
+    with pytest.raises(LimitError, match="lower limit of joint 'q3' is 3") as caught:
+        ARM.with_limits(lower={"q3": 3.0})
+    assert (caught.value.value, caught.value.upper) == (3.0, ARM.limits.upper[2])
+
+
+# --- Robots made from robots ---------------------------------------------------------------------
+
+CHANGES: dict[str, Callable[[Robot], Robot]] = {
+    "payload": lambda robot: robot.with_payload("tool", 0.5, [0.0, 0.0, 0.1]),
+    "armature": lambda robot: robot.with_armature(0.1),
+    "inertia_scale": lambda robot: robot.scaled_inertia(0.8),
+    "gravity": lambda robot: robot.with_gravity([0.0, 0.0, -1.62]),
+    "limits": lambda robot: robot.with_limits(effort=5.0),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_change_makes_another_robot_that_remembers_it(what: str) -> None:
+    before = {name: call(ARM, name) for name in FUNCTIONS}
+    other = CHANGES[what](ARM)
+    assert other is not ARM
+    assert [set(change) for change in other.provenance["changes"]] == [{what}]
+    assert ARM.provenance["changes"] == []
+    assert (other.name, other.joint_names, other.frame_names) == (
+        ARM.name,
+        ARM.joint_names,
+        ARM.frame_names,
+    )
+    for name, result in before.items():
+        np.testing.assert_array_equal(call(ARM, name), result, err_msg=name)
+
+
+def test_changes_add_up_whatever_their_order() -> None:
+    one = ARM.with_payload("tool", 0.5).with_armature(0.1).with_gravity([0.0, 0.0, -1.62])
+    two = ARM.with_gravity([0.0, 0.0, -1.62]).with_armature(0.1).with_payload("tool", 0.5)
+    for name in FUNCTIONS:
+        np.testing.assert_allclose(call(one, name), call(two, name), rtol=1e-14)
+    assert len(one.provenance["changes"]) == 3
+
+
+def test_two_loads_at_a_frame_are_one_with_the_masses_added() -> None:
+    two = ARM.with_payload("tool", 0.2, [0.1, 0.0, 0.0]).with_payload("tool", 0.3, [0.1, 0.0, 0.0])
+    one = ARM.with_payload("tool", 0.5, [0.1, 0.0, 0.0])
+    for name in FUNCTIONS:
+        np.testing.assert_allclose(call(two, name), call(one, name), rtol=1e-13)
+
+
+def test_no_load_is_no_change() -> None:
+    empty = ARM.with_payload("tool", 0.0)
+    for name in FUNCTIONS:
+        np.testing.assert_allclose(call(empty, name), call(ARM, name), rtol=1e-14, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (("tol", 1.0), NameNotFound),
+        (("base", 1.0), ParameterError),  # it does not move
+        (("tool", -1.0), ParameterError),
+        (("tool", np.nan), ArrayError),
+        (("tool", np.inf), ArrayError),
+        (("tool", "1.0"), ArrayError),
+        (("tool", [1.0]), ArrayError),
+        (("tool", True), ArrayError),
+        (("tool", 1.0, [0.0, 0.0]), ArrayError),
+        (("tool", 1.0, [0.0, 0.0, np.nan]), ArrayError),
+        (("tool", 1.0, 0.1), ArrayError),
+        (("tool", 1.0, (0.0, 0.0, 0.0), np.eye(2)), ArrayError),
+        (("tool", 1.0, (0.0, 0.0, 0.0), -np.eye(3)), ArrayError),
+        (("tool", 1.0, (0.0, 0.0, 0.0), np.triu(np.ones((3, 3)))), ArrayError),
+    ],
+)
+def test_a_load_that_cannot_be_is_refused(arguments: tuple[Any, ...], error: type[Exception]) -> None:
+    with pytest.raises(error):
+        ARM.with_payload(*arguments)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0])
+def test_an_inertia_factor_is_positive(factor: float) -> None:
+    with pytest.raises(ParameterError, match="factor must be positive"):
+        ARM.scaled_inertia(factor)
+
+
+@pytest.mark.parametrize("factor", [np.nan, np.inf, [1.0, 2.0], "1", True])
+def test_an_inertia_factor_is_one_finite_number(factor: Any) -> None:
+    with pytest.raises(ArrayError, match="factor"):
+        ARM.scaled_inertia(factor)
+
+
+def test_the_armature_of_joints_that_are_not_named_stays() -> None:
+    robot = ARM.with_armature([0.1, 0.2, 0.3]).with_armature({"q2": 0.5})
+    np.testing.assert_array_equal(robot.armature, [0.1, 0.5, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("armature", "error"),
+    [
+        (-0.1, LimitError),
+        ({"q2": -0.1}, LimitError),
+        (np.inf, LimitError),
+        (np.nan, ArrayError),
+        ({"q2": np.nan}, ArrayError),
+        ({"q2": [0.1]}, ArrayError),
+        ([0.1, 0.2], ArrayError),
+        (np.ones(3, dtype=np.float32), ArrayError),
+        ({"q4": 0.1}, NameNotFound),
+    ],
+)
+def test_an_armature_that_cannot_be_is_refused(armature: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match=r"armature|q4"):
+        ARM.with_armature(armature)
+
+
+@pytest.mark.parametrize("gravity", [9.81, [0.0, -9.81], [0.0, 0.0, np.nan]])
+def test_gravity_is_a_vector(gravity: Any) -> None:
+    with pytest.raises(ArrayError, match="gravity"):
+        ARM.with_gravity(gravity)
+
+
+def test_the_pinocchio_model_is_a_copy() -> None:
+    model = ARM.pinocchio_model()
+    model.gravity = pin.Motion.Zero()
+    assert ARM.gravity(Q).any()
+    assert ARM.pinocchio_model() is not ARM.pinocchio_model()
+
+
+def test_a_robot_says_what_it_is() -> None:
+    assert repr(ARM) == "Robot('anthropomorphic3', n=3, joints=q1, q2, q3)"
+    assert ARM.tip == "tool"
+
+
+# --- One robot per rollout -----------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(robots(max_joints=4), st.data())
+def test_every_row_of_a_robot_batch_is_its_robots(robot: Robot, data: st.DataObject) -> None:
+    members = [robot, robot.scaled_inertia(1.2), robot.with_armature(0.3), robot]
+    batch = RobotBatch(members)
+    rows = [data.draw(states(robot)) for _ in members]
+    given = {"q": [s.q for s in rows], "v": [s.v for s in rows], "a": [s.a for s in rows]}
+    given["tau"] = given["a"]
+    for name, arguments in FUNCTIONS.items():
+        result = getattr(batch, name)(*(np.stack(given[key]) for key in arguments))
+        expected = [
+            getattr(member, name)(*(given[key][i] for key in arguments)) for i, member in enumerate(members)
+        ]
+        np.testing.assert_array_equal(result, expected, err_msg=name, strict=True)
+
+
+def test_one_state_is_every_rows_state() -> None:
+    batch = RobotBatch([ARM, ARM.scaled_inertia(0.8)])
+    expected = [robot.mass_matrix(Q) for robot in batch.robots]
+    np.testing.assert_array_equal(batch.mass_matrix(Q), expected)
+    np.testing.assert_array_equal(batch.middle(), [ARM.middle(), ARM.middle()])
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_a_batch_of_states_has_one_row_per_robot_or_a_single_one(rows: int) -> None:
+    batch = RobotBatch([ARM, ARM])
+    if rows == 1:
+        assert batch.gravity(Q[np.newaxis]).shape == (2, 3)
+        return
+    with pytest.raises(ArrayError, match="shapes do not go together"):
+        batch.gravity(np.tile(Q, (rows, 1)))
+
+
+def test_every_row_has_its_own_limits() -> None:
+    batch = RobotBatch([ARM, ARM.with_limits(upper={"q3": 0.1})])
+    assert batch.limits.upper.shape == (2, 3)
+    inside = np.array([0.0, 0.0, 0.1])
+    np.testing.assert_array_equal(batch.check_position(inside, "the start"), [inside, inside])
+    for outside in (np.array([0.0, 0.0, 0.2]), np.array([[0.0, 0.0, 0.2], [0.0, 0.0, 0.2]])):
+        with pytest.raises(LimitError) as caught:
+            batch.check_position(outside, "the start")
+        assert (caught.value.joint, caught.value.upper) == ("q3", 0.1)
+    with pytest.raises(ArrayError):
+        batch.check_position(np.zeros((3, 3)), "the start")
+
+
+@pytest.mark.parametrize("members", [[], None, [ARM, "panda"], [ARM, Robot.load("twodof")]])
+def test_robots_that_do_not_stack_are_refused(members: Any) -> None:
+    with pytest.raises(ParameterError, match="robots must be"):
+        RobotBatch(members)

@@ -1,0 +1,204 @@
+"""Robots by name: ours and the arms of example-robot-data, checked against their makers' dimensions."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from armgpi import Robot, robots
+from armgpi.errors import NameNotFound, UrdfError
+
+LENGTH = 1e-5  # [m] the URDFs round lengths to that
+
+
+class Arm(NamedTuple):
+    """What an arm is without its gripper."""
+
+    n: int
+    lock: tuple[str, ...]
+    first: str
+    last: str
+
+
+ARMS = {
+    "anthropomorphic3": Arm(3, (), "q1", "q3"),
+    "double_pendulum": Arm(2, (), "joint1", "joint2"),
+    "finger_edu": Arm(3, (), "finger_base_to_upper_joint", "finger_middle_to_lower_joint"),
+    "kinova": Arm(6, (), "j2s6s200_joint_1", "j2s6s200_joint_6"),
+    "panda": Arm(7, ("panda_finger_joint1", "panda_finger_joint2"), "panda_joint1", "panda_joint7"),
+    "so100": Arm(5, ("gripper",), "shoulder_pan", "wrist_roll"),
+    "so101": Arm(5, ("gripper",), "shoulder_pan", "wrist_roll"),
+    "talos_left_arm": Arm(6, ("gripper_left_joint",), "arm_left_2_joint", "arm_left_7_joint"),
+    "twodof": Arm(2, (), "J1", "J2"),
+    "ur3": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "ur5": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "ur10": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "xarm7": Arm(7, (), "joint1", "joint7"),
+    "z1": Arm(6, ("jointGripper",), "joint1", "joint6"),
+}
+
+
+def load(name: str) -> Robot:
+    """Load an arm with its gripper locked, a warning being an error."""
+    return Robot.load(name, lock=ARMS[name].lock)
+
+
+# --- The arms ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_loads_by_name_with_its_joints_in_order_and_its_gripper_locked(name: str) -> None:
+    robot, arm = load(name), ARMS[name]
+    assert (robot.n, robot.joint_names[0], robot.joint_names[-1]) == (arm.n, arm.first, arm.last)
+    assert robot.name == name
+    assert len(robot.joint_types) == robot.n
+    assert set(robot.provenance["locked"]) == set(arm.lock)
+    model = robot.pinocchio_model()
+    assert model.nq == model.nv == robot.n
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_inertia_of_an_arm_is_positive_definite_all_over_its_range(name: str) -> None:
+    robot = load(name)
+    lower, upper = np.maximum(robot.limits.lower, -7.0), np.minimum(robot.limits.upper, 7.0)
+    q = np.random.default_rng(7).uniform(lower, upper, (50, robot.n))
+    assert np.linalg.eigvalsh(robot.mass_matrix(q)).min() > 0.0
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_middle_of_the_ranges_is_inside_the_limits(name: str) -> None:
+    robot = load(name)
+    np.testing.assert_array_equal(robot.check_position(robot.middle(), "middle"), robot.middle())
+
+
+@pytest.mark.parametrize(
+    ("name", "d1", "a2", "a3", "d4", "d5", "d6"),
+    [  # [m] Denavit-Hartenberg parameters published by Universal Robots
+        ("ur3", 0.1519, 0.24365, 0.21325, 0.11235, 0.08535, 0.0819),
+        ("ur5", 0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823),
+        ("ur10", 0.1273, 0.612, 0.5723, 0.163941, 0.1157, 0.0922),
+    ],
+)
+def test_a_ur_is_the_one_of_its_name(
+    name: str, d1: float, a2: float, a3: float, d4: float, d5: float, d6: float
+) -> None:
+    # Stretched out level: example-robot-data's own loader returns a UR5 for "ur3".
+    flange = load(name).frame_pose("tool0", np.zeros(6)).translation
+    np.testing.assert_allclose(flange, [a2 + a3, d4 + d6, d1 - d5], rtol=0, atol=LENGTH)
+
+
+def test_the_panda_with_locked_fingers_is_the_seven_joint_arm_of_its_data_sheet() -> None:
+    panda = load("panda")
+    assert panda.tip == "panda_hand_tcp"
+    # [m] Franka's Denavit-Hartenberg parameters: d1, d3, d5, flange; a7.
+    flange = panda.frame_pose("panda_link8", np.zeros(7)).translation
+    height = 0.333 + 0.316 + 0.384 - 0.107
+    np.testing.assert_allclose(flange, [0.088, 0.0, height], rtol=0, atol=LENGTH)
+    np.testing.assert_array_equal(panda.limits.effort, [87.0] * 4 + [12.0] * 3)
+
+
+def test_a_locked_finger_still_weighs() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # one finger mimics the other
+        whole = Robot.load("panda")
+    assert whole.n == 8
+    assert load("panda").total_mass == pytest.approx(whole.total_mass, rel=1e-15)
+
+
+def test_the_continuous_joints_of_the_kinova_are_unbounded_angles() -> None:
+    kinova = load("kinova")
+    continuous = np.array([kind == "continuous" for kind in kinova.joint_types])
+    np.testing.assert_array_equal(continuous, [True, False, False, True, False, True])
+    np.testing.assert_array_equal(np.isinf(kinova.limits.lower), continuous)
+    np.testing.assert_array_equal(np.isinf(kinova.limits.upper), continuous)
+
+
+def test_friction_is_what_the_file_states() -> None:
+    np.testing.assert_array_equal(load("xarm7").friction.viscous, [10, 10, 5, 5, 5, 2, 2])
+    np.testing.assert_array_equal(load("z1").friction.viscous, [1, 2, 1, 1, 1, 1])
+    assert not load("ur5").friction.viscous.any()
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova"])
+def test_zero_is_no_posture_of_some_arms(name: str) -> None:
+    robot = load(name)
+    zero = np.zeros(robot.n)
+    assert ((zero < robot.limits.lower) | (zero > robot.limits.upper)).any()
+
+
+def test_no_arm_of_example_robot_data_states_a_rotor_inertia() -> None:
+    assert not any(load(name).armature.any() for name in ARMS)
+
+
+@pytest.mark.parametrize(
+    ("file", "n"),
+    [
+        ("borinot_description/urdf/borinot_flying_arm_2.urdf", 2),
+        ("hextilt_description/urdf/hextilt_flying_arm_5.urdf", 5),
+    ],
+)
+def test_other_arms_of_example_robot_data_load_by_path(file: str, n: int) -> None:
+    assert Robot.load(data_folder() / file).n == n
+
+
+def test_the_empty_stub_that_is_named_like_a_ur3_is_refused() -> None:
+    with pytest.raises(UrdfError, match="no <link>"):
+        Robot.load(data_folder() / "ur_description" / "urdf" / "ur3.urdf")
+
+
+def data_folder() -> Path:
+    """Return the folder of example-robot-data's robots, found from one of them."""
+    file = Path(robots.EXAMPLE_ROBOT_DATA["panda"])
+    return robots.locate("panda")[0].parents[len(file.parts) - 1]
+
+
+# --- Finding them --------------------------------------------------------------------------------
+
+
+def test_every_name_that_is_listed_is_found_and_tested_here() -> None:
+    assert set(robots.names()) == set(ARMS)
+    for name in robots.names():
+        path, found = robots.locate(name)
+        assert path.is_file()
+        assert found == name
+
+
+@pytest.mark.parametrize(("typo", "meant"), [("pandas", "panda"), ("ur 5", "ur5"), ("kinva", "kinova")])
+def test_a_name_that_does_not_exist_is_refused_and_the_near_one_offered(typo: str, meant: str) -> None:
+    with pytest.raises(NameNotFound, match=f"no robot named {typo!r}; did you mean .*{meant!r}") as caught:
+        Robot.load(typo)
+    assert caught.value.valid == robots.names()
+
+
+@pytest.mark.parametrize("name", [None, 3, ["panda"], "", "a\0b", "a" * 5000])
+def test_what_is_no_name_at_all_is_refused_by_our_error(name: object) -> None:
+    with pytest.raises((NameNotFound, UrdfError)):
+        Robot.load(name)  # type: ignore[arg-type]
+
+
+def test_without_example_robot_data_its_arms_are_refused_with_the_way_to_get_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(robots, "_example_folder", lambda: None)
+    assert "anthropomorphic3" in robots.names()
+    assert not set(robots.names()) & set(robots.EXAMPLE_ROBOT_DATA)
+    with pytest.raises(NameNotFound, match=r"pip install 'armgpi\[robots\]'"):
+        Robot.load("panda")
+    with pytest.raises(NameNotFound, match="give the path of a URDF file"):
+        Robot.load("pandas")
+
+
+def test_a_name_means_the_known_robot_and_a_path_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = robots.locate("twodof")[0].read_text(encoding="utf-8")
+    for file in ("ur5", "mine", "ur5.urdf"):
+        Path(file).write_text(text, encoding="utf-8")
+    assert Robot.load("ur5").n == 6
+    for path in ("./ur5.urdf", "ur5.urdf", "mine", str(tmp_path / "ur5"), Path("mine")):
+        assert Robot.load(path).n == 2, path

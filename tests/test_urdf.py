@@ -1,0 +1,460 @@
+"""URDF text to a model: what is read, what is locked, and what is refused before Pinocchio sees it.
+
+Pinocchio accepts most of the files refused here, with masses of zero or another tree than the one
+written, so each test changes one thing in a good file and asks for our error with the element's name.
+"""
+
+from __future__ import annotations
+
+import gzip
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgpi import ArmgpiWarning, Robot
+from armgpi.errors import ArmgpiError, ArrayError, NameNotFound, UrdfError
+from armgpi.urdf import MAX_BYTES, MAX_JOINTS, MAX_MOVING_JOINTS
+
+#: Of products of a few rotations and lengths below 1 m: some 50 times 2.2e-16.
+ROUNDING = 1e-14
+BODY = (
+    '<inertial><origin xyz="0.1 0 0" rpy="0 0 0"/><mass value="1.0"/>'
+    '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>'
+)
+MASS, INERTIA = '<mass value="1.0"/>', BODY[BODY.index("<inertia ") : BODY.index("</inertial>")]
+ELBOW = (
+    '<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>'
+    '<origin xyz="0.2 0 0" rpy="0 0 0"/><axis xyz="0 1 0"/>'
+    '<limit lower="-1.5" upper="2.5" effort="20" velocity="3"/>'
+    '<dynamics damping="0.5" friction="0.25"/></joint>'
+)
+LIMIT = ELBOW[ELBOW.index("<limit") : ELBOW.index("<dynamics")]
+GOOD = f"""<robot name="arm">
+<link name="base"/>
+<link name="upper">{BODY}</link>
+<link name="fore">{BODY}</link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/></joint>
+{ELBOW}
+</robot>
+"""
+WRIST = ELBOW.replace('"elbow"', '"wrist"').replace('"fore"', '"hand"').replace('"upper"', '"fore"')
+THREE = GOOD.replace("</robot>", f'<link name="hand">{BODY}</link>{WRIST}</robot>')
+
+
+def changed(*replacements: tuple[str, str], text: str = GOOD) -> str:
+    """Return the good URDF with the last place where each old text stands changed."""
+    for old, new in replacements:
+        assert old in text, old
+        head, _, tail = text.rpartition(old)
+        text = head + new + tail
+    return text
+
+
+def refusal(text: str, **options: Any) -> UrdfError:
+    """Return the error with which a URDF is refused."""
+    with pytest.raises(UrdfError) as caught:
+        Robot.from_xml(text, **options)
+    assert isinstance(caught.value, ArmgpiError)
+    assert str(caught.value).startswith(caught.value.source)
+    return caught.value
+
+
+# --- What is read --------------------------------------------------------------------------------
+
+
+def test_limits_types_and_friction_are_those_of_the_file() -> None:
+    robot = Robot.from_xml(GOOD)
+    assert robot.name == "arm"
+    assert robot.joint_names == ("shoulder", "elbow")
+    assert robot.joint_types == ("continuous", "revolute")
+    np.testing.assert_array_equal(robot.limits.lower, [-np.inf, -1.5])
+    np.testing.assert_array_equal(robot.limits.upper, [np.inf, 2.5])
+    np.testing.assert_array_equal(robot.limits.velocity, [np.inf, 3.0])
+    np.testing.assert_array_equal(robot.limits.effort, [np.inf, 20.0])
+    np.testing.assert_array_equal(robot.friction.viscous, [0.0, 0.5])
+    np.testing.assert_array_equal(robot.friction.coulomb, [0.0, 0.25])
+
+
+def test_the_axis_and_origin_of_a_joint_default_as_the_urdf_specification_says() -> None:
+    spelled_out = changed(
+        ('link="upper"/></joint>', 'link="upper"/><origin xyz="0 0 0"/><axis xyz="1 0 0"/></joint>')
+    )
+    q = [0.3, -0.4]
+    np.testing.assert_array_equal(
+        Robot.from_xml(GOOD).mass_matrix(q), Robot.from_xml(spelled_out).mass_matrix(q)
+    )
+
+
+@pytest.mark.parametrize(
+    ("plain", "odd"),
+    [
+        ('xyz="0 1 0"', 'xyz="0 2 0"'),  # an axis need not have unit length
+        ('value="1.0"', 'value=" 1.0 "'),  # urdfdom drops an inertia that ends in a space
+        ('izz="0.01"', 'izz="0.01\n"'),
+        ('iyy="0.01"', 'iyy="1e-2&#9;"'),
+        ('xyz="0.1 0 0"', 'xyz="\t0.1\n 0  0 "'),
+        ('xyz="0.2 0 0"', 'xyz="+.2 0. -0"'),
+    ],
+)
+def test_a_number_means_the_same_however_it_is_written(plain: str, odd: str) -> None:
+    assert plain in THREE
+    robot, same = Robot.from_xml(THREE), Robot.from_xml(THREE.replace(plain, odd))
+    assert same.total_mass == robot.total_mass == 3.0
+    q = [0.3, -0.4, 0.5]
+    np.testing.assert_allclose(same.mass_matrix(q), robot.mass_matrix(q), rtol=1e-15)
+
+
+def test_a_robot_without_a_name_a_comment_and_foreign_elements_are_no_obstacle() -> None:
+    text = changed(
+        ('<robot name="arm">', '<?xml version="1.0" encoding="latin-1"?><!-- é --><robot>'),
+        ("</robot>", '<gazebo><mass value="heavy"/></gazebo><transmission name="t"/></robot>'),
+    )
+    np.testing.assert_array_equal(
+        Robot.from_xml("\ufeff" + text).mass_matrix([0.1, 0.2]), Robot.from_xml(GOOD).mass_matrix([0.1, 0.2])
+    )
+
+
+def test_names_may_be_in_any_script() -> None:
+    robot = Robot.from_xml(GOOD.replace("elbow", "côté 肘"))
+    assert robot.joint_names == ("shoulder", "côté 肘")
+
+
+def test_geometry_is_never_opened() -> None:
+    mesh = '<visual><geometry><mesh filename="/nowhere/../x.dae"/></geometry></visual>'
+    with_mesh = GOOD.replace("</link>", f"{mesh}{mesh.replace('visual', 'collision')}</link>")
+    assert Robot.from_xml(with_mesh).total_mass == 2.0
+
+
+def test_massless_links_may_hang_on_fixed_joints() -> None:
+    tool = (
+        '<link name="tool"/><joint name="weld" type="fixed"><parent link="fore"/><child link="tool"/></joint>'
+    )
+    robot = Robot.from_xml(GOOD.replace("</robot>", f"{tool}</robot>"))
+    assert "tool" in robot.frame_names
+    assert robot.n == 2
+
+
+def test_a_link_and_a_joint_may_share_a_name_and_the_frame_is_the_links() -> None:
+    shared = THREE.replace('"wrist"', '"fore"')
+    robot, plain = Robot.from_xml(shared), Robot.from_xml(THREE)
+    q = [0.3, 0.4, 0.5]
+    np.testing.assert_array_equal(
+        robot.frame_pose("fore", q).translation, plain.frame_pose("fore", q).translation
+    )
+    # Pinocchio's own way of locking raises here.
+    locked = Robot.from_xml(shared, lock={"fore": 0.5})
+    assert locked.joint_names == ("shoulder", "elbow")
+    np.testing.assert_allclose(locked.mass_matrix(q[:2]), robot.mass_matrix(q)[:2, :2], rtol=0, atol=ROUNDING)
+
+
+# --- Locking -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", [np.pi / 2, -np.pi / 2, np.pi, 2.0, -7.0, 0.0])
+@pytest.mark.parametrize("axis", ["0 1 0", "0 3 0", "1 2 -2"])
+def test_a_joint_may_be_locked_at_any_angle_also_where_roll_and_yaw_are_one(axis: str, angle: float) -> None:
+    # About y the rotation is pure pitch, singular at 90 degrees. An axis need not have unit length.
+    text = THREE.replace('xyz="0 1 0"', f'xyz="{axis}"')
+    full, locked = Robot.from_xml(text), Robot.from_xml(text, lock={"elbow": angle})
+    pose, same = full.frame_pose("hand", [0.3, angle, 0.5]), locked.frame_pose("hand", [0.3, 0.5])
+    np.testing.assert_allclose(same.rotation, pose.rotation, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(same.translation, pose.translation, rtol=0, atol=ROUNDING)
+
+
+def test_a_joint_without_axis_and_origin_may_be_locked_as_well() -> None:
+    full, locked = Robot.from_xml(THREE), Robot.from_xml(THREE, lock={"shoulder": 0.7})
+    pose, same = full.frame_pose("hand", [0.7, 0.4, 0.5]), locked.frame_pose("hand", [0.4, 0.5])
+    np.testing.assert_allclose(same.rotation, pose.rotation, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(same.translation, pose.translation, rtol=0, atol=ROUNDING)
+
+
+def test_without_a_value_a_joint_is_locked_at_zero_or_at_the_limit_nearest_to_it() -> None:
+    text = THREE.replace('lower="-1.5"', 'lower="0.5"')
+    robot = Robot.from_xml(text, lock=["shoulder", "elbow"])
+    assert robot.provenance["locked"] == {"shoulder": 0.0, "elbow": 0.5}
+
+
+def test_keep_locks_all_the_others() -> None:
+    kept, locked = Robot.from_xml(THREE, keep=["elbow"]), Robot.from_xml(THREE, lock=["shoulder", "wrist"])
+    assert kept.joint_names == locked.joint_names == ("elbow",)
+    assert kept.mass_matrix([0.4]) == locked.mass_matrix([0.4])
+    assert Robot.from_xml(THREE, keep="elbow").joint_names == ("elbow",)
+    mixed = Robot.from_xml(THREE, lock={"wrist": 1.0}, keep=["elbow"])
+    assert mixed.provenance["locked"] == {"wrist": 1.0, "shoulder": 0.0}
+
+
+@pytest.mark.parametrize("options", [{"lock": ["elbw"]}, {"lock": {"elbw": 0.0}}, {"keep": ["elbw"]}])
+def test_a_joint_that_does_not_exist_is_refused_and_the_near_one_offered(options: Any) -> None:
+    with pytest.raises(NameNotFound, match="did you mean 'elbow'") as caught:
+        Robot.from_xml(GOOD, **options)
+    assert caught.value.name == "elbw"
+    assert caught.value.valid == ("shoulder", "elbow")
+
+
+def test_a_fixed_joint_is_none_that_can_be_locked() -> None:
+    with pytest.raises(NameNotFound, match="no moving joint named 'elbow'"):
+        Robot.from_xml(changed(('type="revolute"', 'type="fixed"')), lock=["elbow"])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, "0.1", True, [0.1, 0.2]])
+def test_a_joint_cannot_be_locked_at_what_is_no_finite_number(value: Any) -> None:
+    with pytest.raises(ArrayError, match="lock\\['elbow'\\]"):
+        Robot.from_xml(GOOD, lock={"elbow": value})
+
+
+def test_locking_every_joint_leaves_no_robot() -> None:
+    assert "no moving joint" in str(refusal(GOOD, lock=["shoulder", "elbow"]))
+    assert "no moving joint" in str(refusal('<robot name="r"><link name="base"/></robot>'))
+
+
+# --- Mimic joints --------------------------------------------------------------------------------
+
+MIMIC = changed(("<dynamics", '<mimic joint="elbow" multiplier="-2" offset="0.1"/><dynamics'), text=THREE)
+
+
+def test_a_mimic_joint_is_locked_with_a_warning_that_points_at_the_callers_line() -> None:
+    with pytest.warns(ArmgpiWarning, match="joint 'wrist' mimics 'elbow'; it is locked at 0.1") as caught:
+        robot = Robot.from_xml(MIMIC)
+    assert [Path(warning.filename) for warning in caught] == [Path(__file__)]
+    assert robot.joint_names == ("shoulder", "elbow")
+    assert robot.provenance["locked"] == {"wrist": 0.1}
+
+
+def test_with_its_leader_locked_a_mimic_joint_stands_where_it_would_have_followed_to() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        robot = Robot.from_xml(MIMIC, lock={"elbow": 0.7})
+    assert robot.provenance["locked"] == pytest.approx({"elbow": 0.7, "wrist": 0.1 - 2 * 0.7})
+
+
+# --- Files ---------------------------------------------------------------------------------------
+
+
+def file_refusal(path: Path) -> str:
+    """Return the message with which a file is refused."""
+    with pytest.raises(UrdfError) as caught:
+        Robot.load(path)
+    assert str(path) in str(caught.value)
+    assert caught.value.source == str(path)
+    return str(caught.value)
+
+
+def test_a_file_loads_as_its_text(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(GOOD, encoding="utf-8")
+    q = [0.1, 0.2]
+    for robot in (Robot.load(path), Robot.load(str(path))):
+        np.testing.assert_array_equal(robot.mass_matrix(q), Robot.from_xml(GOOD).mass_matrix(q))
+        assert robot.provenance["source"] == str(path)
+        assert robot.provenance["sha256"] == Robot.from_xml(GOOD).provenance["sha256"]
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    assert "no such file" in file_refusal(tmp_path / "arm.urdf")
+    assert "no such file" in file_refusal(tmp_path / ("a" * 5000 + ".urdf"))
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    assert "a folder" in file_refusal(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
+def test_a_fifo_is_refused_instead_of_waited_for(tmp_path: Path) -> None:
+    fifo = tmp_path / "arm.urdf"
+    os.mkfifo(fifo)
+    assert "no regular file" in file_refusal(fifo)
+
+
+def test_a_device_is_refused_instead_of_read() -> None:
+    assert "no regular file" in file_refusal(Path(os.devnull))
+
+
+def test_a_huge_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    with path.open("wb") as file:
+        file.truncate(MAX_BYTES + 1)  # takes no room on the disk
+    assert f"{MAX_BYTES + 1} bytes" in file_refusal(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [GOOD.replace("arm", "Bähr").encode("latin-1"), gzip.compress(GOOD.encode()), b"\x00\xff\xfe"],
+    ids=["latin-1", "gzip", "binary"],
+)
+def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(content)
+    assert "not UTF-8" in file_refusal(path)
+
+
+# --- XML that is no URDF -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        (" \n", "is empty"),
+        ("no XML at all", "not well-formed XML"),
+        (GOOD[:-30], "not well-formed XML"),
+        ('<robot name="\ud800"/>', "not well-formed XML"),
+        ("<mujoco/>", "expected the root element <robot>, got <mujoco>"),
+        (f"<html>{GOOD}</html>", "got <html>"),
+        ('<robot name="r"/>', "no <link>"),
+        (f'<!DOCTYPE robot [<!ENTITY a "b">]>{GOOD}', "document type declaration"),
+        (f'<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/hostname">]>{GOOD}', "document type"),
+    ],
+)
+def test_text_that_is_no_urdf_is_refused_with_what_it_is(text: str, said: str) -> None:
+    assert said in str(refusal(text))
+
+
+def chain(kinds: list[str]) -> str:
+    """Return a chain of joints of these types."""
+    parts = ['<robot name="chain"><link name="l0"/>']
+    for i, kind in enumerate(kinds):
+        parts.append(
+            f'<link name="l{i + 1}">{BODY}</link><joint name="j{i}" type="{kind}">'
+            f'<parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+        )
+    return "".join([*parts, "</robot>"])
+
+
+def test_more_joints_than_pinocchio_stands_are_refused() -> None:
+    # 5,000 chained fixed links crash it, 500 moving joints take gigabytes.
+    assert Robot.from_xml(chain(["continuous"] * MAX_MOVING_JOINTS)).n == MAX_MOVING_JOINTS
+    many = refusal(chain(["continuous"] * (MAX_MOVING_JOINTS + 1)))
+    assert f"{MAX_MOVING_JOINTS + 1} moving joints" in str(many)
+    assert "keep=" in str(many)
+    assert f"more than {MAX_JOINTS} joints" in str(refusal(chain(["fixed"] * 5000)))
+
+
+# --- Elements with something wrong ---------------------------------------------------------------
+
+REFUSED = [  # element, what stands there, what to write instead, what the error says
+    ("shoulder", 'name="elbow"', 'name="shoulder"', "two joints are named"),
+    ("elbow", 'type="revolute"', 'type="wobbly"', "type 'wobbly'"),
+    ("elbow", 'type="revolute"', "", "type ''"),
+    ("elbow", 'type="revolute"', 'type="floating"', "is floating"),
+    ("elbow", 'type="revolute"', 'type="planar"', "is planar"),
+    ("elbow", 'xyz="0 1 0"', 'xyz="0 0 0"', "axis 0 0 0"),
+    ("elbow", 'xyz="0 1 0"', "", "axis 0 0 0"),
+    ("elbow", 'xyz="0 1 0"', 'xyz="0 1"', "2 numbers, expected 3"),
+    ("elbow", 'xyz="0 1 0"', 'xyz="0,1,0"', "'0,1,0' is not a number"),
+    ("elbow", 'xyz="0.2 0 0"', 'xyz="nan 0 0"', "not finite"),
+    ("elbow", 'xyz="0.2 0 0"', 'xyz="${l} 0 0"', "'${l} 0 0' is not a number"),
+    ("elbow", 'rpy="0 0 0"/><axis', 'rpy="inf 0 0"/><axis', "not finite"),
+    ("elbow", LIMIT, "", "no <limit>"),
+    ("elbow", 'lower="-1.5"', 'lower="3"', "lower limit 3 above its upper 2.5"),
+    ("elbow", 'lower="-1.5"', 'lower="nan"', "lower='nan' is not finite"),
+    ("elbow", 'lower="-1.5"', 'lower="-1,5"', "'-1,5' is not a number"),
+    ("elbow", 'upper="2.5"', 'upper="1e400"', "upper='1e400' is not finite"),
+    ("elbow", 'effort="20"', 'effort="2_0"', "'2_0' is not a number"),
+    ("elbow", 'effort="20"', 'effort="-20"', "negative effort limit: -20"),
+    ("elbow", 'velocity="3"', 'velocity="-3"', "negative velocity limit: -3"),
+    ("elbow", 'damping="0.5"', 'damping="-0.5"', "negative damping: -0.5"),
+    ("elbow", 'friction="0.25"', 'friction="-0.25"', "negative friction: -0.25"),
+    ("elbow", '<parent link="upper"/>', "", "no parent link"),
+    ("elbow", '<child link="fore"/>', "<child/>", "no child link"),
+    ("elbow", '<parent link="upper"/>', '<parent link="uper"/>', "'uper', which is missing"),
+    ("elbow", '<child link="fore"/>', '<child link="for"/>', "'for', which is missing"),
+    ("upper", '<link name="fore"', '<link name="upper"', "two links are named"),
+    ("fore", MASS, "", "without <mass>"),
+    ("fore", MASS, "<mass/>", "no value"),
+    ("fore", INERTIA, "", "without <inertia>"),
+    ("fore", ' izz="0.01"', "", "no izz"),
+    ("fore", 'value="1.0"', 'value="nan"', "value='nan' is not finite"),
+    ("fore", 'value="1.0"', 'value="1,5"', "'1,5' is not a number"),
+    ("fore", 'value="1.0"', 'value="heavy"', "'heavy' is not a number"),
+    ("fore", 'value="1.0"', 'value="${m}"', "'${m}' is not a number"),
+    ("fore", 'value="1.0"', 'value="1_0"', "'1_0' is not a number"),
+    ("fore", 'value="1.0"', 'value="٢"', "'٢' is not a number"),
+    ("fore", 'value="1.0"', 'value="1 2"', "2 numbers, expected 1"),
+    ("fore", 'value="1.0"', 'value="-1.5"', "negative mass -1.5"),
+    ("fore", 'value="1.0"', 'value="0"', "inertia but no mass"),
+    ("fore", 'iyy="0.01"', 'iyy="inf"', "iyy='inf' is not finite"),
+    ("fore", 'iyy="0.01"', 'iyy="-0.01"', "not positive (smallest eigenvalue -0.01)"),
+    ("fore", 'ixy="0"', 'ixy="0.5"', "not positive (smallest eigenvalue -0.49)"),
+    ("fore", 'xyz="0.1 0 0"', 'xyz="0.1 nan 0"', "not finite"),
+]
+
+
+@pytest.mark.parametrize(
+    ("element", "old", "new", "said"), REFUSED, ids=[f"{row[0]}: {row[3]}" for row in REFUSED]
+)
+def test_a_bad_element_is_refused_by_name(element: str, old: str, new: str, said: str) -> None:
+    error = refusal(changed((old, new)))
+    assert error.element == element
+    assert repr(element) in str(error)
+    assert said in str(error)
+
+
+@pytest.mark.parametrize("tag", ["link", "joint"])
+def test_an_element_without_a_name_is_refused(tag: str) -> None:
+    assert f"a <{tag}> has no name" in str(refusal(GOOD.replace(f"<{tag} name=", f"<{tag} title=")))
+
+
+def test_a_moving_link_without_inertia_is_refused_naming_joint_and_link() -> None:
+    for body in ("", BODY.replace("0.01", "0").replace("1.0", "0")):
+        error = refusal(changed((BODY, body)))
+        assert error.element == "elbow"
+        assert "'fore'" in str(error)
+
+
+def test_a_point_mass_on_its_own_axis_is_refused_because_nothing_resists_the_joint() -> None:
+    error = refusal(changed((BODY, BODY.replace("0.01", "0").replace('xyz="0.1', 'xyz="0'))))
+    assert error.element == "elbow"
+
+
+def test_a_massless_link_between_two_joints_is_no_obstacle() -> None:
+    # A universal joint: what hangs on it has inertia about both axes.
+    text = changed((f'<link name="fore">{BODY}', '<link name="fore">'), text=THREE)
+    robot = Robot.from_xml(changed(('xyz="0 1 0"', 'xyz="0 0 1"'), text=text))
+    assert np.linalg.eigvalsh(robot.mass_matrix([0.1, 0.2, 0.3]))[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("extra", "element", "said"),
+    [
+        (ELBOW.replace('"elbow"', '"again"'), "fore", "two parents"),
+        ('<link name="island"/>', "island", "not one tree"),
+        (f"<link name='x'/>{WRIST.replace('hand', 'x').replace('fore', 'x')}", "x", "cycle"),
+        (ELBOW.replace('"elbow"', '"back"').replace('link="fore"', 'link="base"'), "base", "cycle"),
+    ],
+    ids=["two parents", "two roots", "cycle beside the tree", "cycle through the base"],
+)
+def test_joints_that_form_no_tree_are_refused(extra: str, element: str, said: str) -> None:
+    error = refusal(changed(("</robot>", f"{extra}</robot>")))
+    assert said in str(error)
+    assert error.element == element
+    assert repr(element) in str(error)
+
+
+# --- Pinocchio's own refusals --------------------------------------------------------------------
+
+REFUSED_BY_URDFDOM = changed(('<robot name="arm">', '<robot name="arm" version="7.0">'))
+
+
+def test_what_only_urdfdom_refuses_comes_with_its_reason_and_nothing_leaks_to_stderr(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    error = refusal(REFUSED_BY_URDFDOM)
+    assert "Invalid 'version' specified" in str(error)
+    assert "at line" not in str(error)  # of urdfdom's source: it would be looked for in the file
+    captured = capfd.readouterr()
+    assert captured.out == captured.err == ""
+
+
+def test_after_a_refusal_stderr_works_as_before(capfd: pytest.CaptureFixture[str]) -> None:
+    before = len(os.listdir("/dev/fd")) if os.path.isdir("/dev/fd") else 0
+    for _ in range(3):
+        refusal(REFUSED_BY_URDFDOM)
+        Robot.from_xml(GOOD)
+    os.write(2, b"still here")
+    assert capfd.readouterr().err == "still here"
+    if before:
+        assert len(os.listdir("/dev/fd")) == before  # no descriptor is left open
