@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from armgpi.plants.loads import Sine as Sine
     from armgpi.plants.loads import Step as Step
     from armgpi.plants.plant import Plant as Plant
+    from armgpi.plants.plant import Wrapper as Wrapper
     from armgpi.plants.rigid_body import RigidBodyPlant as RigidBodyPlant
     from armgpi.plants.sensors import Delayed as Delayed
     from armgpi.plants.sensors import DropOut as DropOut
@@ -63,7 +64,7 @@ _NAMES = {
     "errors": ("ArmgpiError", "ArmgpiWarning"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
-    "plants.plant": ("Plant",),
+    "plants.plant": ("Plant", "Wrapper"),
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "DropOut", "Encoder", "Noisy"),
     "references.bezier": ("Bezier",),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -137,10 +138,14 @@ def check_number(
     Raises:
         ParameterError: when it is no number, not finite, or outside.
     """
-    good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not good or not math.isfinite(value) or not lowest <= value <= highest or (open_ and value == lowest):
+    number = math.nan
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        with suppress(OverflowError):  # of an int beyond all floats
+            number = float(value)
+    inside = math.isfinite(number) and lowest <= number <= highest and not (open_ and number == lowest)
+    if not inside:
         raise ParameterError(name, value, expected)
-    return float(value)
+    return number
 
 
 def check_whole(value: Any, name: str, lowest: int, highest: int = 2**63 - 1) -> int:
@@ -176,8 +181,6 @@ def _convert(value: Any, name: str) -> Array:
         array = np.ascontiguousarray(value, dtype=np.float64).reshape(np.shape(value))
     except (TypeError, ValueError, OverflowError) as error:
         raise ArrayError(name, f"expected an array of numbers, got {value!r} ({error})") from None
-    if not array.size:
-        raise ArrayError(name, f"expected at least one number, got shape {array.shape}")
     return array
 
 

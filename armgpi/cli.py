@@ -242,6 +242,8 @@ def main() -> None:
         text = f"warning: {message}" if issubclass(category, ArmgpiWarning) else str(message)
         typer.secho(text, err=True, fg="yellow")
 
+    if sys.stdout is None:  # closed by whoever called
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         # A terminal that has no "²" shows "?" instead.
         if hasattr(stream, "reconfigure"):
@@ -253,6 +255,10 @@ def main() -> None:
             app()
         except ArmgpiError as error:
             typer.secho(f"error: {error}", err=True, fg="red")
+            sys.exit(BAD_INPUT)
+        except OSError as error:  # the output: files have errors of their own
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
+            typer.secho(f"error: cannot write the output: {error.strerror or error}", err=True, fg="red")
             sys.exit(BAD_INPUT)
         except KeyboardInterrupt:
             typer.secho("interrupted", err=True, fg="yellow")
@@ -283,13 +289,17 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         label = next(iter(experiment.controllers))
         result = experiments.join({label: experiments.run(experiment, label)})
     records = experiments.records(result)
-    if options["as_json"]:
-        typer.echo(json.dumps(records))
-    else:
-        _print_tables(experiment, records)
-    if options["out"] is not None:
-        for path in experiments.save(result, experiment, options["out"]):
-            typer.echo(f"wrote {path}", err=True)
+    paths: list[Path] = []
+    try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
+        if options["out"] is not None:
+            paths = experiments.save(result, experiment, options["out"])
+    finally:
+        if options["as_json"]:
+            typer.echo(json.dumps(records))
+        else:
+            _print_tables(experiment, records)
+    for path in paths:
+        typer.echo(f"wrote {path}", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.worst(records)]
 

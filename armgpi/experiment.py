@@ -58,13 +58,16 @@ def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
     Rollouts that were stopped early are NaN after their end.
 
     Raises:
-        RolloutError: when there are none, or their joints or times differ.
+        RolloutError: when there are none, or their joints or sample times differ.
     """
     if not runs:
         raise RolloutError("there are no rollouts to join")
     joints = {tuple(run["joint"].values) for run in runs.values()}
     if len(joints) > 1:
         raise RolloutError("rollouts of different joints cannot be joined")
+    times = max((run["time"].values for run in runs.values()), key=len)
+    if any(not np.array_equal(run["time"], times[: run.sizes["time"]]) for run in runs.values()):
+        raise RolloutError("rollouts sampled at different times cannot be joined")
     provenance = {label: json.loads(run.attrs["provenance"]) for label, run in runs.items()}
     joined = xr.concat(
         list(runs.values()), dim="rollout", data_vars="all", join="outer", combine_attrs="override"

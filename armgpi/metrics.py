@@ -112,15 +112,16 @@ def peak_torque(rollout: xr.Dataset) -> xr.DataArray:
 @_figure("saturated time", "s", "tau", "effort")
 def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
     """Return how long the applied torque stood at its limit [s]."""
-    at_limit = abs(rollout["tau"]) >= rollout["effort"] * (1.0 - 1e-9)
-    return _held_integral(at_limit.astype(float))
+    tau = rollout["tau"]
+    at_limit = abs(tau) >= rollout["effort"] * (1.0 - 1e-9)
+    return _held_integral(at_limit.astype(float).where(tau.notnull()))
 
 
 @_figure("beyond position limits", "rad", "q", "lower", "upper")
 def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
     """Return how far the joint went beyond its position limits [rad]; 0 when it stayed inside."""
     lowest, highest = rollout["q"].min("time"), rollout["q"].max("time")
-    below, above = rollout["lower"] - lowest, highest - rollout["upper"]
+    below, above = -(lowest - rollout["lower"]), highest - rollout["upper"]
     return below.where(below > above, above).clip(min=0.0)
 
 
@@ -147,10 +148,13 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
 
 def _integral(values: xr.DataArray) -> xr.DataArray:
     """Integrate over time by the trapezoidal rule, up to where the values end."""
-    return _held_integral(0.5 * (values + values.shift(time=-1)))
+    steps = values["time"].diff("time", label="lower")
+    means = (0.5 * (values + values.shift(time=-1))).isel(time=slice(None, -1))
+    return (means * steps).sum("time")
 
 
 def _held_integral(values: xr.DataArray) -> xr.DataArray:
     """Integrate over time values that are held from each sample to the next, up to where they end."""
     steps = values["time"].diff("time", label="lower")
-    return (values.isel(time=slice(None, -1)) * steps).sum("time")
+    whole = values.where(values.shift(time=-1).notnull()).isel(time=slice(None, -1))
+    return (whole * steps).sum("time")

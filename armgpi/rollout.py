@@ -21,6 +21,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
@@ -29,6 +30,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -235,7 +237,8 @@ def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
     except OSError as error:
         raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
     return target
 
 
@@ -249,6 +252,8 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     if not source.is_file():
         raise RolloutError(f"{source}: there is no such file")
     try:
+        with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
+            dict(file.attrs)
         with xr.open_dataset(source, engine="h5netcdf") as lazy:
             rollout = lazy.load()
     except Exception as error:  # h5py has no one kind of error for a damaged file

@@ -105,6 +105,8 @@ class ClosedLoop:
                 f"expected targets of shape (n,) or (batch, n) with n = {plant.robot.n}, got {first.q.shape}",
             )
         self.batch = common_batch(plant.batch, controller.batch, first.q)
+        if self.batch == 0:
+            raise ArrayError("reference", "expected at least one rollout, got an empty batch")
         self._sees_velocity = controller.sees is FullState
 
     def init(self, q0: ArrayLike | None = None, v0: ArrayLike | None = None) -> LoopState:
@@ -123,6 +125,8 @@ class ClosedLoop:
         q = robot.check_position(target.q if q0 is None else q0, "the start q0")
         v = np.zeros_like(q) if v0 is None else as_joint_array(v0, "v0", robot.joint_names)
         batch = common_batch(self.batch, q, v)
+        if batch == 0:
+            raise ArrayError("q0", "expected at least one rollout, got an empty batch")
         shape = (robot.n,) if batch is None else (batch, robot.n)
         q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
         state = self.plant.init(q, v)

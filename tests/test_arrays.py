@@ -17,12 +17,14 @@ from armgpi.arrays import (
     as_float_array,
     as_joint_array,
     as_number,
+    check_number,
+    check_whole,
     frozen,
     not_negative,
     per_joint,
     positive,
 )
-from armgpi.errors import ArmgpiError, ArrayError
+from armgpi.errors import ArmgpiError, ArrayError, ParameterError
 
 NAMES = ("shoulder", "elbow")
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -220,6 +222,47 @@ def test_a_parameter_out_of_range_is_refused_with_the_joint_it_is_for() -> None:
     with pytest.raises(ArrayError, match="got -1 for joint 'shoulder'"):
         per_joint(-1.0, "gain", NAMES, "zero or positive", not_negative)
     np.testing.assert_array_equal(per_joint(0, "x", NAMES, "zero or positive", not_negative), [0, 0])
+
+
+@pytest.mark.parametrize("value", [1, 1.0, np.float64(1.0), np.float32(1.0), np.int64(1)])
+def test_a_number_of_any_kind_becomes_a_float(value: Any) -> None:
+    number = check_number(value, "dt", "positive [s]", open_=True)
+    assert type(number) is float
+    assert number == 1.0
+
+
+@pytest.mark.parametrize(
+    "value",
+    [0.0, -1.0, 2.1, np.nan, np.inf, True, np.True_, "1", None, [1.0], np.array(1.0), 1j, 10**400],
+)
+def test_a_number_out_of_range_and_what_is_none_are_refused_with_what_was_given(value: Any) -> None:
+    with pytest.raises(ParameterError, match=r"^dt must be positive, got") as caught:
+        check_number(value, "dt", "positive", highest=2.0, open_=True)
+    assert caught.value.name == "dt"
+    assert caught.value.value is value
+
+
+def test_bounds_belong_to_the_range_unless_it_is_open_below() -> None:
+    assert check_number(0.0, "x", "any") == 0.0
+    assert check_number(2.0, "x", "any", 1.0, 2.0) == 2.0
+    with pytest.raises(ParameterError):
+        check_number(1.0, "x", "any", 1.0, 2.0, open_=True)
+
+
+@pytest.mark.parametrize("value", [3, np.int64(3), np.uint8(3)])
+def test_a_whole_number_of_any_kind_becomes_an_int(value: Any) -> None:
+    assert type(check_whole(value, "k", 3, 3)) is int
+
+
+@pytest.mark.parametrize("value", [2, 6, 3.0, np.float64(3.0), True, "3", None, [3], 10**400])
+def test_a_whole_number_out_of_range_and_what_is_none_are_refused(value: Any) -> None:
+    with pytest.raises(ParameterError, match=r"^k must be a whole number, from 3 to 5, got"):
+        check_whole(value, "k", 3, 5)
+
+
+def test_without_a_highest_whole_number_only_the_lowest_is_told() -> None:
+    with pytest.raises(ParameterError, match="a whole number, at least 1, got 0"):
+        check_whole(0, "k", 1)
 
 
 def test_what_is_frozen_is_a_copy_that_nobody_can_change() -> None:

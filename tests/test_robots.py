@@ -101,6 +101,16 @@ def test_the_panda_with_locked_fingers_is_the_seven_joint_arm_of_its_data_sheet(
     np.testing.assert_array_equal(panda.limits.effort, [87.0] * 4 + [12.0] * 3)
 
 
+@pytest.mark.parametrize(
+    ("name", "tip"),
+    [("ur5", "ee_link"), ("xarm7", "link_eef"), ("so100", "gripper"), ("z1", "gripperStator")],
+)
+def test_the_tip_is_the_last_link_that_the_arm_carries_before_a_locked_gripper(name: str, tip: str) -> None:
+    robot = load(name)
+    assert robot.tip == tip
+    assert robot.frame_jacobian(tip, robot.middle())[3:, -1].any()  # the last joint turns it
+
+
 def test_a_locked_finger_still_weighs() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # one finger mimics the other

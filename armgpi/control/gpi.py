@@ -142,16 +142,16 @@ class GPI(Controller):
         return f"GPI({self.robot.name!r}, dt={self.dt:g}, realisation={self.realisation!r})"
 
     def _warn_of_delay(self) -> None:
-        """Warn when sample, hold and transport take more than the loop's delay margin."""
+        """Warn when hold and transport take more than the loop's delay margin."""
         nominal = self.gains.nominal()
-        spent = 1.5 * self.dt + self.delay
+        spent = 0.5 * self.dt + self.delay
         margin = float(np.min(delay_margin(nominal)))
         if spent > margin:
             fastest = float(np.max(nominal.omega_c))
             warnings.warn(
                 f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of "
-                f"{self.delay:g} s: the loop stands a delay of {margin:.3g} s, sample and hold and transport "
-                f"take {spent:.3g} s, so it will be unstable; "
+                f"{self.delay:g} s: the loop stands a delay of {margin:.3g} s, hold and transport take "
+                f"{spent:.3g} s, so it will be unstable; "
                 f"{default_omega(self.dt, self.delay):.3g} rad/s would do",
                 ArmgpiWarning,
                 stacklevel=3,

@@ -8,6 +8,7 @@ import numpy as np
 
 from armgpi.arrays import Array, PerJointInput, not_negative, per_joint
 from armgpi.control.controller import Controller, ControlStep, FullState, common_batch
+from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot import AnyRobot
 
@@ -69,6 +70,9 @@ class PIDInversion(Controller):
             for name, gain in (("kp", kp), ("ki", ki), ("kd", kd))
         )
         self.bias_robot = robot if bias_robot is None else bias_robot
+        if self.bias_robot.joint_names != robot.joint_names:
+            joints = ", ".join(robot.joint_names)
+            raise ParameterError("bias_robot", self.bias_robot, f"a robot with the joints {joints}")
         self.batch = common_batch(self.batch, self.bias_robot.batch, self.kp, self.ki, self.kd)
         self._ki_dt = self.dt * self.ki
         self._kp_now = self.kp + 0.5 * self._ki_dt

@@ -96,8 +96,10 @@ class Wrapper(Plant):
         return self.plant.disturbance(t)
 
     def describe(self) -> dict[str, Any]:
-        """Return the wrapped plant's parameters and these."""
-        return {**self.plant.describe(), type(self).__name__: self.parameters()}
+        """Return the wrapped plant's parameters, and under "wires" those of all wrappers, inner first."""
+        inner = self.plant.describe()
+        wires = [*inner.get("wires", []), {"type": type(self).__name__, **self.parameters()}]
+        return {**inner, "wires": wires}
 
     def parameters(self) -> dict[str, Any]:
         """Return this wrapper's own parameters as plain data."""

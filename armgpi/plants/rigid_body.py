@@ -16,8 +16,8 @@ from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.robot import AnyRobot, Friction
 
-#: Iterations for Coulomb friction; each can only lower the energy, so any number is safe.
-_COULOMB_ITERATIONS = 12
+#: Most Newton steps for friction, and halvings of a step that goes too far. Two steps are usual, ten many.
+_NEWTON_STEPS, _BISECTIONS = 50, 50
 
 
 class _StepSizes(NamedTuple):
@@ -71,7 +71,7 @@ class RigidBodyPlant(Plant):
             ArrayError: when a load or coefficient does not fit the joints.
         """
         self.robot = robot
-        self.loads = (loads,) if isinstance(loads, Load) else tuple(loads)
+        self.loads = tuple(loads) if isinstance(loads, Sequence) else (loads,)
         self.substeps = check_whole(substeps, "substeps", 1)
         self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
         self.friction = self._friction(friction)
@@ -157,24 +157,12 @@ class RigidBodyPlant(Plant):
     ) -> tuple[Array, Array]:
         """Take a Runge-Kutta step without friction, then the friction that acts over it, implicitly.
 
-        With v_free the velocity without friction, v solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0,
-        |v| smoothed to sqrt(v^2 + stick_velocity^2): the minimum of a convex function, found by solving
-        for v with |v| from the iterate before. That never raises the function (majorisation), so friction
-        never feeds energy, however stiff. Where friction is in balance with the torque, the balance is
-        exact.
+        Where friction is in balance with the torque, the balance is exact.
         """
         assert self.friction is not None
         q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
-        viscous, coulomb = self.friction
         inertia = self.robot.dynamics.inertia(q)
-        momentum = np.matmul(inertia, v_free[..., None])
-        diagonal = np.arange(self.robot.n)
-        new = v_free
-        for _ in range(_COULOMB_ITERATIONS if coulomb.any() else 1):
-            speed = np.sqrt(new * new + self.stick_velocity**2)
-            resistance = inertia.copy()
-            resistance[..., diagonal, diagonal] += h * (viscous + coulomb / speed)
-            new = _solve(resistance, momentum)
+        new = _after_friction(inertia, v_free, h, self.friction, self.stick_velocity)
         return q_free + 0.5 * h * (new - v_free), new
 
     def _friction(self, friction: str | Friction | None) -> Friction | None:
@@ -233,6 +221,53 @@ class _LoadTable:
             self._first, self._dt, self._rows = first, dt, rows
         i = 3 * (self._substeps * (k - first) + substep)
         return self._rows[i], self._rows[i + 1], self._rows[i + 2]
+
+
+def _after_friction(inertia: Array, v_free: Array, h: float, friction: Friction, stick: float) -> Array:
+    """Return the velocity v that friction leaves of v_free after the time h.
+
+    It solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0 with |v| smoothed to sqrt(v^2 + stick^2), that is
+    the minimum of a strictly convex function: Newton's method with an exact line search finds it whatever
+    the stiffness, so friction never feeds energy.
+    """
+    viscous, coulomb = friction
+    diagonal = np.arange(v_free.shape[-1])
+
+    def resisting(v: Array) -> Array:
+        return h * (viscous * v + coulomb * v / np.sqrt(v * v + stick * stick))
+
+    v = v_free
+    for _ in range(_NEWTON_STEPS):
+        left = _times(inertia, v - v_free) + resisting(v)
+        hessian = inertia.copy()
+        hessian[..., diagonal, diagonal] += h * (
+            viscous + coulomb * stick * stick / np.sqrt(v * v + stick * stick) ** 3
+        )
+        way = _solve(hessian, -left[..., None])
+        inertia_way = _times(inertia, way)
+
+        def slope(share: Array, v: Array = v, way: Array = way, inertia_way: Array = inertia_way) -> Array:
+            """Return the function's slope along the way, after a share of it."""
+            here = v + share * way
+            force = _times(inertia, v - v_free) + share * inertia_way + resisting(here)
+            return np.asarray((way * force).sum(axis=-1, keepdims=True))
+
+        low, high = np.zeros_like(way[..., :1]), np.ones_like(way[..., :1])
+        if (slope(high) > 0.0).any():
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (low + high)
+                ahead = slope(middle) > 0.0
+                # Where the whole way still goes down, the bisection ends at its far end.
+                low, high = np.where(ahead, low, middle), np.where(ahead, middle, high)
+        v = v + high * way
+        if not (np.abs(way) > 1e-13 * (np.abs(v) + stick)).any():
+            break
+    return v
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    """Return matrix times vector, each with any leading axes."""
+    return np.asarray(np.matmul(matrix, vector[..., None])[..., 0])
 
 
 def _solve(matrix: Array, column: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, PerJointInput, check_number, check_whole, not_negative, per_joint
-from armgpi.control.controller import FullState
+from armgpi.control.controller import FullState, common_batch
 from armgpi.plants import noise
 from armgpi.plants.plant import Plant, Wrapper
 
@@ -29,7 +29,8 @@ class Encoder(Wrapper):
         travel = plant.robot.limits.upper - plant.robot.limits.lower
         linear = np.array([kind == "prismatic" for kind in plant.robot.joint_types])
         self.step_size = (
-            np.where(linear, np.where(np.isfinite(travel), travel, 1.0), 2.0 * math.pi) / 2.0**self.bits
+            np.where(linear, np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0), 2.0 * math.pi)
+            / 2.0**self.bits
         )
 
     def measure(self, state: Any) -> FullState:
@@ -57,6 +58,7 @@ class Noisy(Wrapper):
         names = plant.robot.joint_names
         self.std_q = per_joint(std_q, "std_q", names, "zero or positive", not_negative)
         self.std_v = per_joint(std_v, "std_v", names, "zero or positive", not_negative)
+        self.batch = common_batch(plant.batch, self.std_q, self.std_v)
         self.seed = check_whole(seed, "seed", 0)
 
     def measure(self, state: Any) -> FullState:

@@ -67,6 +67,10 @@ def minimum_duration(
     for name, limit in (("velocity_limit", velocity), ("acceleration_limit", acceleration)):
         if not (limit > 0.0).all():
             raise ParameterError(name, limit.tolist(), "positive")
+        try:
+            np.broadcast_shapes(distance_.shape, limit.shape)
+        except ValueError:
+            raise ArrayError(name, f"shape {limit.shape} does not go with {distance_.shape}") from None
     by_velocity = PEAK_VELOCITY * distance_ / velocity
     by_acceleration = np.sqrt(PEAK_ACCELERATION * distance_ / acceleration)
     return float(np.max(np.maximum(by_velocity, by_acceleration), initial=0.0))

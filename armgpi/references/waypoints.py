@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, check_number
-from armgpi.errors import ParameterError
+from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.bezier import Bezier
 from armgpi.references.reference import Reference, Target
 
@@ -49,23 +50,24 @@ class Waypoints(Reference):
         times = _per_item(durations, "durations", legs)
         stands = _per_item(holds, "holds", len(points))
         stands = [check_number(hold, "holds", "zero or positive, finite times [s]") for hold in stands]
+        postures = _one_shape(points)
         moves = []
-        t = float(stands[0] or 0.0)
+        t = stands[0]
         for leg in range(legs):
             move = Bezier(
-                points[leg],
-                points[leg + 1],
+                postures[leg],
+                postures[leg + 1],
                 times[leg],
                 t,
                 velocity_limit,
                 acceleration_limit,
             )
             moves.append(move)
-            t += move.duration + float(stands[leg + 1] or 0.0)
+            t += move.duration + stands[leg + 1]
         self.moves = tuple(moves)
         self.t_end = t
         # A single posture is a move to itself.
-        self._parts = self.moves or (Bezier(points[0], points[0]),)
+        self._parts = self.moves or (Bezier(postures[0], postures[0]),)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
@@ -83,12 +85,23 @@ class Waypoints(Reference):
         return f"Waypoints({len(self.moves)} moves, {self.t_end:g} s)"
 
 
-def _per_item(
-    value: float | Sequence[float] | None, name: str, count: int
-) -> list[float | None] | list[float]:
+def _per_item(value: Any, name: str, count: int) -> list[Any]:
     """Return one number per item."""
-    if value is None or isinstance(value, int | float):
+    if value is None or np.ndim(value) == 0:
         return [value] * count
     if len(value) != count:
         raise ParameterError(name, value, f"a number or {count} of them")
-    return [float(x) for x in value]
+    return list(value)
+
+
+def _one_shape(points: Sequence[ArrayLike]) -> list[Array]:
+    """Return the postures with one shape, (n,) or (batch, n)."""
+    arrays = [as_float_array(point, "points") for point in points]
+    try:
+        if len({array.shape[-1:] for array in arrays}) > 1:
+            raise ValueError
+        shape = np.broadcast_shapes(*(array.shape for array in arrays))
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise ArrayError("points", f"expected postures of the same joints and batch, got {shapes}") from None
+    return [np.broadcast_to(array, shape) for array in arrays]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
 from strategies import State, robots_and_states
@@ -84,6 +84,7 @@ def test_it_is_given_positions_and_nothing_else() -> None:
     assert np.isfinite(blind["q"]).all()
 
 
+@settings(max_examples=50)
 @given(robots_and_states(), st.floats(1.0, 100.0), st.integers(0, 1000))
 def test_the_torque_never_exceeds_the_limits_on_any_robot(
     drawn: tuple[Robot, State], omega: float, seed: int

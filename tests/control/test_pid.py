@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
 from scipy.linalg import expm
@@ -124,6 +124,7 @@ def test_a_step_far_beyond_the_torque_limit_settles_without_a_limit_cycle(joints
     assert np.abs(e[-1000:]).max() < 1e-6
 
 
+@settings(max_examples=50)
 @given(robots_and_states(max_joints=6), st.floats(1.0, 1e4))
 def test_the_torque_never_exceeds_the_limits_on_any_robot(drawn: tuple[Robot, State], kp: float) -> None:
     robot, (q, v, a) = drawn

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
 from strategies import State, robots_and_states
@@ -94,6 +94,7 @@ def test_a_smaller_stick_velocity_creeps_less() -> None:
 coefficients = st.tuples(*[st.integers(-6, 6).map(lambda power: 10.0 ** (0.5 * power))] * 2)
 
 
+@settings(max_examples=60)
 @given(robots_and_states(max_joints=6), coefficients, st.booleans())
 def test_friction_solves_its_own_equation_on_any_robot(
     drawn: tuple[Robot, State], pair: tuple[float, float], uneven: bool
@@ -112,6 +113,7 @@ def test_friction_solves_its_own_equation_on_any_robot(
     assert np.abs(left).max() <= 1e-6 * (DT * coulomb.max() + momentum.max())
 
 
+@settings(max_examples=60)
 @given(robots_and_states(max_joints=6), coefficients)
 def test_friction_never_adds_energy_on_any_robot(
     drawn: tuple[Robot, State], pair: tuple[float, float]
@@ -126,8 +128,9 @@ def test_friction_never_adds_energy_on_any_robot(
     for _ in range(20):
         state = plant.step(np.zeros(robot.n), state, dt)
         after = float(pin.computeKineticEnergy(model, data, state.q, state.v))
-        # D is taken at the beginning of a step: second order in it, times what friction does.
-        assert after <= before + 1e-6 * first
+        # Friction takes D from the beginning of a step: what that gets wrong is of second order in a
+        # change that is of first, and was never seen.
+        assert after <= before + 1e-12 * first
         before = after
 
 

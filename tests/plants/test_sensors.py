@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
 
@@ -173,6 +173,7 @@ def stacked(order: tuple[str, ...], seed: int = 0) -> Plant:
     return plant
 
 
+@settings(max_examples=40)
 @given(st.permutations(sorted(WRAPPERS)), st.integers(1, 6))
 def test_wrappers_go_on_top_of_each_other_in_any_order(order: list[str], count: int) -> None:
     # A batch behind them is its rollouts one by one, rollout i with seed + i.

@@ -1,0 +1,501 @@
+"""The experiment file: what it means, and what is said when it is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from armgpi import GPI, PIDInversion, Robot, config, default_omega
+from armgpi.errors import ArmgpiError, ConfigError
+
+ROOT = Path(__file__).parents[1]
+ARM = "robot: {name: anthropomorphic3}\n"
+
+
+def build(text: str) -> config.Experiment:
+    return config.build(*config.parse(text, "file.yaml"))
+
+
+def refusal(text: str) -> ConfigError:
+    with pytest.raises(ConfigError) as refused:
+        build(text)
+    assert "\n" not in str(refused.value)
+    return refused.value
+
+
+# Files and objects.
+
+
+def test_the_demo_can_be_built() -> None:
+    demo = config.build(*config.read(ROOT / "examples" / "demo.yaml"))
+    assert list(demo.controllers) == ["GPI", "PID + inversion"]
+    assert isinstance(demo.controllers["GPI"], GPI)
+    assert isinstance(demo.controllers["PID + inversion"], PIDInversion)
+
+
+def test_a_robot_alone_is_a_whole_experiment() -> None:
+    whole = build(ARM)
+    assert list(whole.controllers) == ["gpi"]
+    middle = whole.robot.middle()
+    reference = whole.reference
+    np.testing.assert_array_equal(reference.at(0.0).q, middle)
+    np.testing.assert_allclose(reference.at(reference.t_end).q, middle)
+    assert whole.t_final == reference.t_end + 2.0
+
+
+@pytest.mark.parametrize(
+    "text", ["plant:", "controllers:", "reference:", "plant: {}", "t_final:", "reference: {}"]
+)
+def test_an_empty_section_is_as_good_as_none(text: str) -> None:
+    assert build(ARM + text).config == build(ARM).config
+
+
+# Everything that can be said in a file, as strategies.
+
+NUMBER = st.floats(0.01, 100.0).map(lambda x: round(x, 4))
+PER_JOINT = st.one_of(
+    NUMBER,
+    st.lists(NUMBER, min_size=3, max_size=3),
+    st.dictionaries(st.sampled_from(["q1", "q2", "q3"]), NUMBER, min_size=1),
+)
+ANGLE = st.floats(-1.5, 1.5).map(lambda x: round(x, 4))
+POSTURE = st.one_of(
+    ANGLE,
+    st.lists(ANGLE, min_size=3, max_size=3),
+    st.dictionaries(st.sampled_from(["q1", "q2", "q3"]), ANGLE),
+)
+
+
+def section(required: dict[str, st.SearchStrategy], **optional: st.SearchStrategy) -> st.SearchStrategy:
+    return st.fixed_dictionaries(required, optional=optional)
+
+
+LOAD = st.one_of(
+    section({"type": st.just("step"), "amplitude": PER_JOINT}, onset=NUMBER),
+    section({"type": st.just("ramp"), "slope": PER_JOINT}, onset=NUMBER),
+    section(
+        {"type": st.just("sine"), "amplitude": PER_JOINT, "omega": PER_JOINT}, phase=NUMBER, onset=NUMBER
+    ),
+    section({"type": st.just("pulse"), "amplitude": PER_JOINT, "onset": NUMBER, "duration": NUMBER}),
+    section({"type": st.just("paper")}),
+)
+CONTROLLER = st.one_of(
+    section(
+        {"type": st.just("gpi")},
+        omega=st.floats(1.0, 30.0),
+        zeta=st.floats(0.5, 2.0),
+        p=st.one_of(st.none(), st.floats(1.0, 30.0)),
+        realisation=st.sampled_from(["bumpless", "paper"]),
+        start=st.sampled_from(["hold", "zero"]),
+        inertia_scale=st.floats(0.5, 2.0),
+    ),
+    section({"type": st.just("pid")}, label=st.just("one"), kp=PER_JOINT, ki=PER_JOINT, kd=PER_JOINT),
+)
+POINTS = st.integers(1, 4).flatmap(
+    lambda count: section(
+        {"points": st.lists(POSTURE, min_size=count, max_size=count)},
+        durations=st.one_of(NUMBER, st.lists(NUMBER, min_size=count - 1, max_size=count - 1)),
+        holds=st.one_of(NUMBER, st.lists(NUMBER, min_size=count, max_size=count)),
+    )
+)
+EXPERIMENT = section(
+    {"robot": section({"name": st.just("anthropomorphic3")}, effort=NUMBER)},
+    plant=section(
+        {},
+        payload=section(
+            {"mass": NUMBER}, frame=st.just("tool"), com=st.lists(NUMBER, min_size=3, max_size=3)
+        ),
+        armature=PER_JOINT,
+        friction=st.sampled_from(["urdf", "none"]),
+        loads=st.lists(LOAD, max_size=3),
+        substeps=st.integers(1, 4),
+        encoder_bits=st.integers(1, 52),
+        delay=st.integers(0, 5),
+        drop_out=st.floats(0.0, 0.9),
+        noise=section({}, position=NUMBER, velocity=NUMBER),
+        torque_rate=NUMBER,
+    ),
+    controllers=st.lists(CONTROLLER, min_size=1, max_size=3),
+    reference=POINTS,
+    sample_time=st.sampled_from([1e-3, 2.5e-4, 1e-5]),
+    t_final=NUMBER,
+    record_every=st.integers(1, 100),
+    seed=st.integers(0, 2**64),
+)
+
+
+@settings(max_examples=60)
+@given(EXPERIMENT)
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")  # gains too fast for the sample time
+def test_what_is_written_is_read_back_the_same(data: dict) -> None:
+    first = config.parse(yaml.safe_dump(data), "file.yaml").config
+    assert config.parse(config.dump(first), "again.yaml").config == first
+    # What was built says every default, and builds the same again.
+    built = build(yaml.safe_dump(data))
+    again = build(config.dump(built.config))
+    assert again.config == built.config
+    assert again.t_final == built.t_final
+    times = np.linspace(0.0, built.t_final, 7)
+    np.testing.assert_array_equal(again.reference.at(times).q, built.reference.at(times).q)
+    assert again.plant.describe() == built.plant.describe()
+    for label, controller in built.controllers.items():
+        assert again.controllers[label].describe() == controller.describe()
+
+
+@given(st.floats(1e-300, 1e300))
+def test_a_number_survives_the_file_to_the_last_bit(number: float) -> None:
+    first = config.parse(f"{ARM}t_final: {number!r}", "file.yaml").config
+    assert config.parse(config.dump(first), "again.yaml").config.t_final == number == first.t_final
+
+
+def test_every_default_is_written_out() -> None:
+    written = yaml.safe_load(config.dump(build(ARM).config))
+    assert set(written) == set(config.ExperimentConfig.model_fields)
+    assert written["t_final"] > 0.0
+    assert written["controllers"][0]["omega"] > 0.0
+    assert len(written["reference"]["points"]) == 3
+    assert len(written["reference"]["durations"]) == 2
+
+
+# Quantities per joint.
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("20", [20.0, 20.0, 20.0]),
+        ("2e1", [20.0, 20.0, 20.0]),  # text to YAML 1.1
+        ("[10, 20, 30]", [10.0, 20.0, 30.0]),
+        ("{q2: 20}", [default_omega(1e-3), 20.0, default_omega(1e-3)]),  # the others have the default
+        ("{q3: 30, q1: 10, q2: 20}", [10.0, 20.0, 30.0]),
+    ],
+)
+def test_a_quantity_is_a_number_a_list_or_a_mapping(text: str, expected: list[float]) -> None:
+    controller = build(f"{ARM}controllers: [{{type: gpi, omega: {text}}}]").controllers["gpi"]
+    np.testing.assert_array_equal(controller.gains.nominal().omega_c, expected)
+    np.testing.assert_array_equal(controller.gains.nominal().p_c, expected)
+
+
+def test_a_posture_keeps_the_joints_that_it_does_not_name() -> None:
+    reference = build(
+        f"{ARM}reference: {{points: [{{q1: 0.3}}, {{q2: 0.6}}, [1, 1, 1], {{q3: 0}}]}}"
+    ).reference
+    middle = Robot.load("anthropomorphic3").middle()
+    np.testing.assert_array_equal(reference.moves[0].start, [0.3, *middle[1:]])
+    np.testing.assert_array_equal(reference.moves[0].goal, [0.3, 0.6, middle[2]])
+    np.testing.assert_array_equal(reference.moves[2].goal, [1.0, 1.0, 0.0])
+
+
+def test_joints_are_locked_by_name_and_at_values() -> None:
+    assert build("robot: {name: anthropomorphic3, lock: q1}").robot.joint_names == ("q2", "q3")
+    assert build("robot: {name: anthropomorphic3, keep: [q3, q1]}").robot.joint_names == ("q1", "q3")
+    locked = build("robot: {name: anthropomorphic3, lock: {q1: 0.3, q2: null}}").robot
+    assert locked.provenance["locked"] == {"q1": 0.3, "q2": 0.0}
+
+
+def test_effort_limits_can_be_given() -> None:
+    robot = build("robot: {name: double_pendulum, effort: {joint1: 3, joint2: 4}}").robot
+    np.testing.assert_array_equal(robot.limits.effort, [3.0, 4.0])
+
+
+def test_the_controllers_know_the_delay_and_not_the_load() -> None:
+    text = "plant: {delay: 3, payload: {mass: 0.5}, armature: 0.01}\nsample_time: 2e-3"
+    built = build(ARM + text)
+    controller = built.controllers["gpi"]
+    assert controller.delay == 6e-3
+    assert controller.robot.total_mass == built.robot.total_mass == built.plant.robot.total_mass - 0.5
+    # Without gains, the bandwidth is the one for this sample time and delay: 0.1 / (1.5 dt + delay).
+    np.testing.assert_allclose(controller.gains.nominal().omega_c, 0.1 / 9e-3)
+
+
+def test_inertia_scale_is_the_papers_variation_of_D() -> None:
+    built = build(f"{ARM}controllers: [{{type: gpi, inertia_scale: 0.8}}, {{type: pid, inertia_scale: 0.8}}]")
+    for controller in built.controllers.values():
+        q = np.array([0.1, 0.2, 0.3])
+        np.testing.assert_allclose(controller.robot.mass_matrix(q), 0.8 * built.robot.mass_matrix(q))
+    np.testing.assert_array_equal(built.controllers["pid"].bias_robot.gravity(q), built.robot.gravity(q))
+
+
+# Where a URDF is looked for.
+
+
+def test_a_urdf_is_looked_for_beside_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "a folder" / "with spaces"
+    folder.mkdir(parents=True)
+    urdf = (ROOT / "urdf" / "anthropomorphic3.urdf").read_text().replace("anthropomorphic3", "mine")
+    (folder / "mine.urdf").write_text(urdf)
+    file = folder / "experiment.yaml"
+    file.write_text("robot: {name: mine.urdf}")
+    monkeypatch.chdir(tmp_path)
+    assert config.build(*config.read(file)).robot.name == "mine"
+    relative = file.relative_to(tmp_path)
+    assert config.build(*config.read(relative)).robot.name == "mine"
+    file.write_text(f"robot: {{name: {folder / 'mine.urdf'}}}")
+    assert config.build(*config.read(file)).robot.name == "mine"
+
+
+# Errors: the file, the line, the key, and what was expected.
+
+BAD: dict[str, tuple[str, str, int | None, str]] = {
+    # name: text after the robot's line, key, line, part of the message
+    "unknown section": ("plnt: {}", "plnt", 2, "did you mean 'plant'"),
+    "unknown key": ("plant:\n  encoder_bit: 3", "plant.encoder_bit", 3, "did you mean 'encoder_bits'"),
+    "unknown key of a load": (
+        "plant:\n  loads:\n  - {type: sine, amplitude: 1, omga: 3}",
+        "plant.loads.0.omga",
+        4,
+        "did you mean 'omega'",
+    ),
+    "unknown key of a controller": (
+        "controllers:\n- type: gpi\n- type: pid\n  kpp: 3",
+        "controllers.1.kpp",
+        5,
+        "did you mean 'kp'",
+    ),
+    "unknown controller": ("controllers:\n- type: lqr", "controllers.0.type", 3, "known: gpi, pid"),
+    "controller without type": ("controllers:\n- omega: 3", "controllers.0.type", 3, "is missing"),
+    "unknown load": ("plant: {loads: [{type: sin}]}", "plant.loads.0.type", 2, "did you mean 'sine'"),
+    "key of a load missing": ("plant: {loads: [{type: step}]}", "plant.loads.0.amplitude", 2, "is missing"),
+    "no controllers": ("controllers: []", "controllers", 2, "at least 1"),
+    "controllers no list": ("controllers: {type: gpi}", "controllers", 2, "expected a list"),
+    "section no mapping": ("plant: 3", "plant", 2, "expected a mapping, got 3"),
+    "text for a number": ("sample_time: fast", "sample_time", 2, "expected a number, got 'fast'"),
+    "truth for a number": ("sample_time: true", "sample_time", 2, "expected a number, got True"),
+    "not a number": ("t_final: .nan", "t_final", 2, "expected a finite number"),
+    "infinity": ("t_final: .inf", "t_final", 2, "expected a finite number"),
+    "more than a number": ("t_final: 1" + 400 * "0", "t_final", 2, "expected a number"),
+    "zero": ("sample_time: 0", "sample_time", 2, "above 0, got 0"),
+    "negative": ("t_final: -1", "t_final", 2, "above 0, got -1"),
+    "more samples than sense": ("t_final: 1e300", "t_final", 2, "samples"),
+    "less than a sample": ("t_final: 1e-4", "t_final", 2, "samples"),
+    "truth for a whole number": ("seed: true", "seed", 2, "whole number, got True"),
+    "broken number": ("seed: 1.5", "seed", 2, "whole number, got 1.5"),
+    "negative seed": ("seed: -1", "seed", 2, "0 or more"),
+    "no bits": ("plant: {encoder_bits: 0}", "plant.encoder_bits", 2, "1 or more"),
+    "too many bits": ("plant: {encoder_bits: 53}", "plant.encoder_bits", 2, "52 or less"),
+    "always lost": ("plant: {drop_out: 1}", "plant.drop_out", 2, "below 1"),
+    "truth for friction": ("plant: {friction: yes}", "plant.friction", 2, "'urdf' or 'none'"),
+    "negative mass": ("plant:\n  payload:\n    mass: -1", "plant.payload.mass", 4, "0 or more"),
+    "unknown frame": ("plant: {payload: {mass: 1, frame: tol}}", "plant.payload", 2, "did you mean 'tool'"),
+    "com of two": ("plant: {payload: {mass: 1, com: [0, 1]}}", "plant.payload.com", 2, "at least 3"),
+    "list too short": (
+        "controllers:\n- type: gpi\n  omega: [1, 2]",
+        "controllers.0.omega",
+        4,
+        "expected 3 numbers (q1, q2, q3), got 2",
+    ),
+    "bad number in a list": (
+        "controllers:\n- type: gpi\n  omega:\n  - 1\n  - x\n  - 3",
+        "controllers.0.omega.1",
+        6,
+        "expected a number, got 'x'",
+    ),
+    "unknown joint": (
+        "controllers:\n- type: gpi\n  omega:\n    q1: 3\n    q4: 3",
+        "controllers.0.omega.q4",
+        6,
+        "known: q1, q2, q3",
+    ),
+    "bad number of a joint": ("plant: {armature: {q1: -1}}", "plant.armature.q1", 2, "0 or more"),
+    "joint without torque rate": ("plant: {torque_rate: {q1: 3}}", "plant.torque_rate", 2, "q2, q3"),
+    "no gain": ("controllers: [{type: gpi, omega: 0}]", "controllers.0.omega", 2, "above 0"),
+    "negative gain": ("controllers: [{type: pid, kd: -1}]", "controllers.0.kd", 2, "0 or more"),
+    "point outside the limits": (
+        "reference:\n  points:\n  - [0, 0, 0]\n  - [0, 0, 9]",
+        "reference.points.1",
+        5,
+        "'q3' is 9, outside [-2.7, 2.7]",
+    ),
+    "point of an unknown joint": ("reference: {points: [{j1: 0}]}", "reference.points.0.j1", 2, "known: q1"),
+    "no points": ("reference: {points: []}", "reference.points", 2, "at least 1"),
+    "too many durations": (
+        "reference: {points: [0, 1], durations: [1, 2]}",
+        "reference",
+        2,
+        "durations must be a number or 1 of them",
+    ),
+    "no duration": ("reference: {points: [0, 1], durations: 0}", "reference.durations", 2, "above 0"),
+    "negative hold": ("reference: {points: [0, 1], holds: [0, -1]}", "reference.holds.1", 2, "0 or more"),
+    "a load that ends before it begins": (
+        "plant: {loads: [{type: step, amplitude: 1, onset: 3, end: 2}]}",
+        "plant.loads.0",
+        2,
+        "after the onset",
+    ),
+    "twice": ("seed: 1\nt_final: 3\nseed: 1", "seed", 4, "stands twice"),
+    "twice, deep": (
+        "plant:\n  delay: 1\n  noise: {}\n  delay: 2",
+        "plant.delay",
+        5,
+        "stands twice",
+    ),
+    "key no text": ("1: 2", "1", None, "a key is text"),
+    "not YAML": ("plant: {", "", 2, "is not valid YAML"),
+    "a tab": ("plant:\n\tdelay: 1", "", 3, "is not valid YAML"),
+    "two documents": ("---\nseed: 1", "", 2, "is not valid YAML"),
+    "a date that is none": ("t_final: 2020-13-45", "", None, "is not valid YAML"),
+    "code": ("seed: !!python/object/apply:os.getcwd []", "", 2, "is not valid YAML"),
+    "control characters": ("seed: \x01", "", None, "is not valid YAML"),
+    "an alias of itself": ("plant: &a [*a]", "", None, "nested too deeply"),
+    "two of a label": (
+        "controllers: [{type: gpi}, {type: pid, label: gpi 3}, {type: gpi}]",
+        "controllers.2.label",
+        2,
+        "labelled 'gpi 3'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_an_error_names_file_line_key_and_what_was_expected(case: str) -> None:
+    text, key, line, message = BAD[case]
+    error = refusal(ARM + text)
+    assert (error.source, error.key, error.line) == ("file.yaml", key, line)
+    place = "file.yaml" if line is None else f"file.yaml:{line}"
+    assert str(error).startswith(f"{place}: {key}: " if key else f"{place}: ")
+    assert message in str(error)
+
+
+@pytest.mark.parametrize(
+    ("robot", "key", "message"),
+    [
+        ("{}", "robot.name", "is missing"),
+        ("{name: 3}", "robot.name", "expected text"),
+        ("{name: pandaa}", "robot.name", "did you mean 'panda'"),
+        ("{name: none.urdf}", "robot.name", "no such file"),
+        (f"{{name: {'a' * 300}}}", "robot.name", "aaa"),
+        ("{name: anthropomorphic3, lok: [q1]}", "robot.lok", "did you mean 'lock'"),
+        ("{name: anthropomorphic3, lock: [q9]}", "robot.lock", "known: q1, q2, q3"),
+        ("{name: anthropomorphic3, lock: [q1, 3]}", "robot.lock.1", "expected text"),
+        ("{name: anthropomorphic3, lock: {q1: x}}", "robot.lock.q1", "expected a number"),
+        ("{name: anthropomorphic3, lock: 3}", "robot.lock", "expected a list"),
+        ("{name: anthropomorphic3, keep: [q9]}", "robot.keep", "known: q1, q2, q3"),
+        ("{name: anthropomorphic3, lock: [q1, q2, q3]}", "robot.name", "no moving joint"),
+        ("{name: anthropomorphic3, effort: [1, 2]}", "robot.effort", "expected 3 numbers"),
+        ("{name: anthropomorphic3, effort: {q1: 0}}", "robot.effort", "'q1' has effort limit 0"),
+        ("{name: double_pendulum}", "robot.effort", "'joint1' has effort limit 0"),
+        ("3", "robot", "expected a mapping"),
+    ],
+)
+def test_an_error_about_the_robot_names_its_key(robot: str, key: str, message: str) -> None:
+    error = refusal(f"seed: 1\nrobot: {robot}")
+    assert (error.source, error.key, error.line) == ("file.yaml", key, 2)
+    assert message in str(error)
+
+
+def test_the_disturbances_of_the_paper_are_for_its_arm() -> None:
+    error = refusal("robot: {name: ur5}\nplant: {loads: [{type: paper}]}")
+    assert (error.key, error.line) == ("plant.loads.0", 2)
+
+
+@pytest.mark.parametrize("text", ["", "# nothing but a remark", "[]", "- robot", "3", "robot", "null", "---"])
+def test_a_file_that_is_no_mapping_is_refused(text: str) -> None:
+    assert "expected a mapping" in str(refusal(text))
+
+
+def test_a_file_without_robot_is_refused() -> None:
+    assert (refusal("seed: 1").key, refusal("robot:").key) == ("robot", "robot")
+
+
+def test_a_small_file_that_aliases_make_huge_is_refused() -> None:
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 12)]
+    assert "keys and values" in str(refusal("\n".join(lines)))
+
+
+# Files that cannot be read.
+
+
+def write(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda folder: folder / "none.yaml", "no such file"),
+        (lambda folder: folder, "no regular file"),
+        (lambda folder: folder / ("a" * 300), "cannot be read"),
+        (lambda folder: write(folder / "b.yaml", b"\xff\xfe\x00binary"), "not UTF-8"),
+        (lambda folder: write(folder / "b.yaml", b"seed: caf\xe9"), "not UTF-8"),
+        (lambda folder: write(folder / "b.yaml", bytes(range(32))), "not valid YAML"),
+        (lambda folder: write(folder / "b.yaml", b"#" * 1_000_001), "larger than"),
+        (lambda folder: write(folder / "b.yaml", b"[" * 100_000), "nested too deeply"),
+        (lambda folder: Path("/dev/zero"), "no regular file"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_named(
+    make: Callable[[Path], Path], message: str, tmp_path: Path
+) -> None:
+    path = make(tmp_path)
+    with pytest.raises(ConfigError, match=message) as refused:
+        config.read(path)
+    assert refused.value.source == str(path)
+
+
+def test_a_byte_order_mark_and_other_line_ends_are_fine(tmp_path: Path) -> None:
+    text = "\ufeffrobot:\r\n  name: anthropomorphic3\r\nseed: 3\r\n"
+    assert config.read(write(tmp_path / "w.yaml", text.encode("utf-8"))).config.seed == 3
+
+
+# Whatever stands in the file: a configuration or our error.
+
+WORDS = (
+    "robot name anthropomorphic3 plant controllers type gpi omega reference points q1 loads sine payload mass"
+)
+ODD = "-1 .nan 1e999 0x10 1:30 2020-01-01 ~ yes { } [ ] &a *a !!float !!set << ? | # '"
+SCRAPS = st.sampled_from([*WORDS.split(), *ODD.split(), ": ", "- ", ", ", " ", "\n", "\n  "])
+TREES = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(),
+        st.floats(),
+        st.text(max_size=5),
+        st.dates(),
+        st.binary(max_size=3),
+        st.sampled_from(["gpi", "q1", "paper"]),
+    ),
+    lambda children: st.one_of(
+        st.lists(children, max_size=3),
+        st.dictionaries(
+            st.sampled_from(["q1", "type", "name", "mass", "points", "omega", "loads"]), children
+        ),
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=150)
+@given(st.lists(SCRAPS, max_size=30).map("".join))
+@example("robot: {name: anthropomorphic3}\nseed: !!bool x")
+@example("robot: !!int x")
+@example("? [a]\n: 1")
+def test_no_text_causes_anything_but_our_error(text: str) -> None:
+    try:
+        config.parse(text, "file.yaml")
+    except ConfigError as error:
+        assert error.source == "file.yaml"  # noqa: PT017 (it may also pass)
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(sorted(config.ExperimentConfig.model_fields)), TREES)
+def test_no_value_of_a_key_causes_anything_but_our_error(key: str, value: object) -> None:
+    data = {"robot": {"name": "anthropomorphic3"}, key: value}
+    try:
+        config.build(config.check(data, config.Origin("data")))
+    except ConfigError as error:
+        assert error.key.split(".")[0] == key  # noqa: PT017 (it may also pass)
+
+
+def test_every_error_of_the_file_is_an_error_of_ours() -> None:
+    assert issubclass(ConfigError, ArmgpiError)
+    assert math.isfinite(config.parse(ARM, "x").config.sample_time)

@@ -1,0 +1,75 @@
+"""Errors: one root, data in the leaves, and texts that say what was found, expected and to be done."""
+
+from __future__ import annotations
+
+import inspect
+
+import pytest
+
+from armgpi import errors
+from armgpi.errors import (
+    ArmgpiError,
+    ConfigError,
+    EffortError,
+    LimitError,
+    NameNotFound,
+    ReachError,
+    UrdfError,
+)
+
+CLASSES = [cls for _, cls in inspect.getmembers(errors, inspect.isclass) if cls.__module__ == errors.__name__]
+
+
+def test_every_error_has_the_one_root_and_every_warning_the_other() -> None:
+    for cls in CLASSES:
+        assert issubclass(cls, ArmgpiError) != issubclass(cls, errors.ArmgpiWarning), cls
+    assert not issubclass(ArmgpiError, ValueError)  # `except ValueError` hides no refusal of ours
+
+
+@pytest.mark.parametrize(
+    ("typo", "offered"),
+    [("elbo", "did you mean 'elbow'?"), ("wrist_1x", "did you mean 'wrist_1' or 'wrist_2'?")],
+)
+def test_near_names_are_offered(typo: str, offered: str) -> None:
+    error = NameNotFound("joint", typo, ["wrist_1", "wrist_2", "elbow"], "see the URDF")
+    assert str(error).startswith(f"there is no joint named {typo!r}; {offered}")
+    assert "(known: wrist_1, wrist_2, elbow)" in str(error)
+    assert str(error).endswith("; see the URDF")
+
+
+def test_without_near_names_none_is_offered_and_long_lists_are_cut() -> None:
+    text = str(NameNotFound("joint", "xyz", [f"q{i}" for i in range(200)]))
+    assert "did you mean" not in text
+    assert "q19, ... 180 more" in text
+    assert "q20" not in text
+    assert "known" not in str(NameNotFound("joint", "xyz", []))
+
+
+def test_leaves_carry_their_numbers() -> None:
+    limit = LimitError("the start", "elbow", 4.0, -1.0, 2.0, "start inside")
+    assert (limit.joint, limit.value, limit.lower, limit.upper) == ("elbow", 4.0, -1.0, 2.0)
+    assert str(limit) == "the start of joint 'elbow' is 4, outside [-1, 2]; start inside"
+
+    effort = EffortError("elbow", 0.0)
+    assert (effort.joint, effort.effort) == ("elbow", 0.0)
+    assert "with_limits(effort={'elbow': 10.0})" in str(effort)
+
+    reach = ReachError([1, 2, 3], 0.5, "too far")
+    assert (reach.point, reach.distance, str(reach)) == ((1.0, 2.0, 3.0), 0.5, "too far")
+
+    urdf = UrdfError("arm.urdf", "has no mass", "fore")
+    assert (urdf.source, urdf.element, str(urdf)) == ("arm.urdf", "fore", "arm.urdf: has no mass")
+
+
+@pytest.mark.parametrize(
+    ("key", "line", "text"),
+    [
+        ("plant.dt", 7, "run.yaml:7: plant.dt: must be positive"),
+        ("plant.dt", None, "run.yaml: plant.dt: must be positive"),
+        ("", None, "run.yaml: must be positive"),
+    ],
+)
+def test_an_error_of_a_file_points_at_its_line_and_key(key: str, line: int | None, text: str) -> None:
+    error = ConfigError("run.yaml", key, "must be positive", line)
+    assert str(error) == text
+    assert (error.source, error.key, error.line) == ("run.yaml", key, line)
