@@ -499,7 +499,8 @@ def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None
         ]
     for table in tables:
         # Long names are folded; a terminal too narrow for the numbers gets whole ones all the same.
-        console.print(table, width=max(console.width, _widths(console, table).minimum), crop=False)
+        console.width = max(console.width, _widths(console, table).minimum)
+        console.print(table)
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         note = f"; left its joint limits by up to {excess:.3g}" if excess > 0.0 else ""

@@ -563,7 +563,7 @@ class RobotBatch(_Checked):
         Raises:
             ParameterError: when there are none or their joints differ.
         """
-        if not robots or not all(isinstance(robot, Robot) for robot in robots):
+        if not isinstance(robots, Sequence) or not robots or not all(isinstance(r, Robot) for r in robots):
             raise ParameterError("robots", robots, "a sequence of at least one Robot")
         first = robots[0]
         for robot in robots:

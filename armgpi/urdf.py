@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import as_number
-from armgpi.errors import ArmgpiWarning, NameNotFound, UrdfError
+from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, UrdfError
 
 MAX_BYTES = 32 * 1024 * 1024
 MAX_JOINTS = 2_000
@@ -182,6 +182,7 @@ def build(
     Raises:
         NameNotFound: when a name is not that of a moving joint.
         ArrayError: when a value to lock at is no finite number.
+        ParameterError: when a joint shall be both locked and kept.
         UrdfError: when a joint type is not supported, no moving joint is left, or Pinocchio refuses.
     """
     locked = _locked_values(urdf, lock, keep)
@@ -394,12 +395,14 @@ def _locked_values(
     """Return the value of every joint to lock: those asked for, those not kept, and mimic joints."""
     moving = [name for name, joint in urdf.joints.items() if joint.moves]
     asked: dict[str, float | None] = (
-        dict(lock) if isinstance(lock, Mapping) else dict.fromkeys([lock] if isinstance(lock, str) else lock)
+        dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(_name_list(lock, "lock"))
     )
-    kept = [keep] if isinstance(keep, str) else keep
+    kept = None if keep is None else _name_list(keep, "keep")
     for name in (*asked, *(kept or ())):
         if name not in moving:
             raise NameNotFound("moving joint", name, moving)
+        if kept is not None and name in kept and name in asked:
+            raise ParameterError("lock", name, "a joint that is not in keep as well")
     if kept is not None:
         for name in moving:
             if name not in kept:
@@ -413,6 +416,8 @@ def _locked_values(
         joint = urdf.joints[name]
         if joint.mimic is None or name in values:
             continue
+        if joint.mimic not in urdf.joints:
+            raise UrdfError(urdf.source, f"joint {name!r} mimics {joint.mimic!r}, which does not exist", name)
         leader = values.get(joint.mimic, 0.0)
         values[name] = joint.mimic_offset + joint.mimic_multiplier * leader
         if joint.mimic not in values:
@@ -425,9 +430,22 @@ def _locked_values(
     return values
 
 
+def _name_list(value: Any, name: str) -> list[Any]:
+    """Return joint names given as one name or several."""
+    if isinstance(value, str):
+        return [value]
+    try:
+        return list(value)
+    except TypeError:
+        raise ParameterError(name, value, "names of joints") from None
+
+
 def _with_locks(urdf: Urdf, locked: Mapping[str, float]) -> ElementTree.Element:
     """Return the XML for Pinocchio: locked joints fixed, continuous ones unbounded, no mimic."""
-    root = copy.deepcopy(urdf.root)
+    try:
+        root = copy.deepcopy(urdf.root)
+    except RecursionError:
+        raise UrdfError(urdf.source, "has XML elements nested too deeply for a URDF") from None
     root.set("name", urdf.name)  # urdfdom insists on one
     for element in root.findall("joint"):
         joint = urdf.joints[element.get("name", "")]

@@ -1,0 +1,640 @@
+"""The command line, as a user and as a program call it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+
+import armgpi
+from armgpi import Status, load, metrics
+from armgpi.cli import main
+from armgpi.robots import names
+
+ROOT = Path(__file__).parents[1]
+DEMO = str(ROOT / "examples" / "demo.yaml")
+ARM = "anthropomorphic3"
+SHORT = ("--t-final", "0.02")
+SAMPLED = ("q", "v", "q_ref", "q_measured", "tau_command", "tau")
+FINGERS = ("--lock", "panda_finger_joint1", "--lock", "panda_finger_joint2")
+
+
+class Answer(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+    """Call `armgpi` in this process; anything but an exit with a code would come out as it is."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+    def call(*arguments: object) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["armgpi", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        code = end.value.code or 0
+        assert isinstance(code, int)
+        return Answer(code, captured.out, captured.err)
+
+    return call
+
+
+def command(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+    """Start `armgpi` as a program of its own."""
+    whole = [sys.executable, "-m", "armgpi.cli", *map(str, arguments)]
+    return subprocess.Popen(whole, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+
+
+# Help.
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"], ["run", "--bogus"]])
+def test_help_waits_for_no_heavy_import(arguments: list[str]) -> None:
+    code = (
+        "import sys\nfrom armgpi.cli import main\n"
+        f"sys.argv = ['armgpi', *{arguments!r}]\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print(*sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stderr.split()}
+    # Not pydantic: Typer itself imports it.
+    heavy = {"pinocchio", "numpy", "scipy", "xarray", "h5py", "h5netcdf", "yaml", "matplotlib"}
+    assert "armgpi" in loaded
+    assert not loaded & heavy
+
+
+def test_help_names_every_command_and_option_and_fits_80_columns(
+    cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    listed = cli("--help")
+    assert listed.code == 0
+    assert {"run", "compare", "robots"} <= set(listed.out.split())
+    for name, own in (("run", "--controller"), ("compare", "--controllers")):
+        helped = cli(name, "--help")
+        assert helped.code == 0
+        for option in (
+            *("--config", "--to", "--from", "--duration", "--omega", "--lock", "--keep", "--effort", "--out"),
+            *("--inertia-scale", "--payload", "--encoder-bits", "--delay", "--friction", "--dt", "--t-final"),
+            *("--seed", "--json", own),
+        ):
+            assert option in helped.out
+        # Units stand in brackets, which a markup language would have eaten.
+        assert "[rad/s]" in helped.out
+        assert max(map(len, helped.out.splitlines())) <= 80
+
+
+def test_without_a_command_the_help_is_shown(cli: Callable[..., Answer]) -> None:
+    assert "Commands:" in "".join(cli()[1:])
+
+
+def test_the_version_is_shown(cli: Callable[..., Answer]) -> None:
+    assert cli("--version") == Answer(0, f"armgpi {armgpi.__version__}\n", "")
+
+
+def test_robots_are_listed_one_a_line(cli: Callable[..., Answer]) -> None:
+    assert cli("robots") == Answer(0, "".join(f"{name}\n" for name in names()), "")
+
+
+# Runs.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "joints"),
+    [
+        (["ur5"], 6),
+        (["panda", *FINGERS], 7),
+        (["panda", "--lock", "panda_finger_joint1,panda_finger_joint2"], 7),
+        (["panda", "--keep", "panda_joint2", "--keep", "panda_joint4"], 2),
+        (["panda", *FINGERS, "--lock", "panda_joint7=0.5"], 6),
+        ([ARM], 3),
+        (["xarm7", "--friction"], 7),
+        (["double_pendulum", "--effort", "3"], 2),
+    ],
+)
+def test_a_robot_runs_with_no_tuning(arguments: list[str], joints: int, cli: Callable[..., Answer]) -> None:
+    answer = cli("run", *arguments, "--t-final", "0.1", "--json")
+    assert answer.code == 0
+    (record,) = json.loads(answer.out)
+    assert len(record["joints"]) == joints
+    assert record["status"] == "finished"
+    assert max(record["metrics"]["peak_error"]) < 0.01
+
+
+def test_a_path_with_spaces_is_a_robot(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    folder = tmp_path / "my robots"
+    folder.mkdir()
+    path = folder / "my arm.urdf"
+    path.write_text((ROOT / "urdf" / "anthropomorphic3.urdf").read_text())
+    assert cli("run", path, *SHORT).code == 0
+
+
+@pytest.mark.parametrize(
+    ("to", "goal"),
+    [
+        ("q1=0.8,q2=0.4,q3=-0.4", [0.8, 0.4, -0.4]),
+        (" q3 = -0.4 , q1 = 0.8 ", [0.8, None, -0.4]),
+        ("0.8,0.4,-0.4", [0.8, 0.4, -0.4]),
+        ("-0.8, 4e-1, -.4", [-0.8, 0.4, -0.4]),
+        ("0.5", [0.5, 0.5, 0.5]),
+        ("-0.5", [-0.5, -0.5, -0.5]),
+    ],
+)
+@pytest.mark.parametrize("start", [None, "q1=0.1", "0.1,0.2,0.3"])
+def test_to_and_from_are_postures(
+    to: str, goal: list[float | None], start: str | None, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    begin = [] if start is None else ["--from", start]
+    answer = cli("run", ARM, "--to", to, *begin, "--duration", "0.01", "--t-final", "1.02", "--out", tmp_path)
+    assert answer.code in (0, 1)  # nobody follows so fast a move
+    reference = load(tmp_path / "rollout.nc")["q_ref"].isel(rollout=0).values
+    first = armgpi.Robot.load(ARM).middle()
+    if start is not None:
+        first = np.array([0.1, *first[1:]] if "=" in start else [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(reference[0], first, atol=1e-15)
+    np.testing.assert_allclose(reference[999], first, atol=1e-15)  # stands for a second
+    last = [old if new is None else new for old, new in zip(first, goal, strict=True)]
+    np.testing.assert_allclose(reference[-1], last, atol=1e-15)
+
+
+def written(folder: Path) -> Any:
+    return armgpi.config.read(folder / "experiment.yaml").config
+
+
+def test_options_mean_what_they_say(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    answer = cli(
+        *(
+            "run",
+            ARM,
+            "--omega",
+            "q1=15,q2=20",
+            "--inertia-scale",
+            0.8,
+            "--payload",
+            0.1,
+            "--encoder-bits",
+            14,
+        ),
+        *(
+            "--delay",
+            2,
+            "--dt",
+            2e-3,
+            "--seed",
+            5,
+            "--effort",
+            "q3=7",
+            "--friction",
+            "--out",
+            tmp_path,
+            *SHORT,
+        ),
+    )
+    assert answer.code == 0
+    made = json.loads(load(tmp_path / "rollout.nc").attrs["provenance"])["gpi"]
+    default = armgpi.default_omega(2e-3, 4e-3)
+    assert made["controller"]["gains"]["omega_c"] == [15.0, 20.0, default]
+    assert made["controller"]["robot"]["changes"][-1] == {"inertia_scale": 0.8}
+    assert made["controller"]["dt"] == 2e-3
+    assert made["controller"]["delay"] == 4e-3
+    assert made["controller"]["effort"] == [30.0, 30.0, 7.0]
+    assert made["plant"]["robot"]["changes"][-1]["payload"]["mass"] == 0.1
+    wires = {wire.pop("type"): wire for wire in made["plant"]["wires"]}
+    assert wires["Encoder"]["bits"] == 14
+    assert wires["Delayed"]["samples"] == 2
+    assert made["plant"]["friction"] is not None
+    assert written(tmp_path).seed == 5
+
+
+def test_options_override_the_file_and_leave_the_rest(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    answer = cli(
+        *(
+            "compare",
+            "--config",
+            DEMO,
+            "--omega",
+            25,
+            "--payload",
+            0.1,
+            "--duration",
+            2,
+            "--inertia-scale",
+            1.2,
+        ),
+        *(*SHORT, "--out", tmp_path),
+    )
+    assert answer.code == 0
+    config, demo = written(tmp_path), armgpi.config.read(Path(DEMO)).config
+    assert [section.label for section in config.controllers] == ["GPI", "PID + inversion"]
+    assert config.controllers[0].omega == 25.0
+    assert config.controllers[0].start == "zero"
+    assert {section.inertia_scale for section in config.controllers} == {1.2}
+    assert config.plant.payload.mass == 0.1
+    assert config.plant.loads == demo.plant.loads
+    assert config.reference.points == demo.reference.points
+    assert config.reference.durations == 2.0
+    assert config.t_final == 0.02
+
+
+def test_an_option_can_take_back_what_the_file_says(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    file = tmp_path / "e.yaml"
+    plant = "{friction: urdf, payload: {mass: 1, com: [0, 0, 0.1]}}"
+    file.write_text(f"robot: {{name: {ARM}, lock: [q3]}}\nplant: {plant}\n")
+    assert (
+        cli("run", "--config", file, "--no-friction", "--payload", 0.2, *SHORT, "--out", tmp_path / "a").code
+        == 0
+    )
+    plant = written(tmp_path / "a").plant
+    assert plant.friction == "none"
+    assert (plant.payload.mass, plant.payload.com) == (0.2, [0.0, 0.0, 0.1])
+    # Another robot is another robot: what the file says of its own is gone.
+    assert cli("run", ARM, "--config", file, *SHORT, "--out", tmp_path / "b").code == 0
+    assert written(tmp_path / "b").robot.lock == []
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [(None, "GPI"), ("pid", "PID + inversion"), ("gpi", "GPI"), ("PID + inversion", "PID + inversion")],
+)
+def test_a_controller_of_the_file_is_chosen_by_type_or_label(
+    name: str | None, label: str, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    chosen = [] if name is None else ["--controller", name]
+    answer = cli("run", "--config", DEMO, *chosen, *SHORT, "--json", "--out", tmp_path)
+    assert [record["label"] for record in json.loads(answer.out)] == [label]
+    assert [section.label for section in written(tmp_path).controllers] == [label]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "labels"),
+    [
+        ([], ["gpi", "pid"]),
+        (["--controllers", "pid,gpi"], ["pid", "gpi"]),
+        (["--controllers", "gpi"], ["gpi"]),
+        (["--controllers", "gpi,gpi"], ["gpi", "gpi 2"]),
+    ],
+)
+def test_a_comparison_has_the_controllers_asked_for(
+    arguments: list[str], labels: list[str], cli: Callable[..., Answer]
+) -> None:
+    records = json.loads(cli("compare", ARM, *arguments, *SHORT, "--json").out)
+    assert [record["label"] for record in records] == labels
+    seen = {"gpi": "Measurement", "pid": "FullState"}
+    assert [record["sees"] for record in records] == [seen[label[:3]] for label in labels]
+
+
+def test_a_run_that_ends_before_its_move_says_so(cli: Callable[..., Answer]) -> None:
+    assert "the run ends at 0.02 s, the last move at" in cli("run", ARM, *SHORT).err
+    assert cli("run", ARM, "--to", "0.3", "--duration", "0.5", "--t-final", "1.5").err == ""
+
+
+# What comes out.
+
+
+def test_json_is_all_there_is_on_stdout(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    # With a warning (the fingers mimic each other), a note and files on the side.
+    answer = cli("run", "panda", *SHORT, "--json", "--out", tmp_path)
+    assert answer.code == 0
+    assert "warning: " in answer.err
+    assert "wrote " in answer.err
+    (record,) = json.loads(answer.out)
+    figures = metrics.summary(load(tmp_path / "rollout.nc")).isel(rollout=0)
+    for name in metrics.ALL:
+        np.testing.assert_array_equal(record["metrics"][name], figures[name])
+    assert json.loads((tmp_path / "metrics.json").read_text()) == [record]
+
+
+def test_a_folder_makes_the_rollout_again_bit_by_bit(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    options = ("--encoder-bits", 12, "--delay", 1, "--payload", 0.3, "--seed", 3, "--inertia-scale", 1.1)
+    assert cli("compare", "ur5", *options, "--t-final", 0.3, "--out", first).code == 0
+    assert cli("compare", "--config", first / "experiment.yaml", "--out", second).code == 0
+    one, other = load(first / "rollout.nc"), load(second / "rollout.nc")
+    assert one.identical(other)
+    for name in SAMPLED:
+        assert one[name].values.tobytes() == other[name].values.tobytes()
+    for file in first.iterdir():
+        assert file.read_bytes() == (second / file.name).read_bytes(), file.name
+
+
+def test_a_robot_given_by_path_is_kept_with_the_rollout(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "mine.urdf").write_text((ROOT / "urdf" / "anthropomorphic3.urdf").read_text())
+    monkeypatch.chdir(tmp_path)
+    assert cli("run", "robots/mine.urdf", *SHORT, "--out", "results").code == 0
+    monkeypatch.chdir(tmp_path / "robots")
+    assert cli("run", "--config", "../results/experiment.yaml", "--out", "../again").code == 0
+    one, other = load(tmp_path / "results" / "rollout.nc"), load(tmp_path / "again" / "rollout.nc")
+    for name in SAMPLED:
+        assert one[name].values.tobytes() == other[name].values.tobytes()
+
+
+def long_names(tmp_path: Path) -> tuple[str, list[str]]:
+    """A robot whose joints have names longer than half a terminal, with what Rich takes for markup."""
+    joints = [f"[bold]{word}[/]_{'x' * 50}_:smile:" for word in ("first", "second")]
+    links = "".join(
+        f'<link name="l{i}"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="{joint}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="99" velocity="3"/></joint>'
+        for i, joint in enumerate(joints, start=1)
+    )
+    path = tmp_path / "long.urdf"
+    path.write_text(f'<robot name="[red]arm[/red]"><link name="l0"/>{links}</robot>')
+    return str(path), joints
+
+
+@pytest.mark.parametrize("columns", [80, 100, 200])
+def test_tables_fit_the_terminal_with_whole_names_and_numbers(
+    columns: int, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    path, odd = long_names(tmp_path)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for arguments, joints in (
+        (("run", "ur5"), None),
+        (("compare", "kinova"), None),
+        (("compare", path), odd),
+    ):
+        answer = cli(*arguments, *SHORT)
+        assert answer.code == 0
+        lines = answer.out.splitlines()
+        assert max(map(cell_len, lines)) <= columns
+        assert "…" not in answer.out
+        known = joints or json.loads(cli(*arguments, *SHORT, "--json").out)[0]["joints"]
+        # Folded names run on in the cell below.
+        cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line]
+        number = 0 if arguments[0] == "run" else 1
+        assert "".join(row[number] for row in cells).startswith("".join(known))
+
+
+def test_a_terminal_far_too_narrow_gets_whole_numbers(
+    cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    answer = cli("run", ARM, "--t-final", "1.5")
+    assert answer.code == 0
+    assert "…" not in answer.out
+
+
+def test_a_terminal_without_our_letters_gets_others() -> None:
+    with command("run", ARM, *SHORT, env={**os.environ, "PYTHONIOENCODING": "ascii"}) as process:
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert out.isascii()
+    assert "Traceback" not in err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+@pytest.mark.parametrize("arguments", [["robots"], ["run", ARM, *SHORT], ["run", ARM, *SHORT, "--json"]])
+def test_an_output_that_is_full_is_an_error_of_one_line(arguments: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        whole = [sys.executable, "-m", "armgpi.cli", *arguments]
+        done = subprocess.run(whole, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert "error: cannot write the output" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_reader_that_goes_away_costs_no_files(tmp_path: Path) -> None:
+    with command("run", ARM, *SHORT, "--out", tmp_path) as process:
+        process.stdout.close()
+        err = process.stderr.read()
+    assert "Traceback" not in err
+    assert load(tmp_path / "rollout.nc").sizes["time"] == 21
+
+
+# Exit codes.
+
+
+def test_a_rollout_that_diverges_exits_with_1_and_says_when(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    options = ("--omega", 3000, "--effort", 1e9, "--t-final", 2, "--out", tmp_path)
+    answer = cli("run", ARM, *options)
+    assert answer.code == 1
+    assert "diverged at 0." in answer.out
+    assert "warning: omega_c = 3000 rad/s is too fast" in answer.err
+    assert load(tmp_path / "rollout.nc")["status"] == Status.DIVERGED
+    both = cli("compare", ARM, *options, "--json")
+    assert both.code == 1
+    assert [record["status"] for record in json.loads(both.out)] == ["diverged", "finished"]
+
+
+@pytest.mark.parametrize("name", ["run", "compare"])
+def test_ctrl_c_keeps_what_is_there_and_exits_with_130(name: str, tmp_path: Path) -> None:
+    with command(name, ARM, "--t-final", 1000, "--out", tmp_path / "out", "--json") as process:
+        # The folder is made right before the run begins; the run would take half a minute.
+        while not (tmp_path / "out").exists():
+            assert process.poll() is None
+            time.sleep(0.02)
+        time.sleep(0.7)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert "interrupted at t = " in err
+    (record,) = json.loads(out)
+    assert record["status"] == "interrupted"
+    rollout = load(tmp_path / "out" / "rollout.nc")
+    assert rollout["status"] == Status.INTERRUPTED
+    samples = rollout.sizes["time"]
+    assert 0 < samples < 1_000_000
+    np.testing.assert_allclose(rollout["t_end"], [samples * 1e-3])
+    assert np.isfinite(rollout["q"]).all()
+    assert (tmp_path / "out" / "experiment.yaml").is_file()
+
+
+@pytest.mark.parametrize("where", ["armgpi.config.build", "armgpi.experiment.save"])
+def test_ctrl_c_outside_of_the_simulation_exits_with_130(
+    where: str, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(where, interrupted)
+    answer = cli("run", ARM, *SHORT, "--out", tmp_path)
+    assert answer.code == 130
+    assert answer.err.endswith("interrupted\n")
+
+
+BAD: dict[str, tuple[list[str], str]] = {
+    "no robot": (["run"], "name a robot"),
+    "an unknown robot": (["run", "pandaa"], "ROBOT: there is no robot named 'pandaa'; did you mean 'panda'"),
+    "a missing file": (["run", "none.urdf"], "none.urdf: there is no such file"),
+    "a folder": (["run", "/"], "a folder"),
+    "a long name": (["run", "a" * 5000], "ROBOT"),
+    "two robots": (["run", ARM, ARM], "unexpected extra argument"),
+    "an unknown command": (["rum", ARM], "No such command 'rum'"),
+    "an unknown option": (["run", ARM, "--payloda", "1"], "No such option: --payloda"),
+    "an option without value": (["run", ARM, "--payload"], "--payload"),
+    "a joint that does not exist": (["run", ARM, "--to", "j1=0.8"], "--to: there is no joint named 'j1'"),
+    "too few joints": (["run", ARM, "--to", "1,2"], "--to: expected 3 numbers (q1, q2, q3), got 2"),
+    "no numbers": (["run", ARM, "--to", "there"], "--to: expected numbers such as"),
+    "nothing": (["run", ARM, "--to", ""], "--to: expected numbers such as"),
+    "half a number": (["run", ARM, "--to", "q1="], "--to: expected numbers such as"),
+    "names and numbers": (["run", ARM, "--to", "q1=1,2"], "--to: expected numbers such as"),
+    "a joint twice": (["run", ARM, "--to", "q1=1,q1=2"], "--to: joint 'q1' stands twice"),
+    "not a number": (["run", ARM, "--to", "nan"], "--to: expected a finite number"),
+    "a goal outside the limits": (["run", ARM, "--to", "q1=9"], "--to: point 2 of the reference"),
+    "a start outside the limits": (["run", ARM, "--to", "0", "--from", "9"], "--from: point 1"),
+    "a start without goal": (["run", ARM, "--from", "0"], "--from: goes with --to"),
+    "a negative duration": (["run", ARM, "--duration", "-1"], "--duration: expected a number above 0"),
+    "dt = 0": (["run", ARM, "--dt", "0"], "--dt: expected a number above 0"),
+    "dt < 0": (["run", ARM, "--dt", "-1e-3"], "--dt: expected a number above 0"),
+    "dt = nan": (["run", ARM, "--dt", "nan"], "--dt: expected a finite number"),
+    "dt as text": (["run", ARM, "--dt", "fast"], "--dt"),
+    "t_final = 0": (["run", ARM, "--t-final", "0"], "--t-final: expected a number above 0"),
+    "t_final = inf": (["run", ARM, "--t-final", "inf"], "--t-final: expected a finite number"),
+    "t_final without end": (["run", ARM, "--t-final", "1e300"], "--t-final: expected 0.001 to"),
+    "too much for the memory": (["run", ARM, "--t-final", "1e6", "--dt", "1e-3"], "memory"),
+    "a negative mass": (["run", ARM, "--payload", "-1"], "--payload: expected 0 or more"),
+    "no bits": (["run", ARM, "--encoder-bits", "0"], "--encoder-bits: expected 1 or more"),
+    "half a bit": (["run", ARM, "--encoder-bits", "0.5"], "--encoder-bits"),
+    "a negative delay": (["run", ARM, "--delay", "-1"], "--delay: expected 0 or more"),
+    "a negative seed": (["run", ARM, "--seed", "-1"], "--seed: expected 0 or more"),
+    "no inertia": (["run", ARM, "--inertia-scale", "0"], "--inertia-scale: expected a number above 0"),
+    "no gain": (["run", ARM, "--omega", "0"], "--omega: expected a number above 0"),
+    "the gain of a joint that does not exist": (["run", ARM, "--omega", "q4=1"], "--omega: there is no"),
+    "a gain for nobody": (["run", ARM, "--controller", "pid", "--omega", "20"], "--omega: is for gpi"),
+    "no torque": (["run", ARM, "--effort", "0"], "--effort: joint 'q1' has effort limit 0"),
+    "a robot without torque": (["run", "double_pendulum"], "joint 'joint1' has effort limit 0"),
+    "an unknown joint to lock": (["run", ARM, "--lock", "q4"], "--lock: there is no moving joint named 'q4'"),
+    "a value to lock at that is none": (["run", ARM, "--lock", "q1=x"], "--lock: expected 'name' or"),
+    "an unknown joint to keep": (["run", ARM, "--keep", "q4"], "--keep: there is no moving joint named 'q4'"),
+    "all locked": (["run", ARM, "--lock", "q1,q2,q3"], "no moving joint left"),
+    "an unknown controller": (["run", ARM, "--controller", "lqr"], "--controller: there is no"),
+    "no controller": (["compare", ARM, "--controllers", "gpi,"], "there is no controller named ''"),
+    "two controllers to run": (["run", ARM, "--controller", "gpi,pid"], "use armgpi compare"),
+    "a missing experiment": (["run", "--config", "none.yaml"], "none.yaml: there is no such file"),
+    "a robot for an experiment": (["run", "--config", "urdf/anthropomorphic3.urdf"], "anthropomorphic3.urdf"),
+    "a file for a folder": (["run", ARM, "--out", "README.md"], "README.md: cannot be written to"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_exits_with_2_and_names_what_and_where(
+    case: str, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    arguments, named = BAD[case]
+    answer = cli(*arguments)
+    assert answer.code == 2
+    assert answer.out == ""
+    assert named in answer.err
+    if answer.err.startswith("error: "):
+        assert answer.err.count("\n") == 1
+
+
+def test_an_unknown_key_in_the_file_is_named_with_its_line(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    file = tmp_path / "e.yaml"
+    file.write_text(f"robot:\n  name: {ARM}\nplant:\n  encoder_bit: 16\n")
+    answer = cli("run", "--config", file)
+    assert answer.code == 2
+    assert answer.err.startswith(f"error: {file}:4: plant.encoder_bit: there is no key named 'encoder_bit'")
+
+
+def test_of_file_and_option_the_one_that_is_wrong_is_named(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    file = tmp_path / "e.yaml"
+    text = f"robot:\n  name: {ARM}\ncontrollers:\n- type: gpi\n- type: pid\n  kp: [1, 2]\n"
+    file.write_text(text)
+    # In the file, also where the options have chosen among its controllers.
+    for arguments in (["compare"], ["compare", "--controllers", "pid"], ["run", "--controller", "pid"]):
+        answer = cli(*arguments, "--config", file, *SHORT)
+        assert answer.code == 2
+        assert f"error: {file}:6: controllers." in answer.err
+        assert "kp: expected 3 numbers" in answer.err
+    answer = cli("run", "--config", file, "--omega", "1,2")
+    assert "error: command line: --omega: expected 3 numbers" in answer.err
+
+
+def test_results_never_overwrite_the_file_they_are_made_from(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    file = tmp_path / "experiment.yaml"
+    text = f"robot: {{name: {ARM}}}  # a remark that would be lost\n"
+    file.write_text(text)
+    answer = cli("run", "--config", file, *SHORT, "--out", tmp_path)
+    assert answer.code == 2
+    assert "--out: would overwrite" in answer.err
+    assert file.read_text() == text
+
+
+def test_a_folder_that_cannot_be_used_is_found_before_the_run(
+    cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+
+    def never(*_: object) -> None:
+        raise AssertionError("it ran")
+
+    monkeypatch.setattr("armgpi.experiment.run", never)
+    assert cli("run", ARM, "--out", tmp_path / "file" / "below").code == 2
+
+
+# Whatever is typed: an answer, never a traceback.
+
+TEXTS = st.one_of(
+    st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=8),
+    st.text("q123=,.-+einfa[] ", max_size=10),
+)
+VALUES = {
+    "--to": TEXTS,
+    "--from": TEXTS,
+    "--omega": TEXTS,
+    "--effort": TEXTS,
+    "--lock": TEXTS,
+    "--keep": TEXTS,
+    "--controller": TEXTS,
+    "--config": TEXTS.map(lambda text: f"no-such-folder/{text}"),
+    "--dt": st.sampled_from(["0", "nan", "-1", "x", "", "1e400", "inf", "1e-3", "1,5", "0x1"]),
+    "--duration": st.sampled_from(["0", "nan", "-1", "x", "", "1e400", "1e-9", "1e9", "1"]),
+    "--inertia-scale": st.sampled_from(["0", "nan", "x", "1e400", "1e-300", "1e300", "0.9"]),
+    "--payload": st.sampled_from(["0", "nan", "x", "1e400", "1e-300", "1e300", "0.5"]),
+    "--encoder-bits": st.sampled_from(["0", "x", "1", "52", "1e3", "99999999999999999999", "-1", ""]),
+    "--delay": st.sampled_from(["0", "x", "10000", "10001", "99999999999999999999", "-1", ""]),
+    "--seed": st.sampled_from(["0", "x", "99999999999999999999999999", "-1", ""]),
+}
+TYPED = st.dictionaries(st.sampled_from(sorted(VALUES)), st.none(), max_size=4).flatmap(
+    lambda chosen: st.fixed_dictionaries({option: VALUES[option] for option in chosen})
+)
+
+
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    robot=st.one_of(st.just(ARM), TEXTS),
+    typed=TYPED,
+    flags=st.sets(st.sampled_from(["--json", "--friction", "--no-friction", "--friction=3", "--"])),
+)
+def test_whatever_is_typed_there_is_an_answer(
+    robot: str, typed: dict[str, str], flags: set[str], cli: Callable[..., Answer]
+) -> None:
+    options = [part for option, value in typed.items() for part in (option, value)]
+    answer = cli("run", *SHORT, *options, *sorted(flags, reverse=True), robot)
+    assert answer.code in (0, 1, 2)
+    assert "Traceback" not in answer.err
+    if answer.code == 2 or "--json" not in flags:
+        return
+    json.loads(answer.out)
