@@ -17,7 +17,6 @@ import typer
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.measure import Measurement
     from rich.table import Table
 
     from armgpi.config import Experiment, Loaded
@@ -32,6 +31,8 @@ app = typer.Typer(
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
+#: Length to which names of joints and controllers may be folded in tables.
+_FOLDED = 10
 _FLAG = ""
 RobotName = Annotated[
     str | None,
@@ -491,24 +492,27 @@ def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None
     title = f"{experiment.robot.name}, {experiment.t_final:.4g} s"
     if len(records) == 1:
         title = f"{records[0]['label']} on {title}"
-    tables = [_table(title, records, errors + torques)]
-    if _widths(console, tables[0]).maximum > console.width:
-        tables = [
-            _table(f"{title}: errors", records, errors),
-            _table(f"{title}: torques", records, torques),
-        ]
-    for table in tables:
-        # Long names are folded; a terminal too narrow for the numbers gets whole ones all the same.
-        console.width = max(console.width, _widths(console, table).minimum)
-        console.print(table)
+    tables = [(title, errors + torques)]
+    if _width(console, _table(title, records, errors + torques)) > console.width:
+        tables = [(f"{title}: errors", errors), (f"{title}: torques", torques)]
+    for heading, columns in tables:
+        # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
+        folded = _table(heading, records, columns, longest=_FOLDED)
+        console.width = max(console.width, _width(console, folded))
+        console.print(_table(heading, records, columns))
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         note = f"; left its joint limits by up to {excess:.3g}" if excess > 0.0 else ""
         console.print(f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}")
 
 
-def _table(title: str, records: list[dict[str, Any]], columns: tuple[tuple[str, str], ...]) -> Table:
-    """Return a table of some figures."""
+def _table(
+    title: str,
+    records: list[dict[str, Any]],
+    columns: tuple[tuple[str, str], ...],
+    longest: int | None = None,
+) -> Table:
+    """Return a table of some figures, its names folded to a length."""
     from rich.table import Table
 
     table = Table(title=title, title_style="bold")
@@ -518,8 +522,8 @@ def _table(title: str, records: list[dict[str, Any]], columns: tuple[tuple[str, 
     if len(records) == 1:  # the title says which
         del names_of["controller"]
     for heading, names in names_of.items():
-        longest = max(map(len, (heading, *names)))
-        table.add_column(heading, overflow="fold", min_width=min(longest, 10))
+        least = min(_FOLDED, max(map(len, (heading, *names))))
+        table.add_column(heading, overflow="fold", min_width=least, max_width=longest)
     for _, heading in columns:
         table.add_column(heading, justify="right", no_wrap=True)
     for record in records:
@@ -530,11 +534,11 @@ def _table(title: str, records: list[dict[str, Any]], columns: tuple[tuple[str, 
     return table
 
 
-def _widths(console: Console, table: Table) -> Measurement:
-    """Return how narrow and how wide a table can be, whatever the console's width."""
+def _width(console: Console, table: Table) -> int:
+    """Return how wide a table is where there is room enough."""
     from rich.measure import Measurement
 
-    return Measurement.get(console, console.options.update(max_width=10_000), table)
+    return Measurement.get(console, console.options.update(max_width=10_000), table).maximum
 
 
 def _short(value: float | None) -> str:

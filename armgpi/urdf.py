@@ -31,6 +31,7 @@ from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, UrdfError
 
 MAX_BYTES = 32 * 1024 * 1024
 MAX_JOINTS = 2_000
+MAX_DEPTH = 100
 #: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
 MAX_MOVING_JOINTS = 64
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
@@ -150,6 +151,8 @@ def parse(text: str, source: str) -> Urdf:
         root = ElementTree.fromstring(text.lstrip("\ufeff").strip())
     except (ElementTree.ParseError, UnicodeEncodeError) as error:
         raise UrdfError(source, f"is not well-formed XML: {error}") from None
+    if _depth(root) > MAX_DEPTH:
+        raise UrdfError(source, f"has XML elements nested more than {MAX_DEPTH} deep, which no URDF has")
     if root.tag != "robot":
         raise UrdfError(source, f"expected the root element <robot>, got <{root.tag}>")
     if len(root.findall("joint")) > MAX_JOINTS:
@@ -212,6 +215,14 @@ def build(
             f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
         )
     return Built(model, joints, locked)
+
+
+def _depth(root: ElementTree.Element) -> int:
+    """Return how deep elements are nested, without recursion of our own."""
+    depth, level = 0, [root]
+    while level:
+        depth, level = depth + 1, [child for element in level for child in element]
+    return depth
 
 
 def _unique_names(root: ElementTree.Element, tag: str, source: str) -> dict[str, ElementTree.Element]:
@@ -442,10 +453,7 @@ def _name_list(value: Any, name: str) -> list[Any]:
 
 def _with_locks(urdf: Urdf, locked: Mapping[str, float]) -> ElementTree.Element:
     """Return the XML for Pinocchio: locked joints fixed, continuous ones unbounded, no mimic."""
-    try:
-        root = copy.deepcopy(urdf.root)
-    except RecursionError:
-        raise UrdfError(urdf.source, "has XML elements nested too deeply for a URDF") from None
+    root = copy.deepcopy(urdf.root)
     root.set("name", urdf.name)  # urdfdom insists on one
     for element in root.findall("joint"):
         joint = urdf.joints[element.get("name", "")]
