@@ -31,6 +31,8 @@ app = typer.Typer(
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
+#: Figures of a table: name in the records, heading.
+_Columns = tuple[tuple[str, str], ...]
 #: Length to which names of joints and controllers may be folded in tables.
 _FOLDED = 10
 _FLAG = ""
@@ -475,12 +477,12 @@ def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None
     """Print a table of figures per controller and joint, and a line on how each rollout ended."""
     from rich.console import Console
 
-    errors = (
+    errors: _Columns = (
         ("itae", "ITAE\nrad s²"),
         ("peak_error", "peak error\nrad"),
         ("final_error", "final error\nrad"),
     )
-    torques = (
+    torques: _Columns = (
         ("isci", "ISCI\n(N m)² s"),
         ("total_variation", "variation\nN m"),
         ("peak_torque", "peak\nN m"),
@@ -509,7 +511,7 @@ def _print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None
 def _table(
     title: str,
     records: list[dict[str, Any]],
-    columns: tuple[tuple[str, str], ...],
+    columns: _Columns,
     longest: int | None = None,
 ) -> Table:
     """Return a table of some figures, its names folded to a length."""

@@ -298,7 +298,7 @@ class ExperimentConfig(_Section):
     sample_time: Positive = 1e-3
     t_final: Positive | None = None
     record_every: Whole = Field(default=1, ge=1)
-    seed: Whole = Field(default=0, ge=0)
+    seed: Whole = Field(default=0, ge=0, le=2**63 - 1)
 
 
 Path_ = tuple[str | int, ...]

@@ -49,8 +49,8 @@ for joint, kind, low, high in zip(crane.joint_names, crane.joint_types, *crane.l
 
 # The plant has the friction that the URDF states; the controller takes it for one more disturbance.
 plant = RigidBodyPlant(crane.with_payload("slide", mass=2.0, com=[0.4, 0.0, 0.0]), friction="urdf")
-reference = Waypoints([[0.0, 0.1], [0.8, 0.35], [0.0, 0.1]], durations=2.0, holds=1.0)
-rollout = simulate(plant, GPI(crane, dt=1e-3), reference, t_final=7.0)
+reference = Waypoints([[0.0, 0.1], [0.8, 0.35], [0.0, 0.1]], durations=1.2, holds=0.4)
+rollout = simulate(plant, GPI(crane, dt=1e-3), reference, t_final=3.6)
 for joint, error, torque in zip(
     crane.joint_names, metrics.peak_error(rollout).values, metrics.peak_torque(rollout).values, strict=True
 ):

@@ -16,8 +16,8 @@ from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.robot import AnyRobot, Friction
 
-#: Most Newton steps for friction, and halvings of a step that goes too far. Two steps are usual, ten many.
-_NEWTON_STEPS, _BISECTIONS = 50, 50
+#: Newton steps for Coulomb friction: 1e-9 of it is left after 16 for all of 12,000 random arms.
+_NEWTON_STEPS = 16
 
 
 class _StepSizes(NamedTuple):
@@ -226,48 +226,31 @@ class _LoadTable:
 def _after_friction(inertia: Array, v_free: Array, h: float, friction: Friction, stick: float) -> Array:
     """Return the velocity v that friction leaves of v_free after the time h.
 
-    It solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0 with |v| smoothed to sqrt(v^2 + stick^2), that is
-    the minimum of a strictly convex function: Newton's method with an exact line search finds it whatever
-    the stiffness, so friction never feeds energy.
+    It solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0 with |v| smoothed to sqrt(v^2 + stick^2), by
+    Newton's method on v and on the share of Coulomb friction in use together (Chan, Golub, Mulet 1999),
+    which unlike Newton's method on v alone converges from v_free, in some ten steps. Each step is one
+    linear equation per rollout, however the others fare.
     """
     viscous, coulomb = friction
+    momentum = np.matmul(inertia, v_free[..., None])
     diagonal = np.arange(v_free.shape[-1])
 
-    def resisting(v: Array) -> Array:
-        return h * (viscous * v + coulomb * v / np.sqrt(v * v + stick * stick))
+    def braked(resistance: Array, push: Array) -> Array:
+        """Solve (D + h diag(resistance)) v = D v_free - h push."""
+        matrix = inertia.copy()
+        matrix[..., diagonal, diagonal] += h * resistance
+        return _solve(matrix, momentum - h * push[..., None])
 
-    v = v_free
-    for _ in range(_NEWTON_STEPS):
-        left = _times(inertia, v - v_free) + resisting(v)
-        hessian = inertia.copy()
-        hessian[..., diagonal, diagonal] += h * (
-            viscous + coulomb * stick * stick / np.sqrt(v * v + stick * stick) ** 3
-        )
-        way = _solve(hessian, -left[..., None])
-        inertia_way = _times(inertia, way)
-
-        def slope(share: Array, v: Array = v, way: Array = way, inertia_way: Array = inertia_way) -> Array:
-            """Return the function's slope along the way, after a share of it."""
-            here = v + share * way
-            force = _times(inertia, v - v_free) + share * inertia_way + resisting(here)
-            return np.asarray((way * force).sum(axis=-1, keepdims=True))
-
-        low, high = np.zeros_like(way[..., :1]), np.ones_like(way[..., :1])
-        if (slope(high) > 0.0).any():
-            for _ in range(_BISECTIONS):
-                middle = 0.5 * (low + high)
-                ahead = slope(middle) > 0.0
-                # Where the whole way still goes down, the bisection ends at its far end.
-                low, high = np.where(ahead, low, middle), np.where(ahead, middle, high)
-        v = v + high * way
-        if not (np.abs(way) > 1e-13 * (np.abs(v) + stick)).any():
-            break
-    return v
-
-
-def _times(matrix: Array, vector: Array) -> Array:
-    """Return matrix times vector, each with any leading axes."""
-    return np.asarray(np.matmul(matrix, vector[..., None])[..., 0])
+    v, share = v_free, np.zeros_like(v_free)
+    for _ in range(_NEWTON_STEPS if coulomb.any() else 0):
+        speed = np.sqrt(v * v + stick * stick)
+        sign = v / speed
+        slope = (1.0 - share * sign) / speed
+        ahead = braked(viscous + coulomb * slope, coulomb * (sign - slope * v))
+        share = np.minimum(np.maximum(sign + slope * (ahead - v), -1.0), 1.0)
+        v = ahead
+    # With friction at the speed found, a step of this form can only take energy, whatever is left to solve.
+    return braked(viscous + coulomb / np.sqrt(v * v + stick * stick), np.zeros_like(v))
 
 
 def _solve(matrix: Array, column: Array) -> Array:

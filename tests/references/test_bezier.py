@@ -111,7 +111,7 @@ def test_the_move_stands_then_moves_then_stands() -> None:
 
 
 @given(
-    st.lists(st.tuples(st.floats(-3.0, 3.0), lengths, lengths), min_size=1, max_size=5).filter(
+    st.lists(st.tuples(postures, lengths, lengths), min_size=1, max_size=5).filter(
         lambda rows: any(row[0] for row in rows)
     )
 )
