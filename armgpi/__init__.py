@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from armgpi.control.gains import Tuning as Tuning
     from armgpi.control.gains import default_omega as default_omega
     from armgpi.control.gpi import GPI as GPI
+    from armgpi.control.network import BSplineNetwork as BSplineNetwork
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
@@ -60,6 +61,7 @@ _NAMES = {
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
     "control.gpi": ("GPI",),
+    "control.network": ("BSplineNetwork",),
     "control.pid": ("PIDInversion",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
     "plants.actuators": ("RateLimited", "Saturated"),

@@ -121,7 +121,7 @@ SampleTime = Annotated[
 TFinal = Annotated[
     float | None,
     typer.Option(
-        "--t-final", metavar="SECONDS", help="How long to run [s]; by default 2 s beyond the last move."
+        "--t-final", metavar="SECONDS", help="How long to run [s]; by default 2 s beyond the last hold."
     ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="NUMBER", help="Seed of noise and drop-outs.")]

@@ -295,7 +295,7 @@ class ExperimentConfig(_Section):
     plant: PlantSection = PlantSection()
     controllers: list[ControllerSection] = Field(default=[GPISection(type="gpi")], min_length=1)
     reference: ReferenceSection = ReferenceSection()
-    sample_time: Positive = 1e-3
+    sample_time: Number = Field(default=1e-3, ge=1e-9)
     t_final: Positive | None = None
     record_every: Whole = Field(default=1, ge=1)
     seed: Whole = Field(default=0, ge=0, le=2**63 - 1)

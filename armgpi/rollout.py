@@ -128,15 +128,19 @@ class Recording:
         return running
 
     def store(self, first: int, samples: Mapping[str, Array]) -> None:
-        """Store the samples `first`, `first` + 1, ... of every variable, (k, rollouts, n), thinned."""
+        """Store the samples `first`, `first` + 1, ... of every variable, (k, rollouts, n), thinned.
+
+        Storing the same samples again changes nothing, so this may be interrupted and repeated.
+        """
         skip = -first % self.every
+        begin = (first + skip) // self.every
         for name, values in samples.items():
             kept = values[skip :: self.every]
             if name not in self.variables:
                 self.variables[name] = self._allocate()
-            place = self.variables[name][self.stored : self.stored + len(kept)]
+            place = self.variables[name][begin : begin + len(kept)]
             place[...] = kept.reshape(place.shape)
-        self.stored += len(kept)
+        self.stored = begin + len(kept)
 
     def _allocate(self) -> Array:
         """Make room for one variable, with a word before the machine runs out of memory."""

@@ -18,7 +18,11 @@ plant = armgpi.RigidBodyPlant(robot.with_payload("panda_hand", mass=0.25))  # [k
 reference = armgpi.Bezier(start=q0, goal=q0 + 0.5, duration=3.0)  # [rad], [s]
 
 rollout = armgpi.simulate(plant, controller, reference, t_final=8.0)
-# Also: armgpi.save(rollout, "panda.nc"), armgpi.load("panda.nc"); it is an xarray.Dataset.
+
+# It is an xarray.Dataset: labelled arrays with units, how it ended and what it was made from. It is kept with
+# armgpi.save(rollout, "panda.nc") and comes back, identical, from armgpi.load("panda.nc").
+print(f"{rollout.attrs['title']}: {armgpi.Status(int(rollout['status'])).name.lower()}")
+print(f"{rollout.sizes['time']} samples of {', '.join(rollout.data_vars)}\n")
 
 peak = armgpi.metrics.peak_error(rollout)
 final = armgpi.metrics.final_error(rollout)

@@ -98,6 +98,10 @@ class Gains(ABC):
     def nominal(self) -> Tuning:
         """Return the tuning at rest, to check margins with."""
 
+    def signals(self, state: Any) -> Mapping[str, Array]:
+        """Return inner signals worth recording, name -> array (..., n); none by default."""
+        return {}
+
     def describe(self) -> Mapping[str, Any]:
         """Return the parameters as plain data."""
         return {name: value.tolist() for name, value in self.nominal()._asdict().items()}

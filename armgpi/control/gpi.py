@@ -123,8 +123,7 @@ class GPI(Controller):
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""
-        signals: dict[str, Array] = state.law._asdict()
-        return signals
+        return {**state.law._asdict(), **self.gains.signals(state.gains)}
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data."""

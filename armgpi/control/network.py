@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, not_negative, per_joint, positive
+from armgpi.arrays import Array, PerJointInput, check_number, not_negative, per_joint, positive
 from armgpi.control.controller import common_batch
 from armgpi.control.gains import Gains, GainStep, Tuning
 from armgpi.control.splines import BSplineBasis
@@ -37,14 +37,14 @@ class BSplineNetwork(Gains):
 
     The activations a are B-spline functions of the tracking error and of its filtered derivative, both
     clipped to a range. The weights w start at zero, so a network that does not learn is
-    :class:`FixedGains`.
+    :class:`FixedGains`. The functions are even in their inputs: by default two of third order for each.
 
-    ``learning="magnitude"``: the weights follow w += l e_n a / |a|^2 (eq. 23) with e_n = (aim - y), where
-    the aim rises from the lower to the upper end of the parameter's box with the size of the error, beyond
-    a dead zone. So a gain rises only while the error is large, and leaks back. The functions are even in
-    their inputs: by default two third-order functions for each. Outputs are projected onto the box, and
-    omega_c moves no faster than |d omega/dt| <= rate omega^2, which is what a quadratic Lyapunov function
-    can certify. While the torque is cut nothing is learned.
+    ``learning="magnitude"``: the weights follow w += l e_n a / (a a) (eq. 23). The aim of a parameter rises
+    from the lower to the upper end of its box as the size of the error passes a dead zone; e_n is what y is
+    short of the aim, less a leak that forgets. So a gain rises fast while the error is large and falls back
+    slowly when it is not.
+    Outputs are projected onto the box, and omega_c moves no faster than rate omega_c^2 per second, which
+    is what one quadratic Lyapunov function can certify. While the torque is cut nothing is learned.
 
     ``learning="signed"``: eq. 23 to the letter, e_n = e, without box, dead zone or rate limit.
 
@@ -55,13 +55,13 @@ class BSplineNetwork(Gains):
 
     def __init__(
         self,
-        omega_c: Box = (20.0, 60.0),
-        zeta_c: Box = 1.0,
+        omega_c: Box = (22.0, 60.0),
+        zeta_c: Box = 0.75,
         p_c: Box | None = None,
         learning: str = "magnitude",
-        learning_rate: float = 0.1,
-        error_range: PerJointInput = 2e-3,
-        derivative_range: PerJointInput = 0.1,
+        learning_rate: float = 0.2,
+        error_range: PerJointInput = 1e-4,
+        derivative_range: PerJointInput = 1.0,
         dead_zone: PerJointInput = 2e-4,
         leak: float = 5.0,
         rate: float = math.inf,
@@ -83,7 +83,7 @@ class BSplineNetwork(Gains):
             leak: how fast what was learned is forgotten [1/s].
             rate: rho in the limit |d omega/dt| <= rho omega^2; infinite for none.
             bandwidth: of the derivative's filter [rad/s].
-            knots: knots over inputs scaled to [-1, 1]; when not given, those of two functions per input.
+            knots: symmetric knots over inputs scaled to [-1, 1]; when not given, two functions per input.
             order: order of the functions.
 
         Raises:
@@ -93,27 +93,22 @@ class BSplineNetwork(Gains):
         if learning not in ("magnitude", "signed"):
             raise ParameterError("learning", learning, "one of magnitude, signed")
         highest = 2.0 if learning == "magnitude" else math.inf
-        if not 0.0 <= learning_rate < highest:
-            raise ParameterError("learning_rate", learning_rate, f"in [0, {highest:g}), where it is stable")
-        if not rate > 0.0:
-            raise ParameterError("rate", rate, "positive")
-        if not 0.0 < bandwidth < math.inf:
-            raise ParameterError("bandwidth", bandwidth, "positive [rad/s]")
+        self.learning_rate = check_number(learning_rate, "learning_rate", "zero or positive")
+        if self.learning_rate >= highest:
+            raise ParameterError("learning_rate", learning_rate, "below 2, where normalised LMS is stable")
+        self.leak = check_number(leak, "leak", "zero or positive [1/s]")
+        self.rate = math.inf if rate == math.inf else check_number(rate, "rate", "positive", open_=True)
+        self.bandwidth = check_number(bandwidth, "bandwidth", "positive [rad/s]", open_=True)
         self.omega_c, self.zeta_c, self.p_c = omega_c, zeta_c, p_c
         self.learning = learning
-        self.learning_rate = float(learning_rate)
         self.error_range, self.derivative_range, self.dead_zone = error_range, derivative_range, dead_zone
-        self.rate = float(rate)
-        self.leak = float(leak)
-        self.bandwidth = float(bandwidth)
-        self.even = learning == "magnitude"
         if knots is None:
-            # Four functions on [-1, 1], folded into two even ones; or the two whose middles are inside.
-            knots = [-1, -1, -1, 0, 1, 1, 1] if self.even else [-2, -1, 0, 1, 2]
+            # Four functions on [-1, 1], folded into two even ones.
+            knots = [-1, -1, -1, 0, 1, 1, 1]
             if order != 3:
                 raise ParameterError("order", order, "3 with the default knots; give knots as well")
         self.basis = BSplineBasis(knots, order)
-        self.size = 2 * (-(-self.basis.size // 2) if self.even else self.basis.size)
+        self.size = 2 * ((self.basis.size + 1) // 2)
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> BSplineNetwork:
         """Return the networks as arrays over the joints.
@@ -124,6 +119,10 @@ class BSplineNetwork(Gains):
         """
         if self.bandwidth * dt >= 1.0:
             raise ParameterError("bandwidth", self.bandwidth, f"below 1 / dt = {1.0 / dt:g} rad/s")
+        if self.learning == "magnitude" and self.learning_rate + self.leak * dt >= 2.0:
+            raise ParameterError(
+                "leak", self.leak, f"below {(2.0 - self.learning_rate) / dt:g} 1/s at this dt"
+            )
         ready = object.__new__(BSplineNetwork)
         ready.__dict__.update(self.__dict__)
         names = joint_names
@@ -142,7 +141,8 @@ class BSplineNetwork(Gains):
         )
         ready._dead_zone = per_joint(self.dead_zone, "dead_zone", names, "zero or positive", not_negative)
         ready._dt = dt
-        ready._leak = self.leak * dt / self.learning_rate if self.learning_rate > 0.0 else 0.0
+        # Share forgotten in a sample; what learns nothing forgets nothing.
+        ready._leak = self.leak * dt if self.learning_rate > 0.0 else 0.0
         ready.batch = common_batch(
             *ready._lower, *ready._upper, ready._error_range, ready._derivative_range, ready._dead_zone
         )
@@ -164,36 +164,34 @@ class BSplineNetwork(Gains):
         filtered = state.filtered + self._dt * slope
         a = self.activations(e, slope)
         power = sum(x * x for x in a)
-        if self.even:
+        magnitude = self.learning == "magnitude"
+        if magnitude:
             size = np.minimum(np.maximum(np.abs(e) - self._dead_zone, 0.0) / self._error_range, 1.0)
         tuning, weights = {}, []
         for name, old in zip(self._adapted, state.weights, strict=True):
             low, high = getattr(self._lower, name), getattr(self._upper, name)
-            signal = e
-            if self.even:
+            signal = self.learning_rate * e
+            if magnitude:
                 raised = _dot(a, old)
-                signal = np.maximum((high - low) * size - raised, 0.0) - self._leak * raised
-            gain = self.learning_rate * learn * signal / power  # eq. 23
+                short = np.maximum((high - low) * size - raised, 0.0)
+                signal = self.learning_rate * short - self._leak * raised
+            gain = learn * signal / power  # eq. 23
             new = tuple(w + gain * x for w, x in zip(old, a, strict=True))
             output = low + _dot(a, new)  # eq. 22
-            tuning[name] = np.minimum(np.maximum(output, low), high) if self.even else output
+            tuning[name] = np.minimum(np.maximum(output, low), high) if magnitude else output
             weights.append(new)
-        return GainStep(
-            self._limited(tuning, state.tuning),
-            NetworkState(tuple(weights), filtered, self._limited(tuning, state.tuning)),
-        )
+        whole = self._limited(tuning, state.tuning)
+        return GainStep(whole, NetworkState(tuple(weights), filtered, whole))
 
     def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
         """Return the basis functions of the error [rad] and of its filtered derivative [rad/s]."""
         values: list[Array] = []
         for x in (e / self._error_range, slope / self._derivative_range):
             functions = self.basis(x)
-            if self.even:
-                # The sum of a function and its mirror image is even in the input.
-                count = len(functions)
-                folded = [functions[i] + functions[-1 - i] for i in range(count // 2)]
-                functions = (*folded, *functions[count // 2 : count - count // 2])
-            values.extend(functions)
+            # The sum of a function and its mirror image is even in the input; one in the middle is already.
+            count = len(functions)
+            values.extend(functions[i] + functions[-1 - i] for i in range(count // 2))
+            values.extend(functions[count // 2 : count - count // 2])
         return tuple(values)
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:
@@ -203,10 +201,30 @@ class BSplineNetwork(Gains):
             named.update({f"{name}_weight_{i + 1}": weight for i, weight in enumerate(weights)})
         return named
 
+    def describe(self) -> Mapping[str, Any]:
+        """Return the parameters as plain data."""
+        boxes = {
+            name: [low.tolist(), high.tolist()]
+            for name, low, high in zip(Tuning._fields, self._lower, self._upper, strict=True)
+        }
+        return {
+            **boxes,
+            "learning": self.learning,
+            "learning_rate": self.learning_rate,
+            "leak": self.leak,
+            "rate": None if math.isinf(self.rate) else self.rate,
+            "bandwidth": self.bandwidth,
+            "error_range": self._error_range.tolist(),
+            "derivative_range": self._derivative_range.tolist(),
+            "dead_zone": self._dead_zone.tolist(),
+            "knots": self.basis.knots.tolist(),
+            "order": self.basis.order,
+        }
+
     def _limited(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
         """Return a whole tuning, omega_c within its rate limit, what is not adapted as it was."""
         omega = tuning.get("omega_c", last.omega_c)
-        if self.even and self.rate < math.inf:
+        if self.learning == "magnitude" and self.rate < math.inf:
             most = self._dt * self.rate * last.omega_c * last.omega_c
             omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
         p = omega if self.p_c is None else tuning.get("p_c", last.p_c)

@@ -1,0 +1,185 @@
+"""The networks learn by eq. 23, inside their bounds, and pay off where they are said to."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armgpi import (
+    GPI,
+    BSplineNetwork,
+    Delayed,
+    Encoder,
+    FixedGains,
+    Hold,
+    RigidBodyPlant,
+    Robot,
+    Saturated,
+    Waypoints,
+    metrics,
+    simulate,
+)
+from armgpi.errors import ArmgpiError, ArrayError, ParameterError
+from armgpi.plants.loads import paper_disturbances
+
+ARM = Robot.load("anthropomorphic3")
+DT = 1e-3
+NAMES = ("q1",)
+errors = st.lists(st.floats(-0.1, 0.1), min_size=2, max_size=60)
+
+
+def run(network: BSplineNetwork, e: Any, learn: float = 1.0) -> list[Any]:
+    """Return the tunings of a one-joint network over a sequence of errors."""
+    ready = network.prepare(NAMES, DT)
+    state = ready.init(np.array([e[0]]))
+    tunings = []
+    for value in e:
+        tuning, state = ready.step(np.array([value]), np.array([learn]), state)
+        tunings.append(tuning)
+    return tunings
+
+
+def omegas(network: BSplineNetwork, e: Any, learn: float = 1.0) -> np.ndarray:
+    return np.array([tuning.omega_c[0] for tuning in run(network, e, learn)])
+
+
+def test_a_network_that_does_not_learn_is_fixed_gains_bit_by_bit() -> None:
+    reference = Waypoints([np.zeros(3), np.array([0.4, 0.3, -0.2])], durations=0.5)
+    plant = RigidBodyPlant(ARM)
+    adaptive = GPI(ARM, DT, BSplineNetwork((20.0, 60.0), learning_rate=0.0))
+    fixed = GPI(ARM, DT, FixedGains(20.0, 0.75))
+    one, other = (simulate(plant, c, reference, 0.8) for c in (adaptive, fixed))
+    for name in ("q", "v", "tau"):
+        np.testing.assert_array_equal(one[name], other[name])
+
+
+@given(errors)
+def test_the_signed_rule_is_eq_23_to_the_letter(e: list[float]) -> None:
+    rate = 30.0
+    network = BSplineNetwork(learning="signed", learning_rate=rate, error_range=0.05, derivative_range=5.0)
+    # The slow obvious twin: two functions of third order per input, weights from zero, w += l e a / (a a).
+    weights, filtered, expected = np.zeros(4), e[0], []
+    ready = network.prepare(NAMES, DT)
+    for value in e:
+        slope = 60.0 * (value - filtered)
+        filtered += DT * slope
+        a = np.array([x[0] for x in ready.activations(np.array([value]), np.array([slope]))])
+        weights = weights + rate * value * a / (a @ a)
+        expected.append(22.0 + a @ weights)
+    np.testing.assert_allclose(omegas(network, e), expected, rtol=1e-12)
+
+
+@given(errors)
+def test_gains_stay_in_their_box_and_within_their_rate(e: list[float]) -> None:
+    omega = np.concatenate([[20.0], omegas(BSplineNetwork((20.0, 60.0), rate=0.5), e)])
+    assert omega.min() >= 20.0
+    assert omega.max() <= 60.0
+    # |d omega / dt| <= rate omega^2, to rounding.
+    assert (np.abs(np.diff(omega)) <= DT * 0.5 * omega[:-1] ** 2 * (1.0 + 1e-12)).all()
+
+
+@given(errors)
+def test_the_magnitude_rule_does_not_know_the_sign_of_the_error(e: list[float]) -> None:
+    network = BSplineNetwork(zeta_c=(0.7, 1.0), p_c=(10.0, 50.0))
+    there, back = run(network, e), run(network, [-x for x in e])
+    np.testing.assert_allclose(np.array(there), np.array(back), rtol=1e-12)
+
+
+def test_a_gain_rises_while_the_error_is_large_and_is_forgotten_when_it_is_not() -> None:
+    network = BSplineNetwork((20.0, 60.0), leak=5.0)
+    omega = omegas(network, [0.0] * 10 + [0.01] * 100 + [0.0] * 2000)
+    assert omega[9] == 20.0
+    assert omega[109] > 58.0  # leak 5 1/s against learning 0.2 per sample: 40 / (1 + 0.025) above 20
+    # Once the derivative's filter (60 rad/s) is quiet, the leak of 5 1/s is all there is.
+    falling = omega[410:] - 20.0
+    decay = np.exp(-5.0 * DT * np.arange(len(falling)))
+    np.testing.assert_allclose(falling, falling[0] * decay, rtol=0.03)
+
+
+def test_errors_inside_the_dead_zone_teach_nothing() -> None:
+    assert (omegas(BSplineNetwork((20.0, 60.0), dead_zone=1e-3), [1e-3, -1e-3] * 50) == 20.0).all()
+
+
+def test_nothing_is_learned_while_the_torque_is_cut() -> None:
+    assert (omegas(BSplineNetwork((20.0, 60.0)), [0.05] * 50, learn=0.0) == 20.0).all()
+    weak = GPI(ARM, DT, BSplineNetwork((20.0, 60.0)), effort=1e-3, start="zero")
+    rollout = simulate(RigidBodyPlant(ARM), weak, Hold(np.zeros(3)), 0.05, signals=True)
+    # Joints 2 and 3 fall with their motors at the limit: from the second sample on nothing is learned.
+    assert (np.abs(rollout["q"][-1, 1:]) > 1e-3).all()
+    assert (rollout["omega_c"][:, 1:] == 20.0).all()
+
+
+def test_tuning_and_weights_are_recorded_when_asked_for() -> None:
+    controller = GPI(ARM, DT, BSplineNetwork(zeta_c=(0.7, 1.0)))
+    rollout = simulate(RigidBodyPlant(ARM), controller, Hold(np.zeros(3)), 0.02, signals=True)
+    weights = {f"{name}_weight_{i}" for name in ("omega_c", "zeta_c") for i in range(1, 5)}
+    assert {"omega_c", "zeta_c", "p_c"} | weights <= set(rollout.data_vars)
+    told = json.loads(rollout.attrs["provenance"])["controller"]["gains"]
+    assert told["type"] == "BSplineNetwork"
+    assert told["zeta_c"] == [[0.7] * 3, [1.0] * 3]
+
+
+def test_a_batch_of_networks_is_the_same_networks_one_by_one() -> None:
+    lower = np.array([[20.0], [25.0]])
+    reference = Waypoints([np.zeros(3), np.array([0.4, 0.3, -0.2])], durations=0.4)
+    plant = Encoder(RigidBodyPlant(ARM), 16)
+    together = simulate(plant, GPI(ARM, DT, BSplineNetwork((lower, 60.0)), start="zero"), reference, 0.5)
+    for row in range(2):
+        alone = GPI(ARM, DT, BSplineNetwork((lower[row], 60.0)), start="zero")
+        one = simulate(plant, alone, reference, 0.5)
+        np.testing.assert_array_equal(together["q"][row], one["q"])
+
+
+@pytest.mark.parametrize(("rate", "fixed"), [(np.inf, 30.0), (0.12, 25.0)])
+def test_the_network_beats_a_fixed_gain_in_error_and_in_torque_variation_on_every_joint(
+    rate: float, fixed: float
+) -> None:
+    # 40 s under eqs. 29-31, 16-bit encoders, one sample of delay; fixed gains with their default zeta = 1.
+    goal = np.array([0.8, 0.4, -0.4])
+    reference = Waypoints([np.zeros(3), goal, np.zeros(3)], durations=3.0, holds=[1.0, 8.0, 25.0])
+    plant = Delayed(Encoder(Saturated(RigidBodyPlant(ARM, paper_disturbances())), 16), 1)
+    network, constant = (
+        simulate(plant, GPI(ARM, DT, gains, start="zero"), reference, 40.0)
+        for gains in (BSplineNetwork(rate=rate), FixedGains(fixed))
+    )
+    assert (metrics.itae(network) < metrics.itae(constant)).all()
+    assert (metrics.total_variation(network) < metrics.total_variation(constant)).all()
+
+
+@settings(max_examples=20)
+@given(st.floats(0.0, 5.0))
+def test_learning_rates_are_stable_or_refused(rate: float) -> None:
+    if rate < 2.0 - 5.0 * DT:
+        omega = omegas(BSplineNetwork((20.0, 60.0), learning_rate=rate), [0.02] * 300)
+        assert 20.0 <= omega[-1] <= 60.0
+    else:
+        with pytest.raises(ParameterError, match=r"learning_rate|leak"):
+            BSplineNetwork((20.0, 60.0), learning_rate=rate).prepare(NAMES, DT)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "named"),
+    [
+        ({"omega_c": (60.0, 20.0)}, ArrayError, "omega_c"),
+        ({"omega_c": -1.0}, ArrayError, "omega_c"),
+        ({"zeta_c": (0.7, 0.8, 0.9)}, ParameterError, "zeta_c"),
+        ({"learning": "hebbian"}, ParameterError, "learning"),
+        ({"learning_rate": -0.1}, ParameterError, "learning_rate"),
+        ({"learning_rate": 2.0}, ParameterError, "learning_rate"),
+        ({"leak": -1.0}, ParameterError, "leak"),
+        ({"rate": 0.0}, ParameterError, "rate"),
+        ({"bandwidth": 2000.0}, ParameterError, "bandwidth"),
+        ({"error_range": 0.0}, ArrayError, "error_range"),
+        ({"dead_zone": -1e-4}, ArrayError, "dead_zone"),
+        ({"knots": [0, 0, 0, 1, 0.5, 1]}, ArrayError, "knots"),
+        ({"order": 4}, ParameterError, "order"),
+    ],
+)
+def test_a_bad_argument_is_named(arguments: Any, error: type[ArmgpiError], named: str) -> None:
+    with pytest.raises(error, match=named):
+        GPI(ARM, DT, BSplineNetwork(**arguments))
