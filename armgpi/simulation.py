@@ -226,7 +226,8 @@ def simulate(
         {
             "plant": plant.describe(),
             "controller": controller.describe(),
-            "reference": repr(reference),
+            "reference": reference.describe(),
+            "divergence": divergence,
             "measurement": controller.sees.__name__,
             "t_final": steps * loop.dt,
         },
@@ -309,11 +310,13 @@ class _Run:
             np.broadcast_to(x[:count].reshape(count, -1, n), rows["q"].shape) for x in self._block[:2]
         )
         self._mark_diverged(rows, q_ref)
+        after_all = LoopState(self.done + count, plants[-1], controllers[-1])
         self.recording.store(self.done, {**rows, "q_ref": q_ref, "v_ref": v_ref})
+        # Assignments only from here on: no Ctrl-C comes between them.
         self._last_command = commands[-1]
-        self.done += count
-        self.state = LoopState(self.done, plants[-1], controllers[-1])
-        samples.clear()
+        self.state = after_all
+        self.done = after_all.k
+        self._samples = []
 
     def _mark_diverged(self, rows: Mapping[str, Array], q_ref: Array) -> None:
         """Note which rollouts have diverged and when, and blank what came after."""
@@ -322,11 +325,12 @@ class _Run:
         good &= np.isfinite(rows["v"]) & np.isfinite(rows["tau"])
         whole = np.asarray(good.all(axis=-1))
         for row in np.flatnonzero(~whole.all(axis=0)):
-            first = 0
             if recording.running[row]:
                 first = int(np.argmin(whole[:, row]))
                 recording.status[row] = Status.DIVERGED
                 recording.t_end[row] = (self.done + first) * self.loop.dt
+            # Known from an earlier stretch, or from this one if Ctrl-C came while it was stored.
+            first = max(0, round(recording.t_end[row] / self.loop.dt) - self.done)
             for values in rows.values():
                 values[first:, row] = np.nan
 

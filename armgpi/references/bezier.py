@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -132,6 +132,16 @@ class Bezier(Reference):
             v=self._distance * step.first / self.duration,
             a=self._distance * step.second / self.duration**2,
         )
+
+    def describe(self) -> dict[str, Any]:
+        """Return the move as plain data."""
+        return {
+            "type": "Bezier",
+            "start": self.start.tolist(),
+            "goal": self.goal.tolist(),
+            "duration": self.duration,
+            "t_start": self.t_start,
+        }
 
     def __repr__(self) -> str:
         """Return a one-line description."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from armgpi.arrays import Array, ArrayLike
 
@@ -36,6 +36,10 @@ class Reference(ABC):
             Arrays of shape (n,) or (batch, n); with times, of shape (k, n) or (k, batch, n).
         """
 
+    def describe(self) -> dict[str, Any]:
+        """Return the trajectory as plain data, for a rollout's provenance."""
+        return {"type": type(self).__name__, "text": repr(self)}
+
 
 class Hold(Reference):
     """Stand still at one posture."""
@@ -46,6 +50,10 @@ class Hold(Reference):
 
         self.q = q
         self._at = Waypoints([q], durations=[]).at
+
+    def describe(self) -> dict[str, Any]:
+        """Return the posture as plain data."""
+        return {"type": "Hold", "q": self._at(0.0).q.tolist()}
 
     def at(self, t: float | Array) -> Target:
         """Return the posture with zero velocity and acceleration, shapes as :meth:`Reference.at`."""

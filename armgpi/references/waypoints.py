@@ -80,6 +80,11 @@ class Waypoints(Reference):
             a = a + target.a
         return Target(np.asarray(q), np.asarray(v), np.asarray(a))
 
+    def describe(self) -> dict[str, Any]:
+        """Return the moves as plain data."""
+        moves = [move.describe() for move in self._parts]
+        return {"type": "Waypoints", "moves": moves, "t_end": self.t_end}
+
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"Waypoints({len(self.moves)} moves, {self.t_end:g} s)"
