@@ -35,6 +35,8 @@ MAX_DEPTH = 100
 #: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
 MAX_MOVING_JOINTS = 64
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
+#: Root element -> what such a file is.
+_OTHER_FORMATS = {"mujoco": "a MuJoCo model (MJCF)", "sdf": "an SDF model", "html": "a web page"}
 #: Stands for "no limit" where urdfdom wants a number.
 _UNBOUNDED = "1e300"
 #: Attributes that hold numbers which Pinocchio reads.
@@ -154,7 +156,8 @@ def parse(text: str, source: str) -> Urdf:
     if _depth(root) > MAX_DEPTH:
         raise UrdfError(source, f"has XML elements nested more than {MAX_DEPTH} deep, which no URDF has")
     if root.tag != "robot":
-        raise UrdfError(source, f"expected the root element <robot>, got <{root.tag}>")
+        kind = _OTHER_FORMATS.get(root.tag, "no URDF")
+        raise UrdfError(source, f"is {kind}: expected the root element <robot>, got <{root.tag}>")
     if len(root.findall("joint")) > MAX_JOINTS:
         raise UrdfError(source, f"has more than {MAX_JOINTS} joints")
     links = _unique_names(root, "link", source)
