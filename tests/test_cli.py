@@ -56,9 +56,16 @@ def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def command(*arguments: object, **options: Any) -> subprocess.Popen[str]:
-    """Start `armgpi` as a program of its own."""
+    """Start `armgpi` as a program of its own, listening to Ctrl-C.
+
+    A shell that runs the tests in the background has them ignore it, and programs inherit that.
+    """
     whole = [sys.executable, "-m", "armgpi.cli", *map(str, arguments)]
-    return subprocess.Popen(whole, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return subprocess.Popen(whole, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 # Help.
