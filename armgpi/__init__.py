@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from armgpi.plants.sensors import Encoder as Encoder
     from armgpi.plants.sensors import Noisy as Noisy
     from armgpi.references.bezier import Bezier as Bezier
+    from armgpi.references.cartesian import CartesianReference as CartesianReference
     from armgpi.references.reference import Hold as Hold
     from armgpi.references.reference import Reference as Reference
     from armgpi.references.reference import Target as Target
@@ -70,6 +71,7 @@ _NAMES = {
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "DropOut", "Encoder", "Noisy"),
     "references.bezier": ("Bezier",),
+    "references.cartesian": ("CartesianReference",),
     "references.reference": ("Hold", "Reference", "Target"),
     "references.waypoints": ("Waypoints",),
     "robot": ("Friction", "Robot", "RobotBatch"),

@@ -368,6 +368,33 @@ class Robot(_Checked):
 
         return _rowwise(jacobian, q_)
 
+    def frame_drift(self, name: str, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return J'(q, v) v, what a frame accelerates by when no joint does.
+
+        Args:
+            name: a link, joint or fixed joint.
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+
+        Returns:
+            Linear [m/s^2], then angular acceleration [rad/s^2], along the base axes: (6,) or (batch, 6).
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ArrayError: when an argument is not as it should be.
+        """
+        index = self._frame(name)
+        q_, v_ = self._states(q=q, v=v)
+        still = np.zeros(self.n)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+        def drift(both: Array) -> Array:
+            pin.forwardKinematics(self._model, self._kinematics, *np.split(both, 2), still)
+            moved = pin.getFrameClassicalAcceleration(self._model, self._kinematics, index, axes)
+            return np.array(moved.vector)
+
+        return _rowwise(drift, np.concatenate([q_, v_], axis=-1))
+
     def with_payload(
         self, frame: str, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike | None = None
     ) -> Robot:

@@ -1,0 +1,129 @@
+"""Joint references that move a frame along a path in space (section 5.2, Figure 8)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import ParameterError, ReachError
+from armgpi.references.paths import Path
+from armgpi.references.reference import Reference, Target
+from armgpi.robot import Robot
+
+#: From points (k, 3) [m] to the joint positions (k, n) that put the frame there, all of one branch; raises
+#: ReachError for a point out of reach.
+Inverse = Callable[[Array], Array]
+
+#: Distance by which the frame may miss the path [m].
+_MISS = 1e-6
+#: Times at which turns are counted [s]: between two of them no joint turns by half a turn.
+_TURN_STEP = 0.01
+
+
+class CartesianReference(Reference):
+    """Joint positions, velocities and accelerations that carry a frame along a path.
+
+    Positions come from an inverse kinematics; angles are continued over full turns, so that the reference
+    never jumps. Velocities and accelerations follow from the frame's linear Jacobian J: v = J^+ x' and
+    a = J^+ (x'' - J' v).
+
+    Attributes:
+        robot: the arm.
+        frame: the frame that follows.
+        path: the path in the base frame.
+    """
+
+    def __init__(self, robot: Robot, frame: str, path: Path, inverse: Inverse) -> None:
+        """Define the reference.
+
+        Args:
+            robot: the arm.
+            frame: name of the frame that shall follow the path.
+            path: where to, in the base frame.
+            inverse: from points (k, 3) to joint positions (k, n), always of the same branch, such as
+                ``PaperArm().inverse_kinematics``.
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ParameterError: when `path` is no path, or `inverse` does not put the frame where it begins.
+            ReachError: when the path begins out of reach.
+        """
+        if not isinstance(robot, Robot):
+            raise ParameterError("robot", robot, "a single Robot")
+        if not isinstance(path, Path):
+            raise ParameterError("path", path, "a Path")
+        self.robot = robot
+        self.frame = frame
+        self.path = path
+        self._inverse = inverse
+        self._turning = np.array([kind != "prismatic" for kind in robot.joint_types])
+        self._continued = np.empty((0, robot.n))
+        begin = path.at(np.zeros(1)).x
+        there = robot.frame_pose(frame, self._solve(np.zeros(1), begin)).translation
+        missed = float(np.linalg.norm(there - begin))
+        if missed > _MISS:
+            expected = f"one that puts {frame!r} on the path (it misses its beginning by {missed:.3g} m)"
+            raise ParameterError("inverse", inverse, expected)
+
+    def at(self, t: float | Array) -> Target:
+        """Return the target at `t` [s]; shapes as :meth:`Reference.at`.
+
+        Raises:
+            ReachError: with the time and the point where the path leaves the arm's reach.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        point = self.path.at(times)
+        q = self._continue(times, self._solve(times, point.x))
+        jacobian = self.robot.frame_jacobian(self.frame, q)[:, :3]
+        inverse = np.linalg.pinv(jacobian)
+        v = np.matmul(inverse, point.v[..., None])[..., 0]
+        drift = self.robot.frame_drift(self.frame, q, v)[:, :3]
+        a = np.matmul(inverse, (point.a - drift)[..., None])[..., 0]
+        return Target(q, v, a) if np.ndim(t) else Target(q[0], v[0], a[0])
+
+    def describe(self) -> dict[str, Any]:
+        """Return the reference as plain data."""
+        return {"type": "CartesianReference", "frame": self.frame, "path": self.path.describe()}
+
+    def _continue(self, times: Array, q: Array) -> Array:
+        """Return angles without jumps: those a full turn away that are nearest to the path so far.
+
+        The turns are counted from time 0 on a grid that grows with the latest time asked for, so the
+        answer does not depend on the order in which times are asked for.
+        """
+        needed = int(np.ceil(max(0.0, float(times.max())) / _TURN_STEP)) + 2
+        if needed > len(self._continued):
+            first = len(self._continued)
+            grid = np.asarray(np.arange(first, max(needed, 2 * first)) * _TURN_STEP, dtype=np.float64)
+            try:
+                new = self._solve(grid, self.path.at(grid).x)
+            except ReachError:
+                # Beyond what was asked for the path may end out of reach: count no farther.
+                grid = grid[: needed - first]
+                inside = np.minimum(grid, float(times.max()))
+                new = self._solve(inside, self.path.at(inside).x)
+            self._continued = np.unwrap(np.concatenate([self._continued, new]), axis=0)
+        nearest = np.clip(np.rint(times / _TURN_STEP).astype(int), 0, len(self._continued) - 1)
+        turns = np.rint((self._continued[nearest] - q) / (2.0 * math.pi))
+        return np.where(self._turning, q + 2.0 * math.pi * turns, q)
+
+    def _solve(self, times: Array, points: Array) -> Array:
+        """Return the joint positions for points, naming the first time when there are none."""
+        try:
+            return self._inverse(points)
+        except ReachError as whole:
+            for time, point in zip(times, points, strict=True):
+                try:
+                    self._inverse(point[None])
+                except ReachError as error:
+                    text = f"the path at t = {time:.4g} s: {error}"
+                    raise ReachError(error.point, error.distance, text) from None
+            raise whole from None
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"CartesianReference({self.frame!r} along {type(self.path).__name__})"
