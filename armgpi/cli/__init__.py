@@ -1,0 +1,85 @@
+"""The command line: parse, call one function, print a table, exit with a code.
+
+Exit codes: 0 fine, 1 a rollout diverged, 2 bad input, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from typing import Annotated, Any
+
+import typer
+
+from armgpi.cli import experiment, robots
+from armgpi.cli.options import FLAG
+from armgpi.cli.words import BAD_INPUT, INTERRUPTED
+
+app = typer.Typer(
+    help="Torque control of any robot arm from its URDF and measured positions alone.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: it may speak of units in [brackets]
+)
+
+app.command()(experiment.run)
+app.command()(experiment.compare)
+app.command()(robots.robots)
+
+
+def _show_version(wanted: bool) -> None:
+    """Print the version and exit."""
+    if wanted:
+        from armgpi import __version__
+
+        typer.echo(f"armgpi {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            metavar=FLAG,
+            callback=_show_version,
+            is_eager=True,
+            help="Show the version and exit.",
+        ),
+    ] = False,
+) -> None:
+    """Take the options of armgpi itself."""
+
+
+def main() -> None:
+    """Run the command line; every error of ours becomes one line and an exit code."""
+    from armgpi.errors import ArmgpiError, ArmgpiWarning
+
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        text = f"warning: {message}" if issubclass(category, ArmgpiWarning) else str(message)
+        typer.secho(text, err=True, fg="yellow")
+
+    if sys.stdout is None:  # closed by whoever called
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that has no "²" shows "?" instead.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        warnings.simplefilter("default", ArmgpiWarning)
+        try:
+            app()
+        except ArmgpiError as error:
+            typer.secho(f"error: {error}", err=True, fg="red")
+            sys.exit(BAD_INPUT)
+        except OSError as error:  # the output: files have errors of their own
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
+            typer.secho(f"error: cannot write the output: {error.strerror or error}", err=True, fg="red")
+            sys.exit(BAD_INPUT)
+        except KeyboardInterrupt:
+            typer.secho("interrupted", err=True, fg="yellow")
+            sys.exit(INTERRUPTED)

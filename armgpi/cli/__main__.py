@@ -1,0 +1,5 @@
+"""``python -m armgpi.cli``."""
+
+from armgpi.cli import main
+
+main()

@@ -1,0 +1,142 @@
+"""The commands that simulate: run and compare."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.words import FAILED, INTERRUPTED, OK, refusal
+
+# What takes long to import is imported by the commands, so that --help answers at once.
+if TYPE_CHECKING:
+    from armgpi.config import Experiment
+
+
+def run(
+    robot: opt.RobotName = None,
+    controller: opt.Controller = None,
+    config: opt.ConfigFile = None,
+    to: opt.To = None,
+    start: opt.Start = None,
+    duration: opt.Duration = None,
+    omega: opt.Omega = None,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    effort: opt.Effort = None,
+    inertia_scale: opt.InertiaScale = None,
+    payload: opt.Payload = None,
+    encoder_bits: opt.Bits = None,
+    delay: opt.Delay = None,
+    friction: opt.Friction = None,
+    dt: opt.SampleTime = None,
+    t_final: opt.TFinal = None,
+    seed: opt.Seed = None,
+    out: opt.Out = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Simulate one controller on a robot and print how well it tracked.
+
+    \b
+    armgpi run ur5 --payload 0.5 --encoder-bits 16
+    armgpi run anthropomorphic3 --to q1=0.8,q2=0.4 --t-final 8 --out results
+    """  # noqa: D301 (\b keeps the lines apart)
+    options = dict(locals())
+    options["controllers"] = options.pop("controller")
+    _experiment(options, compare=False)
+
+
+def compare(
+    robot: opt.RobotName = None,
+    controllers: opt.Controllers = None,
+    config: opt.ConfigFile = None,
+    to: opt.To = None,
+    start: opt.Start = None,
+    duration: opt.Duration = None,
+    omega: opt.Omega = None,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    effort: opt.Effort = None,
+    inertia_scale: opt.InertiaScale = None,
+    payload: opt.Payload = None,
+    encoder_bits: opt.Bits = None,
+    delay: opt.Delay = None,
+    friction: opt.Friction = None,
+    dt: opt.SampleTime = None,
+    t_final: opt.TFinal = None,
+    seed: opt.Seed = None,
+    out: opt.Out = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Simulate several controllers on the same robot and print one table.
+
+    \b
+    armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
+    armgpi compare --config experiment.yaml --out results
+    """  # noqa: D301 (\b keeps the lines apart)
+    _experiment(dict(locals()), compare=True)
+
+
+def _experiment(options: dict[str, Any], compare: bool) -> None:
+    """Run what the options describe, print it, save it, and exit."""
+    try:
+        sys.exit(_run(options, compare))
+    except KeyboardInterrupt:  # before or after the simulation, which keeps what is there itself
+        typer.secho("interrupted", err=True, fg="yellow")
+        sys.exit(INTERRUPTED)
+
+
+def _run(options: dict[str, Any], compare: bool) -> int:
+    """Run what the options describe, print it, save it, and return the exit code."""
+    from armgpi import config as configuration
+    from armgpi import experiment as experiments
+    from armgpi.cli.settings import settings
+    from armgpi.cli.tables import print_tables
+    from armgpi.rollout import Status
+
+    experiment = configuration.build(*settings(options, compare))
+    _check_out(options)
+    _note_early_end(experiment)
+    if compare:
+        result = experiments.compare(experiment)
+    else:
+        label = next(iter(experiment.controllers))
+        result = experiments.join({label: experiments.run(experiment, label)})
+    records = experiments.records(result)
+    paths: list[Path] = []
+    try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
+        if options["out"] is not None:
+            paths = experiments.save(result, experiment, options["out"])
+    finally:
+        if options["as_json"]:
+            typer.echo(json.dumps(records))
+        else:
+            print_tables(experiment, records)
+    for path in paths:
+        typer.echo(f"wrote {path}", err=True)
+    code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
+    return code[experiments.worst(records)]
+
+
+def _check_out(options: dict[str, Any]) -> None:
+    """Refuse a folder for results that cannot be used: better before a long run than after it."""
+    from armgpi import experiment as experiments
+
+    folder, config = options["out"], options["config"]
+    if folder is None:
+        return
+    if config is not None and (folder / "experiment.yaml").resolve() == config.resolve():
+        raise refusal("--out", f"would overwrite {config}; choose another folder")
+    experiments.prepare(folder)
+
+
+def _note_early_end(experiment: Experiment) -> None:
+    """Say when the run is over before the last move is."""
+    moves = experiment.reference.moves
+    end = moves[-1].t_start + moves[-1].duration if moves else 0.0
+    if experiment.t_final < end - experiment.config.sample_time:
+        typer.echo(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)

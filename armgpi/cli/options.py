@@ -1,0 +1,107 @@
+"""The options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+#: Flags take no value: nothing is shown for one.
+FLAG = ""
+RobotName = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
+        show_default=False,
+    ),
+]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option("--config", "-c", metavar="FILE", help="Experiment file (YAML); options override it."),
+]
+Controller = Annotated[
+    str | None, typer.Option(metavar="NAME", help="gpi (default) or pid; or a label of the experiment file.")
+]
+Controllers = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="Which ones, 'gpi,pid' by default; or types and labels of the experiment file.",
+    ),
+]
+To = Annotated[
+    str | None,
+    typer.Option(
+        metavar="POSTURE",
+        help="Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
+    ),
+]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--from", metavar="POSTURE", help="Start, given as --to; the middle of the joint ranges by default."
+    ),
+]
+Duration = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="Time of each move [s]; gentle by default.")
+]
+Omega = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Bandwidth omega_c [rad/s] of gpi: '20' or 'j1=20,...'; from the sample time by default.",
+    ),
+]
+Lock = Annotated[
+    list[str] | None,
+    typer.Option(metavar="JOINT", help="Joint to hold fixed, 'name' or 'name=value'; may be repeated."),
+]
+Keep = Annotated[
+    list[str] | None,
+    typer.Option(metavar="JOINT", help="Joint to keep, all others are locked; may be repeated."),
+]
+Effort = Annotated[
+    str | None,
+    typer.Option(metavar="NUMBERS", help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all."),
+]
+InertiaScale = Annotated[
+    float | None,
+    typer.Option(
+        metavar="FACTOR", help="The controllers believe in D(q) times this; the plant stays as it is."
+    ),
+]
+Payload = Annotated[
+    float | None, typer.Option(metavar="KG", help="Mass at the tip [kg] that the controllers do not know of.")
+]
+Bits = Annotated[
+    int | None, typer.Option("--encoder-bits", metavar="BITS", help="Encoder resolution; exact by default.")
+]
+Delay = Annotated[int | None, typer.Option(metavar="SAMPLES", help="Samples by which measurements are late.")]
+Friction = Annotated[
+    bool | None,
+    typer.Option(
+        "--friction/--no-friction",
+        metavar=FLAG,
+        help="Whether the plant has the URDF's joint friction; not by default.",
+        show_default=False,
+    ),
+]
+SampleTime = Annotated[
+    float | None, typer.Option("--dt", metavar="SECONDS", help="Sample time [s]; 0.001 by default.")
+]
+TFinal = Annotated[
+    float | None,
+    typer.Option(
+        "--t-final", metavar="SECONDS", help="How long to run [s]; by default 2 s beyond the last hold."
+    ),
+]
+Seed = Annotated[int | None, typer.Option(metavar="NUMBER", help="Seed of noise and drop-outs.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", "-o", metavar="FOLDER", help="Where to put rollout.nc, experiment.yaml and metrics.json."
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", metavar=FLAG, help="Print JSON instead of tables.")]

@@ -1,0 +1,21 @@
+"""The experiment file: robot, plant, controllers, reference and horizon as YAML, checked, and as objects.
+
+:mod:`~armgpi.config.schema` says what may stand in it, :mod:`~armgpi.config.reading` reads and checks it,
+:mod:`~armgpi.config.building` makes the objects.
+"""
+
+from armgpi.config.building import Experiment, build
+from armgpi.config.reading import Loaded, Origin, check, dump, parse, read
+from armgpi.config.schema import ExperimentConfig
+
+__all__ = [
+    "Experiment",
+    "ExperimentConfig",
+    "Loaded",
+    "Origin",
+    "build",
+    "check",
+    "dump",
+    "parse",
+    "read",
+]

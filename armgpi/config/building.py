@@ -1,0 +1,283 @@
+"""From a checked configuration to the objects it describes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel
+
+from armgpi.arrays import Array
+from armgpi.config.reading import Origin, Path_
+from armgpi.config.schema import (
+    ExperimentConfig,
+    GPISection,
+    PaperLoad,
+    PIDSection,
+    ReferenceSection,
+    RobotSection,
+)
+from armgpi.control.controller import Controller
+from armgpi.control.gains import FixedGains, default_omega
+from armgpi.control.gpi import GPI
+from armgpi.control.pid import PIDInversion
+from armgpi.errors import ArmgpiError, ConfigError, EffortError, NameNotFound
+from armgpi.plants import actuators, loads, sensors
+from armgpi.plants.plant import Plant
+from armgpi.plants.rigid_body import RigidBodyPlant
+from armgpi.references.bezier import minimum_duration
+from armgpi.references.waypoints import Waypoints
+from armgpi.robot import Robot
+
+#: Most samples of a run: a day at 10 kHz.
+_MAX_SAMPLES = 10**9
+#: Share of the velocity limits that a move without a duration uses, and its acceleration [rad/s^2].
+_MOVE_SHARE = 0.5
+_MOVE_ACCELERATION = 5.0
+#: How long a run goes on after its reference has ended, when nothing is said [s].
+_SETTLE = 2.0
+
+
+class _Place(NamedTuple):
+    """One key of a configuration, while objects are made from it."""
+
+    origin: Origin
+    path: Path_ = ()
+
+    def at(self, *steps: str | int) -> _Place:
+        """Return a place below this one."""
+        return _Place(self.origin, (*self.path, *steps))
+
+    def error(self, message: str) -> ConfigError:
+        """Return an error about this key."""
+        return self.origin.error(self.path, message)
+
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Turn an error of ours that happens inside into one that names this key."""
+        try:
+            yield
+        except ConfigError:
+            raise
+        except ArmgpiError as error:
+            raise self.error(str(error)) from error
+
+
+class Experiment(NamedTuple):
+    """The objects that an experiment file describes.
+
+    Attributes:
+        robot: the arm as its URDF has it.
+        plant: what moves.
+        controllers: label -> controller.
+        reference: where to.
+        t_final: how long [s].
+        config: what they were made from, with every default filled in.
+    """
+
+    robot: Robot
+    plant: Plant
+    controllers: dict[str, Controller]
+    reference: Waypoints
+    t_final: float
+    config: ExperimentConfig
+
+
+def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
+    """Make the objects that a configuration describes.
+
+    Raises:
+        ConfigError: when something in it does not fit the robot; it names the key.
+    """
+    top = _Place(origin or Origin())
+    robot = _robot(config.robot, top.at("robot"))
+    plant = _plant(config, robot, top.at("plant"))
+    controllers: dict[str, Controller] = {}
+    sections: list[GPISection | PIDSection] = []
+    for index, section in enumerate(config.controllers):
+        place = top.at("controllers", index)
+        label = section.label or section.type
+        if label in controllers:
+            label = f"{label} {index + 1}"
+        if label in controllers:
+            raise place.at("label").error(f"another controller is labelled {label!r} as well")
+        try:
+            with place.blamed():
+                section, controllers[label] = _controller(config, section, robot, place)
+        except ConfigError as error:
+            if isinstance(error.__cause__, EffortError):
+                raise top.at("robot", "effort").error(str(error.__cause__)) from None
+            raise
+        sections.append(section.model_copy(update={"label": label}))
+    reference, moves = _reference(config.reference, robot, top.at("reference"))
+    t_final = reference.t_end + _SETTLE if config.t_final is None else config.t_final
+    if not 0.5 < t_final / config.sample_time <= _MAX_SAMPLES:
+        raise top.at("t_final").error(
+            f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
+            f"{_MAX_SAMPLES:.0e} samples), got {t_final:g} s"
+        )
+    filled = {"controllers": sections, "reference": moves, "t_final": t_final}
+    return Experiment(robot, plant, controllers, reference, t_final, config.model_copy(update=filled))
+
+
+def _robot(section: RobotSection, place: _Place) -> Robot:
+    """Return the arm."""
+    # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.
+    lock: Any = section.lock
+    try:
+        robot = Robot.load(section.name, lock=lock, keep=section.keep)
+    except NameNotFound as error:
+        # Robots and joints are looked up: say whose key it is.
+        key = next((k for k in ("lock", "keep") if error.name in (getattr(section, k) or ())), "name")
+        raise place.at(key).error(str(error)) from None
+    except ArmgpiError as error:
+        raise place.at("name").error(str(error)) from None
+    except OSError as error:  # a name too long for a file, for one
+        raise place.at("name").error(f"cannot be read: {error.strerror or error}") from None
+    if section.effort is not None:
+        current = robot.limits.effort
+        with place.at("effort").blamed():
+            robot = robot.with_limits(effort=_per_joint(section.effort, robot, place.at("effort"), current))
+    return robot
+
+
+def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
+    """Return the plant with its loads and wires."""
+    section = config.plant
+    real = robot
+    if section.payload is not None:
+        with place.at("payload").blamed():
+            frame = section.payload.frame or robot.tip
+            real = real.with_payload(frame, section.payload.mass, section.payload.com)
+    if section.armature is not None:
+        armature = _per_joint(section.armature, robot, place.at("armature"), robot.armature)
+        real = real.with_armature(armature)
+    torques: list[loads.Load] = []
+    for index, item in enumerate(section.loads):
+        with place.at("loads", index).blamed():
+            torques += _loads(item, robot, place.at("loads", index))
+    with place.blamed():
+        plant: Plant = RigidBodyPlant(
+            real,
+            torques,
+            friction="urdf" if section.friction == "urdf" else None,
+            substeps=section.substeps,
+        )
+        if section.torque_rate is not None:
+            rate = _per_joint(section.torque_rate, robot, place.at("torque_rate"), None)
+            plant = actuators.RateLimited(plant, rate)
+        plant = actuators.Saturated(plant)
+        if section.noise is not None:
+            noise = section.noise
+            plant = sensors.Noisy(plant, noise.position, noise.velocity, config.seed)
+        if section.encoder_bits is not None:
+            plant = sensors.Encoder(plant, section.encoder_bits)
+        if section.drop_out:
+            plant = sensors.DropOut(plant, section.drop_out, config.seed)
+        if section.delay:
+            plant = sensors.Delayed(plant, section.delay)
+    return plant
+
+
+def _loads(section: BaseModel, robot: Robot, place: _Place) -> list[loads.Load]:
+    """Return the loads of one entry."""
+    if isinstance(section, PaperLoad):
+        if robot.n != 3:
+            raise place.error(f"eqs. 29-31 are for an arm of 3 joints, this one has {robot.n}")
+        return loads.paper_disturbances()
+    kinds: dict[str, Any] = {"step": loads.Step, "ramp": loads.Ramp, "sine": loads.Sine, "pulse": loads.Pulse}
+    given = section.model_dump(exclude_none=True)
+    kind = kinds[given.pop("type")]
+    for key in ("amplitude", "slope", "omega", "phase"):
+        if key in given:
+            given[key] = _per_joint(given[key], robot, place.at(key), 0.0)
+    load: loads.Load = kind(**given)
+    return [load]
+
+
+def _controller(
+    config: ExperimentConfig, section: GPISection | PIDSection, robot: Robot, place: _Place
+) -> tuple[GPISection | PIDSection, Controller]:
+    """Return one controller, and its section with the defaults filled in."""
+    dt = config.sample_time
+    believed = robot if section.inertia_scale == 1.0 else robot.scaled_inertia(section.inertia_scale)
+
+    def values(key: str, default: float) -> Array:
+        return _per_joint(getattr(section, key), robot, place.at(key), default)
+
+    if isinstance(section, PIDSection):
+        defaults = {"kp": 400.0, "ki": 500.0, "kd": 40.0}
+        gains = {key: values(key, default) for key, default in defaults.items()}
+        return section, PIDInversion(believed, dt, **gains, bias_robot=robot)
+    delay = config.plant.delay * dt
+    omega = default_omega(dt, delay)
+    if section.omega is None:
+        section = section.model_copy(update={"omega": omega})
+    omegas = values("omega", omega)
+    ps = None
+    if section.p is not None:
+        ps = _per_joint(section.p, robot, place.at("p"), omegas)
+    tuning = FixedGains(omegas, values("zeta", 1.0), ps)
+    return section, GPI(
+        believed, dt, tuning, realisation=section.realisation, start=section.start, delay=delay
+    )
+
+
+def _reference(section: ReferenceSection, robot: Robot, place: _Place) -> tuple[Waypoints, ReferenceSection]:
+    """Return the reference, and its section with the defaults filled in."""
+    points: list[Array] = []
+    holds = section.holds
+    if section.points is None:
+        middle = robot.middle()
+        room = robot.limits.upper - middle
+        goal = middle + np.minimum(0.5, 0.5 * room)
+        points = [middle, goal, middle]
+        holds = 1.0 if holds is None else holds
+    for index, point in enumerate(section.points or ()):
+        here = place.at("points", index)
+        before = points[-1] if points else robot.middle()
+        points.append(_per_joint(point, robot, here, before))
+        with here.blamed():
+            robot.check_position(points[-1], f"point {index + 1} of the reference")
+    durations = section.durations
+    if durations is None:
+        gentle = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0) * _MOVE_SHARE
+        gentle = np.where(gentle > 0.0, gentle, _MOVE_SHARE)
+        durations = [
+            max(1.0, minimum_duration(b - a, gentle, _MOVE_ACCELERATION)) for a, b in pairwise(points)
+        ]
+    with place.blamed():
+        reference = Waypoints(points, durations, 0.0 if holds is None else holds)
+    filled = ReferenceSection(
+        points=[point.tolist() for point in points],
+        durations=durations,
+        holds=0.0 if holds is None else holds,
+    )
+    return reference, filled
+
+
+def _per_joint(
+    value: float | list[float] | Mapping[str, float],
+    robot: Robot,
+    place: _Place,
+    default: Array | float | None,
+) -> Array:
+    """Return a per-joint quantity as an array (n,); joints that a mapping leaves out get the default."""
+    names = robot.joint_names
+    if isinstance(value, Mapping):
+        for joint in value:
+            if joint not in names:
+                raise place.at(joint).error(str(NameNotFound("joint", joint, names)))
+        missing = [joint for joint in names if joint not in value]
+        if missing and default is None:
+            raise place.error(f"needs a value for {', '.join(missing)} as well")
+        result = np.array(np.broadcast_to(0.0 if default is None else default, (robot.n,)), dtype=np.float64)
+        for joint, number in value.items():
+            result[names.index(joint)] = number
+        return result
+    if isinstance(value, list) and len(value) != robot.n:
+        raise place.error(f"expected {robot.n} numbers ({', '.join(names)}), got {len(value)}")
+    return np.array(np.broadcast_to(np.array(value, dtype=np.float64), (robot.n,)))

@@ -1,0 +1,208 @@
+"""From YAML to a checked configuration; an error names the file, the line and the key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
+from armgpi.errors import ConfigError, NameNotFound
+
+#: Largest size of an experiment file [bytes], and its most keys and values, aliases written out.
+_MAX_BYTES = 1_000_000
+_MAX_NODES = 100_000
+
+Path_ = tuple[str | int, ...]
+
+
+class Origin(NamedTuple):
+    """Where a configuration came from, for messages.
+
+    Attributes:
+        source: the file, or "command line".
+        lines: path of a key -> its line in the file.
+        options: dotted key -> the option of the command line that set it.
+    """
+
+    source: str = "experiment"
+    lines: Mapping[Path_, int] = {}
+    options: Mapping[str, str] = {}
+
+    def error(self, path: Path_, message: str) -> ConfigError:
+        """Return an error about the key at `path`, naming the line or option it came from."""
+        key = ".".join(map(str, path))
+        for prefix, option in self.options.items():
+            if key == prefix or key.startswith(f"{prefix}."):
+                return ConfigError("command line", option, message)
+        # A missing key has no line: name that of the section it is missing from.
+        known = (self.lines.get(path[:length]) for length in range(len(path), 0, -1))
+        return ConfigError(self.source, key, message, next((line for line in known if line), None))
+
+
+class Loaded(NamedTuple):
+    """A checked configuration and where it came from: what :func:`build` takes."""
+
+    config: ExperimentConfig
+    origin: Origin
+
+
+def read(path: Path) -> Loaded:
+    """Read and check an experiment file.
+
+    Raises:
+        ConfigError: when it cannot be read or is not as it should be; it names line and key.
+    """
+    try:
+        if not path.exists():
+            raise ConfigError(path, "", "there is no such file")
+        if not path.is_file():
+            raise ConfigError(path, "", "is no regular file")
+        if path.stat().st_size > _MAX_BYTES:
+            raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes")
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ConfigError(path, "", "is not UTF-8 text") from None
+    except OSError as error:
+        raise ConfigError(path, "", f"cannot be read: {error.strerror or error}") from None
+    config, origin = parse(text, str(path))
+    name = Path(config.robot.name)
+    if (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file():
+        robot = config.robot.model_copy(update={"name": str(path.parent / name)})
+        config = config.model_copy(update={"robot": robot})
+    return Loaded(config, origin)
+
+
+def parse(text: str, source: str) -> Loaded:
+    """Check the text of an experiment file; errors as :func:`read`."""
+    try:
+        tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        lines: dict[Path_, int] = {}
+        _note_lines(tree, (), lines, source)
+        data = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else None
+        raise ConfigError(source, "", f"is not valid YAML: {error.problem}", line) from None
+    except RecursionError:
+        raise ConfigError(source, "", "is not valid YAML: nested too deeply") from None
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
+        # PyYAML lets errors of Python through, for a date such as 2020-13-45.
+        reason = " ".join(str(error).split())
+        raise ConfigError(source, "", f"is not valid YAML: {reason}") from None
+    if not isinstance(data, dict):
+        raise ConfigError(source, "", "expected a mapping with the keys robot, plant, controllers, ...")
+    origin = Origin(source, lines)
+    return Loaded(check(data, origin), origin)
+
+
+def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
+    """Check plain data.
+
+    Raises:
+        ConfigError: when something in it is not as it should be; it names the key.
+    """
+    # A section of which every key is commented out is null: as if it were not there.
+    data = {key: value for key, value in data.items() if value is not None}
+    try:
+        return ExperimentConfig.model_validate(data)
+    except ValidationError as error:
+        # A misspelt key first: a missing one may be no more than that.
+        found_errors = error.errors(include_url=False)
+        first = min(found_errors, key=lambda item: item["type"] != "extra_forbidden")
+        path, found = _path_in_data(data, first["loc"])
+        kind, context = first["type"], first.get("ctx", {})
+        if kind == "extra_forbidden":
+            message = str(NameNotFound("key", path[-1], _known_keys(first["loc"])))
+        elif kind == "missing":
+            message = "is missing"
+        elif kind == "invalid_key":
+            message = "a key is text"
+        elif kind == "union_tag_not_found":
+            path, message = (*path, context["discriminator"].strip("'")), "is missing"
+        elif kind == "union_tag_invalid":
+            path = (*path, context["discriminator"].strip("'"))
+            known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
+            message = str(NameNotFound(str(path[-3]).rstrip("s"), context["tag"], known))
+        else:
+            expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
+            message = f"{expected[0].lower()}{expected[1:]}, got {_shown(found)}"
+        raise origin.error(path, message) from None
+
+
+def dump(config: ExperimentConfig) -> str:
+    """Return a configuration as YAML, every default written out."""
+    text: str = yaml.safe_dump(config.model_dump(), sort_keys=False, allow_unicode=True)
+    return text
+
+
+def _note_lines(node: Any, path: Path_, lines: dict[Path_, int], source: str) -> None:
+    """Note the line of every key of a YAML tree, refusing keys that stand twice."""
+    if len(lines) > _MAX_NODES:  # aliases of aliases make a small file explode
+        raise ConfigError(source, "", f"has more than {_MAX_NODES} keys and values")
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            here = (*path, str(key.value))
+            line = key.start_mark.line + 1
+            if here in lines and key.tag != "tag:yaml.org,2002:merge":
+                raise ConfigError(source, ".".join(map(str, here)), "stands twice", line)
+            lines[here] = line
+            _note_lines(value, here, lines, source)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            here = (*path, index)
+            lines[here] = value.start_mark.line + 1
+            _note_lines(value, here, lines, source)
+
+
+def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, Any]:
+    """Return the part of pydantic's location that exists in the data, and what stands there.
+
+    Pydantic puts the names of union members into the location ("controllers", 0, "gpi", "omega", "list").
+    """
+    path: list[str | int] = []
+    for position, step in enumerate(location):
+        inside = isinstance(data, list) and isinstance(step, int) and step < len(data)
+        if inside or (isinstance(data, Mapping) and step in data):
+            data = data[step]
+        elif isinstance(data, Mapping) and position == len(location) - 1 and step not in TAGS:
+            return (*path, step), None  # a key that is missing
+        else:
+            continue
+        path.append(step)
+    return tuple(path), data
+
+
+def _known_keys(location: tuple[str | int, ...]) -> tuple[str, ...]:
+    """Return the keys that are known where an unknown one stands."""
+    model: type[BaseModel] = ExperimentConfig
+    for step in location[:-1]:
+        model = SECTIONS.get(str(step), model)
+    return tuple(model.model_fields)
+
+
+def _shown(value: Any) -> str:
+    """Return a value for a message, cut when it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+#: What to say for pydantic's kinds of errors.
+_EXPECTED = {
+    "float_type": "expected a number",
+    "string_type": "expected text",
+    "list_type": "expected a list",
+    "dict_type": "expected a mapping",
+    "model_type": "expected a mapping",
+    "model_attributes_type": "expected a mapping",
+    "literal_error": "expected {expected}",
+    "greater_than": "expected a number above {gt:g}",
+    "greater_than_equal": "expected {ge:g} or more",
+    "less_than": "expected a number below {lt:g}",
+    "less_than_equal": "expected {le:g} or less",
+    "too_short": "expected at least {min_length}",
+    "too_long": "expected at most {max_length}",
+}
