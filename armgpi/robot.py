@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from armgpi import robots, urdf
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
-from armgpi.dynamics import Dynamics, PinocchioDynamics, StackedDynamics
+from armgpi.dynamics import Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
 
 PerJoint = ArrayLike | Mapping[str, float]
@@ -186,7 +186,7 @@ class Robot(_Checked):
         provenance: where the model came from and what was done to it, as plain data.
     """
 
-    dynamics: PinocchioDynamics
+    dynamics: PinocchioDynamics | ScaledDynamics
 
     def __init__(
         self,
@@ -456,7 +456,12 @@ class Robot(_Checked):
                 factor * inertia.mass, inertia.lever, factor * inertia.inertia
             )
         model.armature = factor * model.armature
-        return self._changed({"inertia_scale": factor}, model=model)
+        robot = self._changed({"inertia_scale": factor}, model=model)
+        # Not the kernels of the scaled model: rollouts that differ by the factor alone share theirs.
+        own = self.dynamics
+        base, scale = (own.base, factor * own.scale) if isinstance(own, ScaledDynamics) else (own, factor)
+        robot.dynamics = ScaledDynamics(base, scale)
+        return robot
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the robot under another gravity [m/s^2], a vector of shape (3,) in the base frame."""
@@ -540,7 +545,7 @@ class Robot(_Checked):
     def _changed(self, change: Mapping[str, Any], model: Any = None, limits: Limits | None = None) -> Robot:
         """Return a robot with another model or limits, remembering the change."""
         provenance = {**self.provenance, "changes": [*self.provenance["changes"], dict(change)]}
-        return Robot(
+        robot = Robot(
             self._model.copy() if model is None else model,
             self.name,
             self.joint_types,
@@ -548,6 +553,9 @@ class Robot(_Checked):
             self.friction,
             provenance,
         )
+        if model is None:  # the same kernels, which a batch of both calls once
+            robot.dynamics = self.dynamics
+        return robot
 
     def _check_inertia(self, source: str) -> None:
         """Refuse a model whose inertia matrix is not positive definite, naming a joint without inertia."""
@@ -609,7 +617,7 @@ class RobotBatch(_Checked):
         self.friction = Friction(
             *(frozen(np.stack(rows)) for rows in zip(*(r.friction for r in robots), strict=True))
         )
-        self.dynamics = StackedDynamics([robot.dynamics for robot in self.robots])
+        self.dynamics = stacked([robot.dynamics for robot in self.robots])
 
     @property
     def provenance(self) -> dict[str, Any]:
