@@ -102,9 +102,11 @@ class BSplineNetwork(Gains):
             raise ParameterError("learning", learning, "one of magnitude, signed")
         rates = as_float_array(learning_rate, "learning_rate")
         if (rates < 0.0).any():
-            raise ParameterError("learning_rate", learning_rate, "zero or positive")
+            raise ParameterError("learning_rate", float(rates.min()), "zero or positive")
         if learning == "magnitude" and (rates >= 2.0).any():
-            raise ParameterError("learning_rate", learning_rate, "below 2, where normalised LMS is stable")
+            raise ParameterError(
+                "learning_rate", float(rates.max()), "below 2, where normalised LMS is stable"
+            )
         self.learning_rate = learning_rate
         self.leak = check_number(leak, "leak", "zero or positive [1/s]")
         self.rate = None if np.ndim(rate) == 0 and rate == math.inf else rate
