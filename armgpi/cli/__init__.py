@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import experiment, robots
+from armgpi.cli import experiment, paper, robots
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -27,6 +27,8 @@ app = typer.Typer(
 app.command()(experiment.run)
 app.command()(experiment.compare)
 app.command()(robots.robots)
+app.command()(paper.reproduce)
+app.command()(paper.scenarios)
 
 
 def _show_version(wanted: bool) -> None:

@@ -192,6 +192,8 @@ def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
             plant = sensors.Noisy(plant, noise.position, noise.velocity, config.seed)
         if section.encoder_bits is not None:
             plant = sensors.Encoder(plant, section.encoder_bits)
+        if section.velocity_bandwidth is not None:
+            plant = sensors.Differentiated(plant, section.velocity_bandwidth)
         if section.drop_out:
             plant = sensors.DropOut(plant, section.drop_out, config.seed)
         if section.delay:
@@ -204,7 +206,7 @@ def _loads(section: BaseModel, robot: Robot, place: _Place) -> list[loads.Load]:
     if isinstance(section, PaperLoad):
         if robot.n != 3:
             raise place.error(f"eqs. 29-31 are for an arm of 3 joints, this one has {robot.n}")
-        return loads.paper_disturbances()
+        return [*loads.paper_disturbances()]
     kinds: dict[str, Any] = {"step": loads.Step, "ramp": loads.Ramp, "sine": loads.Sine, "pulse": loads.Pulse}
     given = section.model_dump(exclude_none=True)
     kind = kinds[given.pop("type")]

@@ -204,6 +204,8 @@ class PlantSection(_Section):
         drop_out: share of measurements lost.
         noise: measurement noise.
         torque_rate: highest rate of change of torque [N m/s or N/s].
+        velocity_bandwidth: when given, velocities come from differences of the measured positions, filtered
+            with it [rad/s]; exact velocities when not. GPI sees none.
     """
 
     payload: PayloadSection | None = None
@@ -216,6 +218,7 @@ class PlantSection(_Section):
     drop_out: NotNegative = Field(default=0.0, lt=1.0)
     noise: NoiseSection | None = None
     torque_rate: PerJointPositive | None = None
+    velocity_bandwidth: Positive | None = None
 
 
 class GPISection(_Section):
@@ -294,14 +297,14 @@ Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class LaserSection(_Section):
-    """The laser path of eq. 28; see :class:`armgpi.LaserPath`."""
+    """The laser path of eq. 28; see :class:`armgpi.references.paths.LaserPath`."""
 
     type: Literal["laser"]
     rate: Positive = 1.0 / 9.0
 
 
 class LissajousSection(_Section):
-    """A Lissajous curve; see :class:`armgpi.Lissajous`."""
+    """A Lissajous curve; see :class:`armgpi.references.paths.Lissajous`."""
 
     type: Literal["lissajous"]
     centre: Vector
@@ -311,7 +314,7 @@ class LissajousSection(_Section):
 
 
 class CircleSection(_Section):
-    """A circle; see :class:`armgpi.Circle`."""
+    """A circle; see :class:`armgpi.references.paths.Circle`."""
 
     type: Literal["circle"]
     centre: Vector
@@ -321,7 +324,7 @@ class CircleSection(_Section):
 
 
 class PolylineSection(_Section):
-    """Straight lines from corner to corner; see :class:`armgpi.Polyline`."""
+    """Straight lines from corner to corner; see :class:`armgpi.references.paths.Polyline`."""
 
     type: Literal["polyline"]
     corners: list[Vector] = Field(min_length=2)

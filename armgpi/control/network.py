@@ -59,7 +59,10 @@ class BSplineNetwork(Gains):
     Attributes:
         learning: "magnitude" or "signed".
         size: number of basis functions.
+        boxes: once prepared, the lower and upper end of every tuning parameter by its name.
     """
+
+    boxes: Mapping[str, tuple[Array, Array]]
 
     def __init__(
         self,
@@ -143,6 +146,7 @@ class BSplineNetwork(Gains):
         names = joint_names
         boxes = {name: _box(getattr(self, name), name, names) for name in ("omega_c", "zeta_c")}
         boxes["p_c"] = boxes["omega_c"] if self.p_c is None else _box(self.p_c, "p_c", names)
+        ready.boxes = boxes
         ready._lower = Tuning(*(boxes[name][0] for name in Tuning._fields))
         ready._upper = Tuning(*(boxes[name][1] for name in Tuning._fields))
         ready._adapted = tuple(
