@@ -140,7 +140,9 @@ def test_every_row_of_a_stack_is_the_answer_of_its_own_robot() -> None:
         "inertia": (q,),
     }.items():
         expected = [getattr(part, name)(*rows) for part, *rows in zip(parts, *arguments, strict=True)]
-        np.testing.assert_array_equal(getattr(together, name)(*arguments), expected, err_msg=name, strict=True)
+        np.testing.assert_array_equal(
+            getattr(together, name)(*arguments), expected, err_msg=name, strict=True
+        )
 
 
 def test_no_torque_solves_to_no_acceleration_exactly() -> None:

@@ -249,7 +249,7 @@ class NetworkSection(_Section):
         derivative_range: end of the range of the filtered derivative [rad/s or m/s].
         dead_zone: error that raises no gain [rad or m]; two encoder counts when not given.
         leak: how fast what was learned is forgotten [1/s].
-        rate: rho of |d omega/dt| <= rho omega^2; no limit when not given.
+        rate: rho of abs(d omega/dt) <= rho omega^2; no limit when not given.
         bandwidth: of the derivative's filter [rad/s].
         knots: of the basis functions over inputs scaled to [-1, 1], symmetric; two functions per input when
             not given.

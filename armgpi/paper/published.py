@@ -12,7 +12,7 @@ class Cells(NamedTuple):
     """One column pair of Tables 2 to 4: a figure for each of the joints q1, q2, q3.
 
     Attributes:
-        itae: integral of t |e| [rad s^2] (eq. 34).
+        itae: integral of t abs(e) [rad s^2] (eq. 34).
         isci: integral of u^2 [(N m)^2 s] (eq. 35).
     """
 

@@ -27,6 +27,8 @@ class Encoder(Wrapper):
         """Put an encoder of `bits` bits (whole numbers from 1 to 52) on every joint of `plant`."""
         super().__init__(plant)
         names = plant.robot.joint_names
+        if np.ndim(bits) == 0:
+            bits = check_whole(bits, "bits", 1, 52)
         self.bits = per_joint(bits, "bits", names, "whole numbers from 1 to 52 as", _are_bits)
         self.batch = common_batch(plant.batch, self.bits)
         travel = plant.robot.limits.upper - plant.robot.limits.lower
@@ -43,7 +45,8 @@ class Encoder(Wrapper):
 
     def parameters(self) -> dict[str, Any]:
         """Return the resolution."""
-        return {"bits": self.bits.astype(int).tolist()}
+        whole = self.bits.astype(int)
+        return {"bits": int(whole.flat[0]) if (whole == whole.flat[0]).all() else whole.tolist()}
 
 
 class Noisy(Wrapper):

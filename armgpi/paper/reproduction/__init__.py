@@ -1,7 +1,6 @@
 """Everything the paper shows, run again: Tables 2-4, Figures 5-13, and what the paper does not say.
 
-:mod:`~armgpi.paper.reproduction.runs` has the rollouts, :mod:`~armgpi.paper.reproduction.tables` and
-:mod:`~armgpi.paper.reproduction.figures` what is made of them.
+``runs.py`` has the rollouts, ``tables.py`` and ``figures.py`` what is made of them.
 """
 
 from __future__ import annotations
@@ -34,6 +33,7 @@ ends. With real ones they are at {pole:g} rad/s, with velocities from difference
 {bandwidth:g} rad/s: the best of {count} candidates, as long as the torque varies no more than the networks'.
 
 Of the {cells} published cells of the proposal, ours (GPI, networks, ideal sensors) is {words}.
+{others}
 """
 
 
@@ -154,6 +154,7 @@ def _sheets(found: _Found) -> tuple[list[Sheet], str]:
     statuses = tables.statuses(contenders)
     horizon = float(found.real_gpi["time"][-1])
     counts = tables.count_statuses(statuses, runs.NETWORK, "ideal")
+    others = tables.not_better(statuses, runs.NETWORK, "ideal", holding)
     words = _TOP.format(
         dt=found.setting.dt,
         horizon=horizon,
@@ -162,6 +163,7 @@ def _sheets(found: _Found) -> tuple[list[Sheet], str]:
         count=math.prod(map(len, found.setting.candidates)),
         cells=sum(counts.values()),
         words=", ".join(f"{status} in {count}" for status, count in counts.items()),
+        others="\n".join(f"- {text}" for text in others),
     )
     if found.ablation is not None:
         words += "\n" + "\n".join(f"- {text}" for text in tables.ablation_in_words(found.ablation)) + "\n"

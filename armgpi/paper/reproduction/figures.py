@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from armgpi.control.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
@@ -170,6 +171,10 @@ def _pareto(every: dict[int, dict[str, tuple[float, float]]] | None) -> Figure:
             axes.annotate(f"{omega:g}", (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6.5)
         axes.set_xscale("log")
         axes.set_yscale("log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
         axes.margins(0.15)
         _name(axes, panel, f"{bits}-bit encoders", "torque variation [N m]")
         axes.set_xlabel("ITAE, sum of the joints [rad s²]")

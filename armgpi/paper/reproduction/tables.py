@@ -326,3 +326,17 @@ def count_statuses(sheet: Sheet, name: str, sensors: str) -> dict[str, int]:
         if row[1:3] == (sensors, name):
             counts[row[-1]] = counts.get(row[-1], 0) + 1
     return counts
+
+
+def not_better(sheet: Sheet, name: str, sensors: str, holding: Array) -> list[str]:
+    """Return in words every published cell that a contender does not reach."""
+    words = []
+    for table, where, who, figure, joint, ours, theirs, status in sheet.rows:
+        if (where, who) != (sensors, name) or status == "better":
+            continue
+        text = f"Table {table}, {figure} of {joint}: {ours}, published {theirs} ({status})."
+        if figure == "ISCI":
+            least = _short(float(holding[JOINTS.index(joint)]))
+            text += f" Holding against gravity and load alone costs {least} on our references."
+        words.append(text)
+    return words
