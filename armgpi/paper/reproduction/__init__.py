@@ -109,7 +109,7 @@ def _run_all(setting: runs.Setting, quick: bool, pool: Executor, done: Callable[
 
     def submit(name: str, job: Callable[..., xr.Dataset], *arguments: object) -> Future[xr.Dataset]:
         future = pool.submit(job, *arguments)
-        future.add_done_callback(lambda _: done(name))
+        future.add_done_callback(lambda ended: ended.cancelled() or ended.exception() or done(name))
         return future
 
     # The longest first; the tuned PID waits for the torque budget.
