@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
+    from armgpi.kinematics import InverseSolution as InverseSolution
+    from armgpi.kinematics import TrackingInverse as TrackingInverse
+    from armgpi.kinematics import inverse_kinematics as inverse_kinematics
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.loads import Load as Load
@@ -65,6 +68,7 @@ _NAMES = {
     "control.network": ("BSplineNetwork",),
     "control.pid": ("PIDInversion",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
+    "kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.plant": ("Plant", "Wrapper"),
