@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from armgpi.control.gains import default_omega as default_omega
     from armgpi.control.gpi import GPI as GPI
     from armgpi.control.network import BSplineNetwork as BSplineNetwork
+    from armgpi.control.payload import LargestPayload as LargestPayload
+    from armgpi.control.payload import PayloadRange as PayloadRange
+    from armgpi.control.payload import largest_payload as largest_payload
+    from armgpi.control.payload import payload_range as payload_range
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
@@ -66,6 +70,7 @@ _NAMES = {
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
     "control.gpi": ("GPI",),
     "control.network": ("BSplineNetwork",),
+    "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
     "control.pid": ("PIDInversion",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
     "kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),

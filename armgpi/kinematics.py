@@ -123,7 +123,7 @@ def inverse_kinematics(
         check_whole(iterations, "iterations", 1),
     )
     found = search.descend(arm, goal, home)
-    starts = _postures(robot, restarts, seed)
+    starts = postures(robot, restarts, seed)
     for begin in range(0, restarts, _AT_ONCE):
         missing = np.flatnonzero(~found.reached)
         if not len(missing):
@@ -191,7 +191,7 @@ class TrackingInverse:
         if self._near is not None and self._near.ndim != 1:
             raise ArrayError("near", f"expected shape ({robot.n},), got {self._near.shape}")
         self.rate = check_number(rate, "rate", "zero or positive [1/s]")
-        self._starts = _postures(robot, check_whole(restarts, "restarts", 1, 100_000), seed)
+        self._starts = postures(robot, check_whole(restarts, "restarts", 1, 100_000), seed)
 
     def __call__(self, points: ArrayLike) -> Array:
         """Return the postures for points in order, each found from the one before.
@@ -361,7 +361,7 @@ class _Arm(NamedTuple):
         """Check robot and frame, and measure them."""
         if not isinstance(robot, Robot):
             raise ParameterError("robot", robot, "a single Robot")
-        J = robot.frame_jacobian(frame, _postures(robot, 32, seed=0))
+        J = robot.frame_jacobian(frame, postures(robot, 32, seed=0))
         if not J.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = _turning(robot)
@@ -558,7 +558,7 @@ def _unit(vectors: Array, name: str) -> Array:
     return np.asarray(vectors / length)
 
 
-def _postures(robot: Robot, count: int, seed: int) -> Array:
+def postures(robot: Robot, count: int, seed: int) -> Array:
     """Return random postures inside the limits, within half a turn of the middle where that is less."""
     rng = np.random.default_rng(seed)
     middle = robot.middle()
