@@ -27,8 +27,10 @@ _DAMPING = 0.1
 _LEAST_DAMPING = 1e-14
 #: Longest step of a joint in an iteration [rad, or lengths of the arm].
 _LONGEST_STEP = 1.0
-#: A search that gains less than a hundredth in so many iterations has ended.
-_PATIENCE = 10
+#: A search that gains less than this share in so many iterations has ended.
+_PATIENCE, _LEAST_GAIN = 10, 0.01
+#: The last search for a pose out of reach, whose distance is to be told: times as many iterations, share.
+_LAST_ITERATIONS, _LAST_GAIN = 10, 1e-6
 #: Starts that are tried at once.
 _AT_ONCE = 8
 #: A step that stays near a posture: share of the way to it, and how often.
@@ -117,7 +119,6 @@ def inverse_kinematics(
         raise ArrayError("near", f"expected shape ({robot.n},) or one row per pose, got {home.shape}")
     home = np.broadcast_to(home, (k, robot.n))
     restarts = check_whole(restarts, "restarts", 0, 100_000)
-    seed = check_whole(seed, "seed", 0)
     search = _Search(
         check_number(tolerance, "tolerance", "a positive length and angle [m, rad]", open_=True),
         check_whole(iterations, "iterations", 1),
@@ -128,7 +129,14 @@ def inverse_kinematics(
         missing = np.flatnonzero(~found.reached)
         if not len(missing):
             break
-        _try_again(arm, goal, home, search, found, missing, starts[begin : begin + _AT_ONCE])
+        some = starts[begin : begin + _AT_ONCE]
+        _try_again(
+            arm, goal, home, search, found, missing, np.broadcast_to(some, (len(missing), *some.shape))
+        )
+    missing = np.flatnonzero(~found.reached)
+    if len(missing):
+        last = _Search(search.tolerance, _LAST_ITERATIONS * search.iterations, _LAST_GAIN, last=True)
+        _try_again(arm, goal, home, last, found, missing, found.q[missing][:, None])
     if robot.n > goal.size:
         rows = np.flatnonzero(found.reached)
         settled = search.settle(arm, goal.rows(rows), found.q[rows], home[rows])
@@ -434,6 +442,8 @@ class _Search(NamedTuple):
 
     tolerance: float  # [m and rad]
     iterations: int
+    least_gain: float = _LEAST_GAIN
+    last: bool = False  # whether to come to rest where the goal is out of reach
 
     def descend(self, arm: _Arm, goal: _Goal, start: Array, home: Array | None = None) -> InverseSolution:
         """Search from postures (k, n), one per row of the goal; turns are those nearest to `home`."""
@@ -450,12 +460,16 @@ class _Search(NamedTuple):
             reached &= np.linalg.norm(e[:, 3:], axis=-1) <= self.tolerance
             going = ~reached
             if iteration % _PATIENCE == 0:
-                going &= loss < 0.99 * before[rows]
+                going &= loss < (1.0 - self.least_gain) * before[rows]
                 before[rows] = loss
             rows, e, J, loss = rows[going], e[going], J[going], loss[going]
             if not len(rows):
                 break
-            step = arm.units * _damped_step(e, J, loss, q[rows] <= lower, q[rows] >= upper)
+            # Chan and Lawrence; at rest short of the goal, the curvature that steps leave out is that of e.
+            damping = np.sqrt(2.0 * loss) if self.last else _DAMPING * loss
+            step = arm.units * _damped_step(
+                e, J, damping + _LEAST_DAMPING, q[rows] <= lower, q[rows] >= upper
+            )
             q[rows] = np.clip(q[rows] + step, lower, upper)
             count[rows] += 1
         q = _nearest_turns(arm.robot, q, start if home is None else home)
@@ -475,13 +489,13 @@ class _Search(NamedTuple):
         return np.where((kept & closer)[:, None], moved, q)
 
 
-def _damped_step(e: Array, J: Array, loss: Array, low: Flags, high: Flags) -> Array:
+def _damped_step(e: Array, J: Array, damping: Array, low: Flags, high: Flags) -> Array:
     """Return the steps (k, n) of damped least squares; joints pressed against a limit are held.
 
     Args:
         e: what is missing, (k, m).
         J: Jacobian, (k, m, n).
-        loss: half the squared norm of e, (k,).
+        damping: what is added to the squared singular values, (k,).
         low: joints at their lower limit, (k, n).
         high: joints at their upper limit, (k, n).
     """
@@ -490,7 +504,7 @@ def _damped_step(e: Array, J: Array, loss: Array, low: Flags, high: Flags) -> Ar
     J = np.asarray(np.where(held[:, None, :], 0.0, J))
     JT = J.swapaxes(-1, -2)
     # J^T (J J^T + w)^-1 e is (J^T J + w)^-1 J^T e: the smaller system is solved.
-    w = (_DAMPING * loss + _LEAST_DAMPING)[:, None, None]  # Chan and Lawrence
+    w = damping[:, None, None]
     if J.shape[1] <= J.shape[2]:
         step = _times(JT, _solved(J @ JT + w * np.eye(J.shape[1]), e))
     else:
@@ -502,13 +516,13 @@ def _damped_step(e: Array, J: Array, loss: Array, low: Flags, high: Flags) -> Ar
 def _try_again(
     arm: _Arm, goal: _Goal, home: Array, search: _Search, found: InverseSolution, rows: Rows, starts: Array
 ) -> None:
-    """Search for some rows from each of several starts, and keep the better answers in `found`."""
-    each = np.repeat(rows, len(starts))
-    tried = search.descend(arm, goal.rows(each), np.tile(starts, (len(rows), 1)), home[each])
+    """Search for rows (r,) from several starts each, (r, s, n), and keep the better answers in `found`."""
+    each = np.repeat(rows, starts.shape[1])
+    tried = search.descend(arm, goal.rows(each), starts.reshape(len(each), -1), home[each])
     # Reached ones by their distance from home, all others after them by what they miss.
     miss = tried.position_error / arm.length + tried.rotation_error
     rank = np.where(tried.reached, _distance(arm, tried.q, home[each]), 1e9 * (1.0 + miss))
-    best = np.argmin(rank.reshape(len(rows), -1), axis=1) + len(starts) * np.arange(len(rows))
+    best = np.argmin(rank.reshape(len(rows), -1), axis=1) + starts.shape[1] * np.arange(len(rows))
     had = found.position_error[rows] / arm.length + found.rotation_error[rows]
     better = tried.reached[best] | (miss[best] < had)
     for ours, theirs in zip(found, tried, strict=True):
@@ -560,7 +574,7 @@ def _unit(vectors: Array, name: str) -> Array:
 
 def postures(robot: Robot, count: int, seed: int) -> Array:
     """Return random postures inside the limits, within half a turn of the middle where that is less."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(check_whole(seed, "seed", 0))
     middle = robot.middle()
     low, high = (
         np.maximum(robot.limits.lower, middle - math.pi),

@@ -24,10 +24,10 @@ from armgpi.robot import Robot
 
 #: Least delta that the law stands for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
 LEAST_DELTA = 0.36
-#: delta omega_c (1.5 dt + delay) at the lightest load; the loop stands 0.36 (delta = 1) to 0.40 (delta large).
+#: delta omega_c (1.5 dt + delay) at the lightest load; the loop stands 0.36 (delta = 1) to 0.40 (more).
 _PHASE = 0.3
-#: Slower loops lose an arm to its own gravity, which pulls away at rates of up to sqrt(g / 0.1 m) [rad/s].
-_SLOWEST = 10.0
+#: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
+_SLOWEST = 15.0
 #: Postures at which the mobility is looked at, of which the worst are looked around, so often.
 _POSTURES, _WORST, _ROUNDS = 512, 16, 8
 
