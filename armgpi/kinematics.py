@@ -136,7 +136,7 @@ def inverse_kinematics(
     missing = np.flatnonzero(~found.reached)
     if len(missing):
         last = _Search(search.tolerance, _LAST_ITERATIONS * search.iterations, _LAST_GAIN, last=True)
-        _try_again(arm, goal, home, last, found, missing, found.q[missing][:, None])
+        _try_again(arm, goal, home, last, found, missing, np.stack([found.q, home], axis=1)[missing])
     if robot.n > goal.size:
         rows = np.flatnonzero(found.reached)
         settled = search.settle(arm, goal.rows(rows), found.q[rows], home[rows])
