@@ -18,7 +18,11 @@ _STEP = 0.01
 _DIFFERENCE = 1e-4
 #: What the frame may miss the path by [m, rad].
 _MISS = 1e-10
-#: A joint that goes farther than this from node to node passes a singular posture [rad or m].
+#: Correction of a step or of the interpolation beyond which they are astray [rad or m].
+_ASTRAY = 1e-3
+#: Parts of a step that goes astray as a whole, next to a singular posture.
+_PARTS = 16
+#: Longest step of a scout [rad or m].
 _LONGEST = 0.5
 #: How many postures to begin in are tried, for how many steps of so long [s], to stay so near [m, rad].
 _SCOUTS, _SCOUT_STEPS, _SCOUT_STEP, _SCOUT_MISS = 16, 200, 0.05, 1e-5
@@ -79,6 +83,10 @@ class Track:
         wish = self._between(times / _STEP - before, before)
         point = self._path.at(times)
         q = self.inverse.corrected(wish.q, point.x, steps=2)
+        astray = ~(np.abs(q - wish.q).max(axis=-1, initial=0.0) < _ASTRAY)
+        if astray.any():
+            row = int(np.argmax(astray))
+            self._give_up(float(times[row]), point.x[row])
         self._check_limits(times, q)
         v = self.inverse.resolve(q, point.v, wish.v)
         drift = self.inverse.robot.frame_drift(self.inverse.frame, q, v)
@@ -110,18 +118,27 @@ class Track:
 
     def _next(self, q: Array, t: float) -> Array:
         """Return the node that follows the one at `t`, shape (1, n)."""
-        h, now = _STEP, np.array([t])
+        for parts in (1, _PARTS):
+            node, h = q, _STEP / parts
+            for part in range(parts):
+                guess = self._stepped(node, t + part * h, h)
+                point = self._path.at(np.array([t + (part + 1) * h])).x
+                node = self.inverse.corrected(guess, point, steps=3)
+                sound = np.abs(node - guess).max() < _ASTRAY
+                if not sound or self.inverse.missed(node, point)[0] > _MISS:
+                    break
+            else:
+                return node
+        self._give_up(t + (part + 1) * h, point[0])
+
+    def _stepped(self, q: Array, t: float, h: float) -> Array:
+        """Return a Runge-Kutta step of the flow from `t` on, as long as `h`."""
+        now = np.array([t])
         k1 = self._flow(now, q)
         k2 = self._flow(now + 0.5 * h, q + 0.5 * h * k1)
         k3 = self._flow(now + 0.5 * h, q + 0.5 * h * k2)
         k4 = self._flow(now + h, q + h * k3)
-        point = self._path.at(now + h).x
-        guess = q + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        node = self.inverse.corrected(guess, point, steps=3)
-        lost = not np.abs(node - q).max() < _LONGEST or self.inverse.missed(node, point)[0] > _MISS
-        if lost:
-            self._give_up(t + h, point[0])
-        return node
+        return q + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
     def _between(self, share: Array, before: Array) -> Target:
         """Return the polynomials at shares (k,) of the way from nodes `before` (k,) to the next."""
