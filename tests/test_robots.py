@@ -162,7 +162,7 @@ def test_the_empty_stub_that_is_named_like_a_ur3_is_refused() -> None:
 
 def data_folder() -> Path:
     """Return the folder of example-robot-data's robots, found from one of them."""
-    file = Path(robots.EXAMPLE_ROBOT_DATA["panda"])
+    file = Path(robots.EXAMPLE_ROBOT_DATA["panda"].file)
     return robots.locate("panda")[0].parents[len(file.parts) - 1]
 
 

@@ -304,7 +304,7 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         (GOOD[:-30], "not well-formed XML"),
         ('<robot name="\ud800"/>', "not well-formed XML"),
         ("<mujoco/>", "expected the root element <robot>, got <mujoco>"),
-        (f"<html>{GOOD}</html>", "got <html>"),
+        (f"<html>{GOOD}</html>", "a web page (HTML)"),
         ('<robot name="r"/>', "no <link>"),
         (f'<!DOCTYPE robot [<!ENTITY a "b">]>{GOOD}', "document type declaration"),
         (f'<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/hostname">]>{GOOD}', "document type"),
