@@ -112,7 +112,7 @@ EXAMPLE_ROBOT_DATA: dict[str, Example] = {
 def names() -> tuple[str, ...]:
     """Return the names that :meth:`armgpi.Robot.load` finds on this machine without fetching anything."""
     ours = tuple(sorted(path.stem for path in _own_folder().glob("*.urdf")))
-    folder = _example_folder()
+    folder = example_folder()
     if folder is None:
         return ours
     return ours + tuple(name for name, arm in EXAMPLE_ROBOT_DATA.items() if (folder / arm.file).is_file())
@@ -147,7 +147,7 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
     own = _own_folder() / f"{text}.urdf"
     if os.path.isfile(own):
         return own, text
-    folder = _example_folder()
+    folder = example_folder()
     if folder is not None and text in EXAMPLE_ROBOT_DATA:
         file = folder / EXAMPLE_ROBOT_DATA[text].file
         if file.is_file():
@@ -189,7 +189,7 @@ def _own_folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[1] / "urdf"
 
 
-def _example_folder() -> Path | None:
+def example_folder() -> Path | None:
     """Return example-robot-data's folder of robots, found on the import path; None when not installed."""
     for entry in sys.path:
         folder = Path(entry) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"

@@ -193,7 +193,7 @@ def test_what_is_no_name_at_all_is_refused_by_our_error(name: object) -> None:
 def test_without_example_robot_data_its_arms_are_refused_with_the_way_to_get_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(robots, "_example_folder", lambda: None)
+    monkeypatch.setattr(robots, "example_folder", lambda: None)
     assert "anthropomorphic3" in robots.names()
     assert not set(robots.names()) & set(robots.EXAMPLE_ROBOT_DATA)
     with pytest.raises(NameNotFound, match=r"pip install 'armgpi\[robots\]'"):
