@@ -47,12 +47,18 @@ _FRICTION_RATE = 6.67
 #: One count of an encoder may cost this share of the torque.
 _COUNT_SHARE = 0.05
 _KNOWN = {
+    "robot": {"link", "joint", "material", "gazebo", "transmission", "sensor", "ros2_control"},
     "link": {"inertial", "visual", "collision", "contact", "sensor", "gazebo", "self_collision_checking"},
     "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration"}
     | {"safety_controller", "gazebo", "hardwareInterface", "actuator", "property"},
 }
 #: Elements of which a link or joint has one.
 _SINGLE = {"link": ("inertial",), "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")}
+#: Elements of shapes, their attributes and how many numbers are in each.
+_SHAPES = (
+    *(("origin", "xyz", 3), ("origin", "rpy", 3), ("box", "size", 3), ("sphere", "radius", 1)),
+    *(("cylinder", "radius", 1), ("cylinder", "length", 1), ("capsule", "radius", 1), ("mesh", "scale", 3)),
+)
 #: Findings of one kind that are listed one by one.
 _LISTED = 5
 
@@ -171,6 +177,7 @@ def inspect(
         *_of_joints(document, robot),
         *_of_mimics(document, robot),
         *_of_grippers(document, robot),
+        *_of_shapes(document),
         *_of_meshes(document, finder),
         *_of_model(robot, samples),
         *_of_control(robot, samples, *timing),
@@ -242,11 +249,11 @@ def _facts(
 
 def _of_elements(document: urdf.Urdf) -> Iterator[Finding]:
     """Find elements that stand twice, or that URDF does not know: misspelt, they are not read."""
-    for tag in ("link", "joint"):
-        for element in document.root.findall(tag):
+    for tag in ("robot", "link", "joint"):
+        for element in [document.root] if tag == "robot" else document.root.findall(tag):
             where = f"{tag} {element.get('name')!r}"
             children = [child.tag for child in element]
-            for single in _SINGLE[tag]:
+            for single in _SINGLE.get(tag, ()):
                 if children.count(single) > 1:
                     message = f"has {children.count(single)} <{single}>, of which the first is read"
                     yield _warn("twice", where, None, None, message, "remove the others")
@@ -431,6 +438,19 @@ def _of_grippers(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
         yield _warn("gripper", where, listed, None, message, "lock it for the control of the arm", option)
 
 
+def _of_shapes(document: urdf.Urdf) -> Iterator[Finding]:
+    """Find shapes whose numbers cannot be read. Dynamics need none."""
+    for element in document.root.findall("link"):
+        where = f"link {element.get('name')!r}"
+        for drawn in (*element.findall("visual"), *element.findall("collision")):
+            for tag, key, count in _SHAPES:
+                for shape in drawn.iter(tag):
+                    problem = urdf.bad_numbers(shape, key, count, positive=key != "xyz" and key != "rpy")
+                    if problem:
+                        message = f"<{drawn.tag}>, <{tag}>: {problem} (dynamics need none)"
+                        yield _warn("shape", where, shape.get(key), None, message, "correct or remove it")
+
+
 def _of_meshes(document: urdf.Urdf, finder: MeshFinder) -> Iterator[Finding]:
     """Find meshes that are missing or may not be read. Dynamics need none."""
     for link in document.links.values():
@@ -536,7 +556,8 @@ def _omega_of_encoder(robot: Robot, samples: _Samples, bits: int) -> Array:
     slides = np.array([kind == "prismatic" for kind in robot.joint_types])
     span = np.where(slides, np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0), 2.0 * math.pi)
     most = np.diagonal(samples.inertia, axis1=1, axis2=2).max(axis=0)
-    result: Array = np.sqrt(_COUNT_SHARE * robot.limits.effort / (beta3 * most * span / 2.0**bits))
+    # Roots apart: a limit of 1e308 would overflow.
+    result: Array = np.sqrt(_COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * span / 2.0**bits)
     result[robot.limits.effort == 0.0] = math.inf  # said elsewhere
     return result
 

@@ -550,7 +550,7 @@ class Robot(_Checked):
         bounded = np.isfinite(lower) & np.isfinite(upper)
         nearest_zero = np.clip(0.0, lower, upper)
         centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
-        return np.where(bounded, centre, nearest_zero)
+        return np.where(bounded, np.clip(centre, lower, upper), nearest_zero)
 
     def random_positions(self, count: int, seed: int = 0) -> Array:
         """Return postures drawn evenly from the joint ranges [rad or m], shape (count, n).
@@ -650,7 +650,7 @@ class Robot(_Checked):
         first = int(np.argmax(bad))
         joint = self.joint_names[int(np.argmax(np.abs(vectors[first, :, 0])))]
         links = self._links_moved_by(joint)
-        where = "" if first == 0 else f" at q = {np.array2string(postures[first], precision=3)}"
+        where = "" if first == 0 else f" at q = {np.array2string(postures[first], precision=3, max_line_width=10_000)}"
         raise UrdfError(
             source,
             f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so D(q) is "

@@ -39,6 +39,8 @@ MOVING_TYPES = ("revolute", "continuous", "prismatic")
 WIDE_TYPES = ("floating", "planar")
 #: Larger numbers in lengths, masses and inertias overflow in D(q); no robot has them.
 _HUGEST = 1e15
+#: Ratios of mimic joints are between these, or 0.
+_LEAST_RATIO, _MOST_RATIO = 1e-6, 1e6
 #: Stands for "no limit" where urdfdom wants a number; ours are set afterwards.
 _UNBOUNDED = {"lower": "-1e300", "upper": "1e300", "effort": "1e300", "velocity": "1e300"}
 
@@ -290,6 +292,27 @@ def build(
     return Built(model, joints, locked, coupling)
 
 
+def bad_numbers(element: Element, key: str, count: int, positive: bool) -> str:
+    """Return what is wrong with the numbers of an attribute that dynamics do not need; empty when nothing is.
+
+    Args:
+        element: the element.
+        key: its attribute, which may be missing.
+        count: how many numbers there should be.
+        positive: whether none of them may be zero (a size; negative ones mirror a mesh).
+    """
+    try:
+        values = _numbers(element, key, count, "", "", "")
+    except UrdfError as error:
+        return str(error).removeprefix(": : ")
+    if positive and element.get(key) is not None:
+        if element.tag == "mesh" and 0.0 in values:
+            return f"{key}={element.get(key)!r} is 0"
+        if element.tag != "mesh" and min(values) <= 0.0:
+            return f"{key}={element.get(key)!r} is not positive"
+    return ""
+
+
 def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:
     """Return the elements `tag` under `root` by name; names must exist and differ."""
     found: dict[str, Element] = {}
@@ -480,8 +503,16 @@ def _check_tree(links: Mapping[str, Link], joints: Mapping[str, Joint], source: 
 
 
 def _check_mimics(joints: Mapping[str, Joint], source: str) -> None:
-    """Refuse joints that mimic themselves, also by way of others."""
+    """Refuse joints that mimic themselves, also by way of others, or by a ratio that no gear has."""
     for joint in joints.values():
+        ratio, offset = abs(joint.mimic_multiplier), abs(joint.mimic_offset)
+        if not (ratio == 0.0 or _LEAST_RATIO <= ratio <= _MOST_RATIO) or offset > _MOST_RATIO:
+            raise UrdfError(
+                source,
+                f"joint {joint.name!r}, <mimic> has multiplier {joint.mimic_multiplier:g} and offset "
+                f"{joint.mimic_offset:g}, which no gear has",
+                joint.name,
+            )
         seen = {joint.name}
         leader = joint.mimic
         while leader is not None and leader in joints:
