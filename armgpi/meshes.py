@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 from xml.parsers import expat
 
 from armgpi.errors import ArmgpiError
@@ -72,21 +72,18 @@ class MeshFinder:
         """Return the file that a mesh's name in the URDF leads to."""
         if "\0" in name or not name.strip():
             return Found(name, None, reason="it is no file name")
-        scheme, _, rest = name.partition("://")
-        if not _:
-            # ROS forgives package:/x and file:/x; a lone letter is a drive of Windows.
-            scheme, _, rest = name.partition(":/")
-            if not _ or len(scheme) < 2 or "/" in scheme:
-                return self._first(name, self._plain(name), MESHES)
-        scheme = scheme.lower()
+        # ROS forgives package:/x and file:/x; a lone letter is a drive of Windows.
+        match = re.match(r"([A-Za-z][\w+.-]+):/(/?)(.*)", name, re.DOTALL)
+        if match is None:
+            return self._first(name, self._plain(name), MESHES)
+        scheme, double, rest = match[1].lower(), match[2], match[3]
         if scheme in ("package", "model"):
             return self._in_package(name, rest)
         if scheme == "file":
-            split = urlsplit(f"file://{rest}")
-            if split.netloc not in ("", "localhost"):
-                return Found(name, None, reason=f"it is on another machine ({split.netloc})")
-            path = Path(unquote(split.path if rest.startswith("/") or split.netloc else f"/{rest}"))
-            return self._first(name, ((path, self.roots),), MESHES)
+            host, _, path = rest.partition("/") if double else ("", "", rest)
+            if host not in ("", "localhost"):
+                return Found(name, None, reason=f"it is on another machine ({host})")
+            return self._first(name, ((Path("/", unquote(path)), self.roots),), MESHES)
         return Found(name, None, reason=f"{scheme}:// is not fetched; save the file beside the URDF")
 
     def textures(self, mesh: Found) -> tuple[Found, ...]:

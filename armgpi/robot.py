@@ -565,7 +565,8 @@ class Robot(_Checked):
         turns = np.array([kind != "prismatic" for kind in self.joint_types])
         half = 0.5 * np.where(turns, _WIDEST_TURN, _WIDEST_SLIDE)
         lower, upper = np.maximum(lower, middle - half), np.minimum(upper, middle + half)
-        return np.random.default_rng(seed).uniform(lower, upper, (count, self.n))
+        # Adding 0 makes -0 to 0: NumPy takes a range from 0 to -0 for a negative one.
+        return np.random.default_rng(seed).uniform(lower + 0.0, upper + 0.0, (count, self.n))
 
     def wrap(self, q: ArrayLike, near: ArrayLike | None = None) -> Array:
         """Return positions with every continuous joint moved by whole turns to within half a turn of `near`.

@@ -227,7 +227,7 @@ def parse(text: str, source: str) -> Urdf:
     _check_mimics(joints, source)
     return Urdf(
         source=source,
-        name=root.get("name") or "unnamed",
+        name=" ".join(root.get("name", "").split()) or "unnamed",
         sha256=hashlib.sha256(text.encode()).hexdigest(),
         root=root,
         links=links,
@@ -320,6 +320,8 @@ def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:
         name = element.get("name", "")
         if not name.strip():
             raise UrdfError(source, f"a <{tag}> has no name")
+        if not name.isprintable():
+            raise UrdfError(source, f"the {tag} name {name[:80]!r} has characters that cannot be printed", name)
         if name in found:
             raise UrdfError(source, f"two {tag}s are named {name!r}", name)
         found[name] = element
@@ -384,6 +386,8 @@ def _read_joint(element: Element, source: str) -> Joint:
     ):
         if value < 0.0:
             raise UrdfError(source, f"{where} has a negative {label}: {value:g}", name)
+        if value > _HUGEST and label in ("damping", "friction"):
+            raise UrdfError(source, f"{where} has a {label} of {value:g}, larger than any robot", name)
     mimic = element.find("mimic")
     return Joint(
         name,
