@@ -129,7 +129,9 @@ def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
         names = {node.joint.name for node in group}
         tops = [node for node in group if not any(up in names for up in _above(node))]
         mimics = all(
-            under.joint.name in names or under.joint.mimic is not None for top in tops for under in top.below()
+            under.joint.name in names or under.joint.mimic is not None
+            for top in tops
+            for under in top.below()
         )
         # One after the other they may as well be an arm whose joints are coupled.
         behind = min(node.before for node in tops) >= _ARM

@@ -53,7 +53,10 @@ _KNOWN = {
     | {"safety_controller", "gazebo", "hardwareInterface", "actuator", "property"},
 }
 #: Elements of which a link or joint has one.
-_SINGLE = {"link": ("inertial",), "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")}
+_SINGLE = {
+    "link": ("inertial",),
+    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
+}
 #: Elements of shapes, their attributes and how many numbers are in each.
 _SHAPES = (
     *(("origin", "xyz", 3), ("origin", "rpy", 3), ("box", "size", 3), ("sphere", "radius", 1)),
@@ -310,7 +313,9 @@ def _of_links(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
             yield Finding(level, "inertia", where, 0.0, None, message, "give it the inertia of its body")
         gyration = math.sqrt(max(float(moments[2]), 0.0) / link.mass)
         if gyration > _MOST_GYRATION:
-            message = f"has the inertia of a body {2.0 * gyration:.3g} m wide at its mass of {link.mass:.4g} kg"
+            message = (
+                f"has the inertia of a body {2.0 * gyration:.3g} m wide at its mass of {link.mass:.4g} kg"
+            )
             yield _warn("inertia", where, gyration, _MOST_GYRATION, message, "check the units: kg m^2, kg")
         yield from _of_place(where, "the centre of mass", link.xyz, link.rpy)
     if frames:
@@ -370,7 +375,9 @@ def _of_range(where: str, joint: urdf.Joint) -> Iterator[Finding]:
         message = f"cannot move: lower and upper limit are {joint.lower:g} (0 where the file has none)"
         yield _warn("limits", where, joint.lower, joint.upper, message, "give its range, or lock it", lock)
     elif not joint.lower <= 0.0 <= joint.upper:
-        message = f"0 is outside its limits {joint.lower:g}..{joint.upper:g}; runs start in the middle of them"
+        message = (
+            f"0 is outside its limits {joint.lower:g}..{joint.upper:g}; runs start in the middle of them"
+        )
         yield _note("neutral", where, 0.0, joint.lower if joint.lower > 0.0 else joint.upper, message)
     if joint.velocity == 0.0:
         message = "has velocity limit 0; moves are planned as if it had none"
@@ -422,9 +429,7 @@ def _of_grippers(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
     """Find grippers that move."""
     # Followers that were locked for following a joint that moves belong to what moves.
     locked = {
-        name
-        for name in robot.provenance["locked"]
-        if document.joints[name].mimic not in robot.joint_names
+        name for name in robot.provenance["locked"] if document.joints[name].mimic not in robot.joint_names
     }
     for gripper in grippers.find(document, locked):
         option = f"--lock {','.join(gripper.joints)}"
@@ -496,7 +501,9 @@ def _of_model(robot: Robot, samples: _Samples) -> Iterator[Finding]:
         share = float((holding[:, j] > effort[j]).mean())
         where, option = f"joint {name!r}", f"--effort {name}={1.5 * most:.3g}"
         if start > effort[j]:
-            message = f"needs {start:.4g} to hold the arm where runs start, and has effort limit {effort[j]:g}"
+            message = (
+                f"needs {start:.4g} to hold the arm where runs start, and has effort limit {effort[j]:g}"
+            )
             repair = "start elsewhere (--from), or give what its motor can"
             yield Finding("stop", "gravity", where, start, float(effort[j]), message, repair, option)
         else:
@@ -540,9 +547,7 @@ def _of_control(
             )
             level: Level = "warn" if allowed[j] < 0.5 * omega else "note"
             option = f"--omega {allowed[j]:.2g}"
-            yield Finding(
-                level, "encoder", f"joint {name!r}", float(allowed[j]), omega, message, "", option
-            )
+            yield Finding(level, "encoder", f"joint {name!r}", float(allowed[j]), omega, message, "", option)
 
 
 def _omega_of_encoder(robot: Robot, samples: _Samples, bits: int) -> Array:

@@ -157,7 +157,9 @@ def _elements(text: str, source: str) -> Element:
     def doctype(name: str, *_: object) -> None:
         if name.lower() == "html":
             raise UrdfError(source, f"is {_HTML}")
-        raise UrdfError(source, "has a document type declaration (DTD), which a URDF does not need: remove it")
+        raise UrdfError(
+            source, "has a document type declaration (DTD), which a URDF does not need: remove it"
+        )
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.StartDoctypeDeclHandler = doctype

@@ -23,7 +23,21 @@ from armgpi.errors import ArmgpiError
 MAX_MESH_BYTES = 256 * 1024 * 1024
 MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf", ".mesh", ".stlb"})
 PICTURES = frozenset(
-    {".png", ".jpg", ".jpeg", ".tga", ".bmp", ".gif", ".tif", ".tiff", ".dds", ".webp", ".psd", ".exr", ".hdr"}
+    {
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".tga",
+        ".bmp",
+        ".gif",
+        ".tif",
+        ".tiff",
+        ".dds",
+        ".webp",
+        ".psd",
+        ".exr",
+        ".hdr",
+    }
 )
 #: How far up from the URDF its package is looked for.
 _PARENTS = 8
@@ -124,7 +138,9 @@ class MeshFinder:
         places = [(root / path, (*self.roots, root)) for root in self._packages(package)]
         found = self._first(name, places, MESHES)
         if found.path is None and not places:
-            return found._replace(reason=f"there is no package {package!r} here; give its folder (--package-dir)")
+            return found._replace(
+                reason=f"there is no package {package!r} here; give its folder (--package-dir)"
+            )
         return found
 
     def _packages(self, package: str) -> Iterator[Path]:
@@ -145,7 +161,9 @@ class MeshFinder:
                     continue
                 seen.add(candidate)
                 manifest = _manifest_name(candidate)
-                trusted = folder in given or candidate in near or any(map(candidate.is_relative_to, self.roots))
+                trusted = (
+                    folder in given or candidate in near or any(map(candidate.is_relative_to, self.roots))
+                )
                 if manifest == package or (candidate.name == package and (manifest or trusted)):
                     yield _real(candidate)
 
@@ -169,7 +187,9 @@ class MeshFinder:
             elif not stat.S_ISREG(status.st_mode):
                 reason = reason or f"{real} is no regular file"
             elif status.st_size > MAX_MESH_BYTES:
-                reason = reason or f"{real} has {status.st_size} bytes, more than the {MAX_MESH_BYTES} allowed"
+                reason = (
+                    reason or f"{real} has {status.st_size} bytes, more than the {MAX_MESH_BYTES} allowed"
+                )
             else:
                 return Found(name, real, tuple(tried))
         return Found(name, None, tuple(tried), reason or "there is no such file")

@@ -552,6 +552,31 @@ class Robot(_Checked):
         centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
         return np.where(bounded, np.clip(centre, lower, upper), nearest_zero)
 
+    def check_holding(self, q: ArrayLike, what: str) -> None:
+        """Refuse postures at which gravity is more than a joint's effort limit: no controller holds the arm there.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            what: what they are, for the message ("the start").
+
+        Raises:
+            ArrayError: when `q` is not as it should be.
+            LimitError: when a joint cannot hold the arm.
+        """
+        holding = np.atleast_2d(self.gravity(q))
+        beyond = np.argwhere(np.abs(holding) > self.limits.effort * (1.0 + 1e-9))
+        if beyond.size:
+            row, j = (int(i) for i in beyond[0])
+            name, effort = self.joint_names[j], float(self.limits.effort[j])
+            raise LimitError(
+                f"the torque that holds the arm at {what}",
+                name,
+                holding[row, j],
+                -effort,
+                effort,
+                f"begin elsewhere, or give the joint more: --effort {name}={1.5 * abs(holding[row, j]):.3g}",
+            )
+
     def random_positions(self, count: int, seed: int = 0) -> Array:
         """Return postures drawn evenly from the joint ranges [rad or m], shape (count, n).
 
@@ -651,7 +676,11 @@ class Robot(_Checked):
         first = int(np.argmax(bad))
         joint = self.joint_names[int(np.argmax(np.abs(vectors[first, :, 0])))]
         links = self._links_moved_by(joint)
-        where = "" if first == 0 else f" at q = {np.array2string(postures[first], precision=3, max_line_width=10_000)}"
+        where = (
+            ""
+            if first == 0
+            else f" at q = {np.array2string(postures[first], precision=3, max_line_width=10_000)}"
+        )
         raise UrdfError(
             source,
             f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so D(q) is "

@@ -27,10 +27,12 @@ class Example(NamedTuple):
     Attributes:
         file: the URDF, below its `robots` folder (version 6).
         keep: patterns of the arm's joints in a larger robot, whose other joints are locked; None for all.
+        remark: what to know of the data.
     """
 
     file: str
     keep: tuple[str, ...] | None = None
+    remark: str = ""
 
 
 def _sides(
@@ -44,6 +46,7 @@ def _sides(
 
 
 _TALOS = "talos_data/robots/talos_full_v2.urdf"
+_UR3 = "effort limits are ur10's"
 _ARM_1_TO_7 = "arm_{}_[1-7]_joint"
 #: Name -> arm of example-robot-data: those with a file of their own, then those of larger robots.
 EXAMPLE_ROBOT_DATA: dict[str, Example] = {
@@ -53,10 +56,10 @@ EXAMPLE_ROBOT_DATA: dict[str, Example] = {
     "panda": Example("panda_description/urdf/panda.urdf"),
     "so100": Example("so_arm_description/urdf/so100.urdf"),
     "so101": Example("so_arm_description/urdf/so101.urdf"),
-    "talos_left_arm": Example("talos_data/robots/talos_left_arm.urdf"),  # without its first joint
+    "talos_left_arm": Example("talos_data/robots/talos_left_arm.urdf", remark="without joint 1"),
     "twodof": Example("asr_twodof_description/urdf/TwoDofs.urdf"),
     # "ur3.urdf" in the data is an empty stub; this is the robot.
-    "ur3": Example("ur_description/urdf/ur3_robot.urdf"),
+    "ur3": Example("ur_description/urdf/ur3_robot.urdf", remark=_UR3),
     "ur5": Example("ur_description/urdf/ur5_robot.urdf"),
     "ur10": Example("ur_description/urdf/ur10_robot.urdf"),
     "xarm7": Example("xarm_description/urdf/xarm7.urdf"),
@@ -65,8 +68,8 @@ EXAMPLE_ROBOT_DATA: dict[str, Example] = {
     "double_pendulum_continuous": Example("double_pendulum_description/urdf/double_pendulum_continuous.urdf"),
     "double_pendulum_simple": Example("double_pendulum_description/urdf/double_pendulum_simple.urdf"),
     "hextilt_arm": Example("hextilt_description/urdf/hextilt_flying_arm_5.urdf"),
-    "ur3_gripper": Example("ur_description/urdf/ur3_gripper.urdf"),
-    "ur3_limited": Example("ur_description/urdf/ur3_joint_limited_robot.urdf"),
+    "ur3_gripper": Example("ur_description/urdf/ur3_gripper.urdf", remark=_UR3),
+    "ur3_limited": Example("ur_description/urdf/ur3_joint_limited_robot.urdf", remark=_UR3),
     "ur5_gripper": Example("ur_description/urdf/ur5_gripper.urdf"),
     "ur5_limited": Example("ur_description/urdf/ur5_joint_limited_robot.urdf"),
     "ur10_limited": Example("ur_description/urdf/ur10_joint_limited_robot.urdf"),
@@ -82,11 +85,14 @@ EXAMPLE_ROBOT_DATA: dict[str, Example] = {
     "b1_z1_arm": Example("b1_description/urdf/b1-z1.urdf", ("joint[1-6]",)),
     **_sides("baxter", "baxter_description/urdf/baxter.urdf", "{}_[sew][0-2]"),
     **_sides("centauro", "centauro_description/urdf/centauro.urdf", "j_arm{}_[1-6]", sides=("1", "2")),
+    **_sides("g1", "g1_description/urdf/g1_29dof_rev_1_0.urdf", "{}_shoulder_*", "{}_elbow_*", "{}_wrist_*"),
     **_sides(
-        "g1", "g1_description/urdf/g1_29dof_rev_1_0.urdf", "{}_shoulder_*", "{}_elbow_*", "{}_wrist_*"
-    ),
-    **_sides(
-        "icub", "icub_description/robots/icub.urdf", "{}_shoulder_*", "{}_elbow", "{}_wrist_*", sides=("l", "r")
+        "icub",
+        "icub_description/robots/icub.urdf",
+        "{}_shoulder_*",
+        "{}_elbow",
+        "{}_wrist_*",
+        sides=("l", "r"),
     ),
     **_sides(
         "pr2",
@@ -163,7 +169,9 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
     raise NameNotFound("robot", text, (*names(), *described), remedy)
 
 
-def kept(name: str, joints: Iterable[str], lock: str | Iterable[str] | Mapping[str, float]) -> list[str] | None:
+def kept(
+    name: str, joints: Iterable[str], lock: str | Iterable[str] | Mapping[str, float]
+) -> list[str] | None:
     """Return the joints that a robot's name keeps, without those to `lock`; None when it keeps all."""
     patterns = EXAMPLE_ROBOT_DATA[name].keep if name in EXAMPLE_ROBOT_DATA else None
     if patterns is None:

@@ -321,7 +321,9 @@ def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:
         if not name.strip():
             raise UrdfError(source, f"a <{tag}> has no name")
         if not name.isprintable():
-            raise UrdfError(source, f"the {tag} name {name[:80]!r} has characters that cannot be printed", name)
+            raise UrdfError(
+                source, f"the {tag} name {name[:80]!r} has characters that cannot be printed", name
+            )
         if name in found:
             raise UrdfError(source, f"two {tag}s are named {name!r}", name)
         found[name] = element
@@ -359,7 +361,9 @@ def _read_joint(element: Element, source: str) -> Joint:
         for key, unit in (("effort", "N m or N"), ("velocity", "rad/s or m/s")):
             if limit.get(key) is None:
                 raise UrdfError(
-                    source, f"{where}, <limit> has no {key}, which URDF requires: add {key}=... [{unit}]", name
+                    source,
+                    f"{where}, <limit> has no {key}, which URDF requires: add {key}=... [{unit}]",
+                    name,
                 )
 
     def read(tag: Element | None, key: str, default: float) -> float:
@@ -451,7 +455,9 @@ def _read_link(element: Element, source: str) -> Link:
     if mass < 0.0:
         raise UrdfError(source, f"{where} has the negative mass {mass:g}", name)
     if max(mass, *map(abs, inertia)) > _HUGEST:
-        raise UrdfError(source, f"{where} has a mass or inertia beyond {_HUGEST:g}, larger than any robot", name)
+        raise UrdfError(
+            source, f"{where} has a mass or inertia beyond {_HUGEST:g}, larger than any robot", name
+        )
     return Link(name, mass, xyz, rpy, inertia, True, meshes)
 
 
@@ -526,9 +532,7 @@ def _check_mimics(joints: Mapping[str, Joint], source: str) -> None:
             leader = joints[leader].mimic
 
 
-def _numbers(
-    element: Element, key: str, count: int, where: str, source: str, name: str
-) -> tuple[float, ...]:
+def _numbers(element: Element, key: str, count: int, where: str, source: str, name: str) -> tuple[float, ...]:
     """Return the `count` finite numbers of attribute `key`; zeros when the attribute is missing."""
     text = element.get(key)
     if text is None:

@@ -142,5 +142,3 @@ def test_locking_a_gripper_keeps_the_total_mass_and_the_weight_that_the_arm_feel
     np.testing.assert_allclose(
         arm.mass_matrix(q), whole.mass_matrix(full)[:, own][:, :, own], rtol=0, atol=1e-13
     )
-
-

@@ -199,7 +199,9 @@ def test_what_is_known_of_the_arms_of_example_robot_data_is_found(name: str, kin
 def test_zero_outside_the_limits_is_found(name: str) -> None:
     found = health.inspect(name)
     robot = Robot.load(name, lock=list(found.robot.provenance["locked"]))
-    outside = [f"joint {j!r}" for j, a, b in zip(robot.joint_names, *robot.limits[:2], strict=True) if a * b > 0]
+    outside = [
+        f"joint {j!r}" for j, a, b in zip(robot.joint_names, *robot.limits[:2], strict=True) if a * b > 0
+    ]
     assert outside
     assert [f.where for f in found.findings if f.kind == "neutral"] == outside
 
@@ -239,7 +241,9 @@ def test_the_bandwidth_of_an_encoder_is_where_a_count_costs_a_share_of_the_torqu
     assert jump == pytest.approx(0.05 * 20.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("bad", [{"dt": 0.0}, {"delay": -1}, {"encoder_bits": 0}, {"mimic": "free"}, {"lock": 5}])
+@pytest.mark.parametrize(
+    "bad", [{"dt": 0.0}, {"delay": -1}, {"encoder_bits": 0}, {"mimic": "free"}, {"lock": 5}]
+)
 def test_bad_arguments_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ArmgpiError):
         health.inspect("ur5", **bad)

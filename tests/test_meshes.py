@@ -90,7 +90,11 @@ def test_a_url_may_not_name_any_folder_above_as_a_package(tmp_path: Path) -> Non
     (tmp_path / ".ssh" / "key.stl").write_text("x")
     (tmp_path / "a" / "other.stl").write_text("x")
     finder = MeshFinder(tmp_path / "a" / "b" / "c" / "urdf" / "arm.urdf")
-    for name in ("package://.ssh/key.stl", "package://a/other.stl", f"package://{tmp_path.name}/.ssh/key.stl"):
+    for name in (
+        "package://.ssh/key.stl",
+        "package://a/other.stl",
+        f"package://{tmp_path.name}/.ssh/key.stl",
+    ):
         assert finder.find(name).path is None, name
 
 
@@ -173,7 +177,9 @@ def test_a_text_has_no_folder_but_those_given(package: Path) -> None:
         ("../urdf/arm.urdf", None),  # in the package, and no picture
     ],
 )
-def test_textures_are_confined_to_the_package_too(package: Path, tmp_path: Path, name: str, file: str | None) -> None:
+def test_textures_are_confined_to_the_package_too(
+    package: Path, tmp_path: Path, name: str, file: str | None
+) -> None:
     (tmp_path / "secret.png").write_text("x")
     (package / "pictures").mkdir()
     (package / "pictures" / "steel.jpg").write_text("x")

@@ -69,7 +69,12 @@ def test_two_coupled_rails_weigh_and_resist_as_levers_do() -> None:
 
 def test_the_followers_range_and_speed_bound_the_leader() -> None:
     tight = joint(
-        "x2", "base", "prismatic", "0 0 1", mimic("x1", -2.0, 0.1), 'lower="-1.9" upper="0.5" effort="1" velocity="3"'
+        "x2",
+        "base",
+        "prismatic",
+        "0 0 1",
+        mimic("x1", -2.0, 0.1),
+        'lower="-1.9" upper="0.5" effort="1" velocity="3"',
     )
     rails = Robot.from_xml(robot_text(joint("x1", "base", "prismatic", "0 0 1"), tight), mimic="follow")
     np.testing.assert_allclose(np.ravel(rails.limits), [-0.2, 1.0, 1.5, 50.0], rtol=1e-14)

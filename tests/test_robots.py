@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 from typing import NamedTuple
@@ -112,7 +113,10 @@ def test_the_name_of_an_arm_of_a_larger_robot_keeps_that_arm_alone(name: str) ->
 def test_a_part_may_be_locked_further_and_kept_otherwise() -> None:
     assert Robot.load("baxter_left_arm", lock={"left_w2": 0.5}).joint_names[-1] == "left_w1"
     assert Robot.load("baxter_left_arm", lock="left_w2").n == 6
-    assert Robot.load("baxter_left_arm", keep=["right_s0", "head_pan"]).joint_names == ("head_pan", "right_s0")
+    assert Robot.load("baxter_left_arm", keep=["right_s0", "head_pan"]).joint_names == (
+        "head_pan",
+        "right_s0",
+    )
 
 
 def test_an_arm_in_a_larger_robot_is_the_arm_alone() -> None:
@@ -256,6 +260,8 @@ def test_names_of_robot_descriptions_work_where_it_is_installed(
         Robot.load("xacro_description")
     with pytest.raises(NameNotFound, match="did you mean 'mine_description'"):
         Robot.load("mine_descripton")
+    for module in [name for name in sys.modules if name.partition(".")[0] == "robot_descriptions"]:
+        del sys.modules[module]
 
 
 # --- Finding them --------------------------------------------------------------------------------

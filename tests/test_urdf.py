@@ -346,7 +346,10 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         ("solid link\n", "a mesh (STL)"),
         ('<robot name="r"><group name="arm"/></robot>', "an SRDF"),
         (GOOD.replace("<link", '<xacro:property name="m" value="1"/><link', 1), "xacro FILE > robot.urdf"),
-        (GOOD.replace("<robot", '<robot xmlns:xacro="http://x"').replace("<link", "<xacro:arm/><link", 1), "xacro"),
+        (
+            GOOD.replace("<robot", '<robot xmlns:xacro="http://x"').replace("<link", "<xacro:arm/><link", 1),
+            "xacro",
+        ),
         (f"<html>{GOOD}</html>", "a web page (HTML)"),
         ('<robot name="r"/>', "no <link>"),
         (f'<!DOCTYPE robot [<!ENTITY a "b">]>{GOOD}', "document type declaration"),

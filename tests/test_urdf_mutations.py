@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -54,7 +55,7 @@ def delete(draw: st.DrawFn, root: Element) -> None:
 
 def repeat(draw: st.DrawFn, root: Element) -> None:
     parent, element = child(draw, root)
-    parent.append(ElementTree.fromstring(ElementTree.tostring(element)))
+    parent.append(copy.deepcopy(element))
 
 
 def swap(draw: st.DrawFn, root: Element) -> None:

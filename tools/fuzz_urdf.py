@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import collections
+import copy
 import os
 import random
 import resource
@@ -47,7 +48,9 @@ def mutated(text: str, rng: random.Random) -> bytes:
     """Return a URDF with one to four things wrong."""
     root = ElementTree.fromstring(text)
     for _ in range(rng.randint(1, 4)):
-        rng.choice((delete, repeat, swap, move, number, number, number, name, kind, tag, attribute))(root, rng)
+        rng.choice((delete, repeat, swap, move, number, number, number, name, kind, tag, attribute))(
+            root, rng
+        )
     data = ElementTree.tostring(root)
     if rng.random() < 0.15:
         data = scrambled(data, rng)
@@ -73,8 +76,7 @@ def delete(root: ElementTree.Element, rng: random.Random) -> None:
 def repeat(root: ElementTree.Element, rng: random.Random) -> None:
     """Put an element there twice, the second one with another number perhaps."""
     parent, index = pick(root, rng)
-    copy = ElementTree.fromstring(ElementTree.tostring(parent[index]))
-    parent.insert(rng.randrange(len(parent) + 1), copy)
+    parent.insert(rng.randrange(len(parent) + 1), copy.deepcopy(parent[index]))
 
 
 def swap(root: ElementTree.Element, rng: random.Random) -> None:
@@ -112,7 +114,9 @@ def number(root: ElementTree.Element, rng: random.Random) -> None:
         words[index] = rng.choice(NUMBERS)
     else:
         try:
-            words[index] = repr(float(words[index]) * rng.choice((-1, 10, 1000, 1e-3, 57.3)) ** rng.randint(1, 8))
+            words[index] = repr(
+                float(words[index]) * rng.choice((-1, 10, 1000, 1e-3, 57.3)) ** rng.randint(1, 8)
+            )
         except (ValueError, OverflowError):
             words[index] = rng.choice(NUMBERS)
     element.set(key, " ".join(words))

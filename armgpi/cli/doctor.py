@@ -73,7 +73,9 @@ def diagnose() -> list[Check]:
     ros = [key for key in ("ROS_DISTRO", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH") if os.environ.get(key)]
     if ros:
         values = ", ".join(f"{key}={os.environ[key]}" for key in ros)
-        checks.append(Check("note", "ROS", values, "its PYTHONPATH may bring a Pinocchio of its own; see above"))
+        checks.append(
+            Check("note", "ROS", values, "its PYTHONPATH may bring a Pinocchio of its own; see above")
+        )
     threads = os.environ.get("OMP_NUM_THREADS", "not set: all cores")
     checks.append(Check("ok", "threads", f"OMP_NUM_THREADS {threads}; {os.cpu_count()} cores"))
     return checks

@@ -52,11 +52,13 @@ def _row(name: str) -> dict[str, Any]:
     """Return what to know of a robot."""
     from armgpi import health
     from armgpi.errors import ArmgpiError
+    from armgpi.robots import EXAMPLE_ROBOT_DATA
 
     try:
         report = health.inspect(name)
     except ArmgpiError as error:  # data of another version
         return {"name": name, "n": None, "remarks": [str(error)]}
+    known = EXAMPLE_ROBOT_DATA.get(name)
     facts, joints = report.facts, report.as_dict()["joints"]
     return {
         "name": name,
@@ -67,7 +69,7 @@ def _row(name: str) -> dict[str, Any]:
         "velocity": _range(joint["velocity"] for joint in joints),
         "continuous": [joint["name"] for joint in joints if joint["type"] == "continuous"],
         "locked": list(facts["locked"]),
-        "remarks": _remarks(report.findings),
+        "remarks": [*_remarks(report.findings), *filter(None, [known.remark if known else ""])],
         "source": facts["source"],
     }
 
