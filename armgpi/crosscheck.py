@@ -146,7 +146,8 @@ def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
     lines = []
     if not (position <= _ROUNDING and rotation <= _ROUNDING):
         lines.append(
-            f"the poses of links differ by up to {position:.3g} m (link {worst!r}) and {rotation:.3g} in rotation"
+            f"the poses of links differ by up to {position:.3g} m (link {worst!r}), their rotation matrices "
+            f"by {rotation:.3g}"
         )
     return CrossCheck(len(names), len(postures), position, rotation, tuple(lines))
 

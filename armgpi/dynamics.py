@@ -180,8 +180,8 @@ class CoupledDynamics:
 
     def _solved(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau by a dense solve, n being small."""
-        x: Array = np.linalg.solve(self.inertia(q), tau[..., np.newaxis])[..., 0]
-        return np.ascontiguousarray(x)
+        x = np.linalg.solve(self.inertia(q), tau[..., np.newaxis])[..., 0]
+        return np.ascontiguousarray(x, dtype=np.float64)
 
 
 class StackedDynamics:

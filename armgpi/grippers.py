@@ -46,7 +46,7 @@ class _Node:
         self.children: list[_Node] = []
         #: Leaves of the tree of links that hang on its child by fixed joints.
         self.tips: list[str] = []
-        self.before = 0 if parent is None else parent.before + 1
+        self.before: int = 0 if parent is None else parent.before + 1
 
     def below(self) -> Iterator[_Node]:
         """Give the node and all under it."""

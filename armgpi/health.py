@@ -193,7 +193,8 @@ def _sampled(robot: Robot) -> _Samples:
     """Return gravity and inertia in the middle of the ranges and at random postures."""
     q = np.vstack([robot.middle(), robot.random_positions(_SAMPLES, seed=1)])
     inertia = robot.dynamics.inertia(q)
-    return _Samples(q, robot.dynamics.gravity(q), inertia, np.linalg.eigvalsh(inertia))
+    eigenvalues = np.asarray(np.linalg.eigvalsh(inertia), dtype=np.float64)
+    return _Samples(q, robot.dynamics.gravity(q), inertia, eigenvalues)
 
 
 def _facts(
@@ -420,7 +421,7 @@ def _of_mimics(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
             yield _warn(
                 "mimic", where, value, None, message, repair, f"--lock {joint.mimic} or --mimic follow"
             )
-        if not joint.lower - 1e-9 <= value <= joint.upper + 1e-9 and not joint.lower == joint.upper:
+        if not joint.lower - 1e-9 <= value <= joint.upper + 1e-9 and joint.lower != joint.upper:
             message = f"is locked at {value:g}, outside its limits {joint.lower:g}..{joint.upper:g}"
             yield _note("mimic", where, value, joint.upper if value > joint.upper else joint.lower, message)
 
@@ -570,17 +571,17 @@ def _omega_of_encoder(robot: Robot, samples: _Samples, bits: int) -> Array:
 def _shortened(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings, those of one kind beyond the first few as their number alone."""
     kept: list[Finding] = []
-    count: dict[tuple[str, str], int] = {}
-    last: dict[tuple[str, str], Finding] = {}
+    count: dict[tuple[Level, str], int] = {}
+    last: dict[tuple[Level, str], Finding] = {}
     for finding in findings:
         key = (finding.level, finding.kind)
         count[key] = count.get(key, 0) + 1
         last[key] = finding
         if count[key] <= _LISTED:
             kept.append(finding)
-    for key, finding in last.items():
-        if count[key] > _LISTED:
-            more = count[key] - _LISTED
+    for end, finding in last.items():
+        if count[end] > _LISTED:
+            more = count[end] - _LISTED
             message = f"{more} more of this kind, the last of them at {finding.where}"
             kept.append(finding._replace(where="others", value=more, bound=None, message=message))
     return kept

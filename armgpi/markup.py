@@ -84,9 +84,9 @@ def read_file(path: Path) -> str:
         raise UrdfError(path, f"cannot be read: {error.strerror or error}") from None
     if len(content) > MAX_BYTES:
         raise UrdfError(path, f"has more than the {MAX_BYTES} bytes allowed")
-    kind = next((kind for magic, kind in _BINARY if content.startswith(magic)), None)
-    if kind is not None:
-        raise UrdfError(path, f"is not UTF-8 text but {kind}")
+    for magic, kind in _BINARY:
+        if content.startswith(magic):
+            raise UrdfError(path, f"is not UTF-8 text but {kind}")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -117,8 +117,8 @@ def parse_xml(text: str, source: str) -> Element:
     except (expat.ExpatError, UnicodeEncodeError) as error:
         raise UrdfError(source, f"is {kind or f'not well-formed XML: {error}'}") from None
     if root.tag != "robot":
-        kind = _ROOTS.get(root.tag, "no URDF")
-        raise UrdfError(source, f"is {kind}: expected the root element <robot>, got <{root.tag[:80]}>")
+        other = _ROOTS.get(root.tag, "no URDF")
+        raise UrdfError(source, f"is {other}: expected the root element <robot>, got <{root.tag[:80]}>")
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         raise UrdfError(source, f"is {_XACRO}")
     return root
@@ -157,9 +157,7 @@ def _elements(text: str, source: str) -> Element:
     def doctype(name: str, *_: object) -> None:
         if name.lower() == "html":
             raise UrdfError(source, f"is {_HTML}")
-        raise UrdfError(
-            source, "has a document type declaration (DTD), which a URDF does not need: remove it"
-        )
+        raise UrdfError(source, "has a document type declaration (DTD), which no URDF needs: remove it")
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.StartDoctypeDeclHandler = doctype

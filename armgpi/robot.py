@@ -553,7 +553,7 @@ class Robot(_Checked):
         return np.where(bounded, np.clip(centre, lower, upper), nearest_zero)
 
     def check_holding(self, q: ArrayLike, what: str) -> None:
-        """Refuse postures at which gravity is more than a joint's effort limit: no controller holds the arm there.
+        """Refuse postures at which gravity exceeds a joint's effort limit: nothing holds the arm there.
 
         Args:
             q: positions [rad or m], shape (n,) or (batch, n).

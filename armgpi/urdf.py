@@ -322,7 +322,7 @@ def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:
             raise UrdfError(source, f"a <{tag}> has no name")
         if not name.isprintable():
             raise UrdfError(
-                source, f"the {tag} name {name[:80]!r} has characters that cannot be printed", name
+                source, f"{tag} {name[:80]!r} has characters in its name that cannot be printed", name
             )
         if name in found:
             raise UrdfError(source, f"two {tag}s are named {name!r}", name)
@@ -346,7 +346,7 @@ def _read_joint(element: Element, source: str) -> Joint:
         return Joint(name, kind, parent, child, xyz, rpy, (1.0, 0.0, 0.0), *free)
 
     axis_element = element.find("axis")
-    axis = (1.0, 0.0, 0.0)
+    axis: tuple[float, ...] = (1.0, 0.0, 0.0)
     if axis_element is not None:
         axis = _numbers(axis_element, "xyz", 3, f"{where}, <axis>", source, name)
     if not any(axis):
@@ -362,7 +362,7 @@ def _read_joint(element: Element, source: str) -> Joint:
             if limit.get(key) is None:
                 raise UrdfError(
                     source,
-                    f"{where}, <limit> has no {key}, which URDF requires: add {key}=... [{unit}]",
+                    f"{where}, <limit> has no {key}, which URDF requires: add {key} [{unit}]",
                     name,
                 )
 
@@ -455,9 +455,7 @@ def _read_link(element: Element, source: str) -> Link:
     if mass < 0.0:
         raise UrdfError(source, f"{where} has the negative mass {mass:g}", name)
     if max(mass, *map(abs, inertia)) > _HUGEST:
-        raise UrdfError(
-            source, f"{where} has a mass or inertia beyond {_HUGEST:g}, larger than any robot", name
-        )
+        raise UrdfError(source, f"{where} has a mass or inertia larger than any robot", name)
     return Link(name, mass, xyz, rpy, inertia, True, meshes)
 
 
@@ -625,7 +623,7 @@ def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mi
 def _leader(urdf: Urdf, name: str) -> Joint:
     """Return the joint that a joint follows in the end; itself when it follows none."""
     joint = urdf.joints[name]
-    while joint.mimic in urdf.joints:
+    while joint.mimic is not None and joint.mimic in urdf.joints:
         joint = urdf.joints[joint.mimic]
     return joint
 

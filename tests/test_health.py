@@ -31,7 +31,11 @@ GOOD = f"""<robot name="arm">
 {ELBOW}
 </robot>
 """
-TOOL = '<link name="tool">{}</link><joint name="weld" type="fixed"><parent link="fore"/><child link="tool"/></joint>'
+TOOL = (
+    '<link name="tool">{}</link>'
+    '<joint name="weld" type="fixed"><parent link="fore"/><child link="tool"/></joint>'
+)
+SHAPE = "<visual><geometry>{}</geometry></visual>"
 
 
 def changed(old: str, new: str) -> str:
@@ -98,9 +102,9 @@ WARNED = [  # kind, level, place, what stands there, what to write instead
      'ixx="100" ixy="0" ixz="0" iyy="100" iyz="0" izz="100"'),
     ("twice", "warn", "link 'fore'", BODY, BODY + BODY),
     ("unknown", "warn", "joint 'elbow'", "<axis", '<limits lower="0"/><axis'),
-    ("mesh", "warn", "link 'fore'", BODY, f'{BODY}<visual><geometry><mesh filename="x.stl"/></geometry></visual>'),
-    ("shape", "warn", "link 'fore'", BODY, f'{BODY}<visual><geometry><box size="big"/></geometry></visual>'),
-    ("shape", "warn", "link 'fore'", BODY, f'{BODY}<visual><geometry><sphere radius="-1"/></geometry></visual>'),
+    ("mesh", "warn", "link 'fore'", BODY, BODY + SHAPE.format('<mesh filename="x.stl"/>')),
+    ("shape", "warn", "link 'fore'", BODY, BODY + SHAPE.format('<box size="big"/>')),
+    ("shape", "warn", "link 'fore'", BODY, BODY + SHAPE.format('<sphere radius="-1"/>')),
 ]  # fmt: skip
 
 

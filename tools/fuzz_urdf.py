@@ -140,7 +140,7 @@ def kind(root: ElementTree.Element, rng: random.Random) -> None:
 
 def tag(root: ElementTree.Element, rng: random.Random) -> None:
     """Give an element another tag."""
-    tags = sorted({element.tag for element in root.iter()}) + ["xacro:if", "limits", "robot"]
+    tags = [*sorted({element.tag for element in root.iter()}), "xacro:if", "limits", "robot"]
     parent, index = pick(root, rng)
     parent[index].tag = rng.choice(tags)
 
@@ -175,6 +175,9 @@ def scrambled(data: bytes, rng: random.Random) -> bytes:
         else:
             array = array[: max(1, place)]
     return bytes(array)
+
+
+MUTATIONS = (delete, repeat, swap, move, number, number, number, name, kind, tag, attribute)
 
 
 def cases(seed: int, start: int, count: int) -> Iterator[tuple[int, bytes]]:

@@ -9,7 +9,7 @@ import sys
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import typer
 
@@ -73,9 +73,7 @@ def diagnose() -> list[Check]:
     ros = [key for key in ("ROS_DISTRO", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH") if os.environ.get(key)]
     if ros:
         values = ", ".join(f"{key}={os.environ[key]}" for key in ros)
-        checks.append(
-            Check("note", "ROS", values, "its PYTHONPATH may bring a Pinocchio of its own; see above")
-        )
+        checks.append(Check("note", "ROS", values, "its PYTHONPATH may bring another Pinocchio"))
     threads = os.environ.get("OMP_NUM_THREADS", "not set: all cores")
     checks.append(Check("ok", "threads", f"OMP_NUM_THREADS {threads}; {os.cpu_count()} cores"))
     return checks

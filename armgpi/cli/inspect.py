@@ -103,7 +103,8 @@ def _show(report: HealthReport) -> None:
     console = Console(width=width, markup=False, emoji=False, highlight=False, soft_wrap=True)
     console.print(
         f"{facts['name']}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
-        f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, from {facts['base']!r} to {facts['tip']!r}"
+        f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
+        f"from {facts['base']!r} to {facts['tip']!r}"
     )
     console.print(f"file: {facts['source']}")
     if facts["locked"]:

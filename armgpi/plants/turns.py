@@ -59,7 +59,7 @@ class Unwrapped(Wrapper):
         return self.plant.truth(state.plant)
 
     def _near(self, measured: Array, last: Array) -> Array:
-        """Return measured positions, those of continuous joints by whole turns as near as can be to `last`."""
+        """Return measured positions, continuous joints moved by whole turns to be nearest to `last`."""
         turns = np.round((last - measured) / _TURN)
         return np.where(_continuous(self.plant), measured + _TURN * turns, measured)
 
