@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import logging
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -110,6 +111,8 @@ def _of_joint(joint: urdf.Joint, other: Any) -> list[str]:
                 # No lower and upper means 0 and 0; yourdfpy says None.
                 pairs.append(("lower limit", joint.lower, theirs.limit.lower or 0.0))
                 pairs.append(("upper limit", joint.upper, theirs.limit.upper or 0.0))
+                # Ours is infinite where theirs is huge.
+                pairs = [p for p in pairs if not ("limit" in p[0] and math.isinf(p[1]))]
             pairs.append(("effort limit", joint.effort, theirs.limit.effort))
             pairs.append(("velocity limit", joint.velocity, theirs.limit.velocity))
     return [

@@ -59,8 +59,8 @@ class Joint:
         xyz: where it stands on its parent [m].
         rpy: how it is turned there [rad].
         axis: its axis as written, not normalised; (1, 0, 0) when the file gives none.
-        lower: lower position limit [rad or m], -inf when it has none.
-        upper: upper position limit [rad or m], inf when it has none.
+        lower: lower position limit [rad or m], -inf when it has none (or one below -1e15).
+        upper: upper position limit [rad or m], inf when it has none (or one above 1e15).
         velocity: velocity limit [rad/s or m/s], inf when it has none.
         effort: effort limit [N m or N], inf when it has none.
         damping: viscous friction [N m s/rad or N s/m].
@@ -373,15 +373,16 @@ def _read_joint(element: Element, source: str) -> Joint:
 
     lower = read(limit, "lower", 0.0)
     upper = read(limit, "upper", 0.0)
-    if not bounded:
-        lower, upper = -math.inf, math.inf
+    if bounded and lower > upper:
+        raise UrdfError(source, f"{where} has its lower limit {lower:g} above its upper {upper:g}", name)
+    # Limits that large stand for none, and their difference might overflow.
+    lower = lower if bounded and lower > -_HUGEST else -math.inf
+    upper = upper if bounded and upper < _HUGEST else math.inf
     velocity = read(limit, "velocity", math.inf)
     effort = read(limit, "effort", math.inf)
     dynamics = element.find("dynamics")
     damping = read(dynamics, "damping", 0.0)
     friction = read(dynamics, "friction", 0.0)
-    if lower > upper:
-        raise UrdfError(source, f"{where} has its lower limit {lower:g} above its upper {upper:g}", name)
     for label, value in (
         ("velocity limit", velocity),
         ("effort limit", effort),

@@ -163,11 +163,11 @@ def scrambled(data: bytes, rng: random.Random) -> bytes:
     """Change, cut or repeat some bytes."""
     array = bytearray(data)
     for _ in range(rng.randint(1, 5)):
-        place = rng.randrange(len(array))
+        place = rng.randrange(len(array) or 1)
         end = min(len(array), place + rng.randint(1, 40))
         what = rng.randrange(4)
         if what == 0:
-            array[place] = rng.randrange(256)
+            array[place : place + 1] = [rng.randrange(256)]
         elif what == 1:
             del array[place:end]
         elif what == 2:
