@@ -37,8 +37,8 @@ _ENDLESS = 1000.0
 _MOST_LENGTH = 20.0
 _LEAST_MASS, _MOST_MASS = 1e-4, 1e4
 _MOST_EFFORT = 1e5
-#: Radius of gyration that is hardly meant in kg m^2 [m].
-_MOST_GYRATION = 5.0
+#: Radii of gyration that no part of a robot has [m].
+_LEAST_GYRATION, _MOST_GYRATION = 1e-4, 5.0
 #: An inertia's largest moment may be so much larger than the sum of the others by rounding.
 _TRIANGLE_ROUNDING = 0.01
 _CONDITION, _LEAST_EIGENVALUE = 1e6, 1e-6
@@ -308,10 +308,11 @@ def _of_links(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
         if link.mass > _MOST_MASS:
             message = f"weighs {link.mass:.4g} kg"
             yield _warn("mass", where, link.mass, _MOST_MASS, message, "check the unit: kg")
-        if moments[2] == 0.0:
-            message = "has mass and no inertia, as a point has"
+        if moments[2] < _LEAST_GYRATION**2 * link.mass:
+            message = "has mass and hardly any inertia, as a point has"
             level = "warn" if link.name in carried else "note"
-            yield Finding(level, "inertia", where, 0.0, None, message, "give it the inertia of its body")
+            repair = "give it the inertia of its body"
+            yield Finding(level, "inertia", where, float(moments[2]), None, message, repair)
         gyration = math.sqrt(max(float(moments[2]), 0.0) / link.mass)
         if gyration > _MOST_GYRATION:
             message = (
@@ -340,8 +341,15 @@ def _of_place(where: str, what: str, xyz: Sequence[float], rpy: Sequence[float])
 def _of_joints(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
     """Find axes, limits and origins that are hardly meant."""
     free = set(robot.joint_names)
+    elements = {element.get("name", ""): element for element in document.root.findall("joint")}
     for joint in document.joints.values():
         where = f"joint {joint.name!r}"
+        if joint.moves and elements[joint.name].find("axis") is None:
+            yield _note("axis", where, None, None, "has no <axis>, which means 1 0 0")
+        limit = elements[joint.name].find("limit")
+        if joint.type == "continuous" and limit is not None and {"lower", "upper"} & set(limit.attrib):
+            message = "is continuous; the position limits that it has all the same are not read"
+            yield _note("limits", where, None, None, message, "make it revolute if it has them")
         if joint.name in document.links:
             message = "shares its name with a link; frame_pose and the like take the link's frame"
             yield _note("names", where, joint.name, None, message)

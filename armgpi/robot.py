@@ -327,27 +327,19 @@ class Robot(_Checked):
         """Name of the link at the end, the one farthest from the last joint over fixed joints."""
         model = self._model
         last = max(range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
-        bodies = [
-            index
-            for index, frame in enumerate(model.frames)
-            if frame.type == pin.FrameType.BODY and int(frame.parentJoint) == last
-        ]
-
-        def depth(index: int) -> int:
-            """Count the fixed joints up to the last joint; a locked one ends the arm before it."""
-            count = 0
-            while int(model.frames[index].parentJoint) == last:
-                frame = model.frames[index]
-                if frame.type == pin.FrameType.FIXED_JOINT:
-                    if frame.name in self.provenance["locked"]:
-                        return -1
-                    count += 1
-                elif frame.type == pin.FrameType.JOINT:
-                    break
-                index = int(frame.parentFrame)
-            return count
-
-        return str(model.frames[max(bodies, key=depth)].name)
+        locked = self.provenance["locked"]
+        depth: dict[int, float] = {}  # frames on the last joint -> fixed joints up to it; parents come first
+        tip, farthest = 0, -math.inf
+        for index, frame in enumerate(model.frames):
+            if int(frame.parentJoint) != last:
+                continue
+            count = 0.0 if frame.type == pin.FrameType.JOINT else depth.get(int(frame.parentFrame), 0.0)
+            if frame.type == pin.FrameType.FIXED_JOINT:
+                count += -math.inf if frame.name in locked else 1.0  # a locked joint ends the arm before it
+            depth[index] = count
+            if frame.type == pin.FrameType.BODY and count > farthest:
+                tip, farthest = index, count
+        return str(model.frames[tip].name)
 
     def pinocchio_model(self) -> Any:
         """Return a copy of the `pin.Model`, for what this class does not offer.

@@ -354,9 +354,8 @@ def _read_joint(element: Element, source: str) -> Joint:
 
     limit, bounded = element.find("limit"), kind in ("revolute", "prismatic")
     if bounded and limit is None:
-        raise UrdfError(
-            source, f"{where} is {kind} and has no <limit>; add one, or make it continuous if it turns", name
-        )
+        way_out = ", or make it continuous" if kind == "revolute" else ""
+        raise UrdfError(source, f"{where} is {kind} and has no <limit>: add one{way_out}", name)
     if limit is not None:
         for key, unit in (("effort", "N m or N"), ("velocity", "rad/s or m/s")):
             if limit.get(key) is None:
