@@ -15,6 +15,9 @@ import pinocchio as pin
 
 from armgpi.arrays import Array
 
+if not hasattr(pin, "aba"):  # PyPI's `pinocchio` is a plug-in for nose
+    raise ImportError(f"{pin.__file__} is another package named pinocchio; armgpi needs the one of `pin`")
+
 #: Below this many states one thread is faster than waking others.
 _SERIAL_BELOW = 16
 #: Looked up once: these are called five times a sample. WORLD is the convention of the batch kernels.

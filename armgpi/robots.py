@@ -147,6 +147,8 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
         raise NameNotFound("robot", path_or_name, names()) from None
     path = Path(text)
     if path.suffix or len(path.parts) != 1 or path.is_absolute():
+        if "://" in text:
+            raise UrdfError(text, "is an address: download the file first, and what it names beside it")
         if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
             raise UrdfError(path, "there is no such file")
         return path, None

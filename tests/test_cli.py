@@ -194,6 +194,28 @@ def test_doctor_finds_this_installation_healthy(
     assert checks["example-robot-data"]["found"].startswith("6.")
 
 
+def test_another_pinocchio_is_named_without_a_traceback(tmp_path: Path) -> None:
+    # PyPI's `pinocchio` is a plug-in for nose; a broken one does not import.
+    (tmp_path / "pinocchio").mkdir()
+    for content, said in (
+        ("", "another package named pinocchio"),
+        ("raise ImportError('libx.so')", "libx.so"),
+    ):
+        (tmp_path / "pinocchio" / "__init__.py").write_text(content)
+        path = os.pathsep.join((str(tmp_path), str(ROOT)))
+        for command, code in (("inspect ur5", 2), ("doctor", 1)):
+            done = subprocess.run(
+                [sys.executable, "-m", "armgpi.cli", *command.split()],
+                env={**os.environ, "PYTHONPATH": path},
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert done.returncode == code
+            assert said.split()[0] in done.stdout + done.stderr
+            assert "Traceback" not in done.stderr
+
+
 def test_doctor_sees_what_shadows_an_installed_package(
     cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -282,6 +282,11 @@ def test_a_name_that_does_not_exist_is_refused_and_the_near_one_offered(typo: st
     assert caught.value.valid == robots.names()
 
 
+def test_an_address_is_no_file() -> None:
+    with pytest.raises(UrdfError, match="download the file first"):
+        Robot.load("https://example.org/arm.urdf")
+
+
 @pytest.mark.parametrize("name", [None, 3, ["panda"], "", "a\0b", "a" * 5000])
 def test_what_is_no_name_at_all_is_refused_by_our_error(name: object) -> None:
     with pytest.raises((NameNotFound, UrdfError)):

@@ -79,6 +79,10 @@ def main() -> None:
         except ArmgpiError as error:
             typer.secho(f"error: {error}", err=True, fg="red")
             sys.exit(BAD_INPUT)
+        except ImportError as error:  # a broken installation
+            text = f"error: {error}; `armgpi doctor` looks at what is installed"
+            typer.secho(text, err=True, fg="red")
+            sys.exit(BAD_INPUT)
         except OSError as error:  # the output: files have errors of their own
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
             typer.secho(f"error: cannot write the output: {error.strerror or error}", err=True, fg="red")
