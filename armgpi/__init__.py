@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from armgpi.plants.plant import Wrapper as Wrapper
     from armgpi.plants.rigid_body import RigidBodyPlant as RigidBodyPlant
     from armgpi.plants.sensors import Delayed as Delayed
+    from armgpi.plants.sensors import Differentiated as Differentiated
     from armgpi.plants.sensors import DropOut as DropOut
     from armgpi.plants.sensors import Encoder as Encoder
     from armgpi.plants.sensors import Noisy as Noisy
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from armgpi.references.cartesian import CartesianReference as CartesianReference
     from armgpi.references.reference import Hold as Hold
     from armgpi.references.reference import Reference as Reference
+    from armgpi.references.reference import ReferenceBatch as ReferenceBatch
     from armgpi.references.reference import Target as Target
     from armgpi.references.waypoints import Waypoints as Waypoints
     from armgpi.robot import Friction as Friction
@@ -72,11 +74,11 @@ _NAMES = {
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.plant": ("Plant", "Wrapper"),
     "plants.rigid_body": ("RigidBodyPlant",),
-    "plants.sensors": ("Delayed", "DropOut", "Encoder", "Noisy"),
+    "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
     "plants.turns": ("SingleTurn", "Unwrapped"),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
-    "references.reference": ("Hold", "Reference", "Target"),
+    "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),
     "references.waypoints": ("Waypoints",),
     "robot": ("Friction", "Robot", "RobotBatch"),
     "rollout": ("Status", "load", "save"),

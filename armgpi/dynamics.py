@@ -187,15 +187,69 @@ class CoupledDynamics:
         return np.ascontiguousarray(x, dtype=np.float64)
 
 
-class StackedDynamics:
-    """One robot per row of the batch: row i of every argument belongs to `parts[i]`."""
+class ScaledDynamics:
+    """A robot whose masses and inertias are all multiplied by one factor: D, C and G scale with it.
 
-    def __init__(self, parts: Sequence[Dynamics]) -> None:
-        """Group equal parts, so that each is called once per batch."""
-        rows: dict[int, list[int]] = {}
-        for row, part in enumerate(parts):
-            rows.setdefault(id(part), []).append(row)
-        self._groups = [(parts[group[0]], np.array(group)) for group in rows.values()]
+    Rollouts that differ by the factor alone go through the kernels of `base` together.
+    """
+
+    def __init__(self, base: Dynamics, scale: float | Array) -> None:
+        """Scale `base` by a number, or by one per rollout: an array (batch, 1)."""
+        self.base = base
+        self.scale = scale
+
+    def forward(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration."""
+        return self.base.forward(q, v, tau / self.scale)
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque."""
+        return self.scale * self.base.inverse(q, v, a)
+
+    def inertia_times(self, q: Array, a: Array) -> Array:
+        """Return D(q) a."""
+        return self.scale * self.base.inertia_times(q, a)
+
+    def inertia_solve(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau; `tau` itself when it is zero."""
+        if not np.count_nonzero(tau):
+            return tau
+        return self.base.inertia_solve(q, tau / self.scale)
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q)."""
+        return self.scale * self.base.bias(q, v)
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q)."""
+        return self.scale * self.base.gravity(q)
+
+    def inertia(self, q: Array) -> Array:
+        """Return D(q)."""
+        scale = self.scale if isinstance(self.scale, float) else self.scale[..., np.newaxis]
+        return scale * self.base.inertia(q)
+
+
+def stacked(parts: Sequence[Dynamics]) -> Dynamics:
+    """Return the dynamics of a batch of which row i belongs to `parts[i]`."""
+    scaled = [part if isinstance(part, ScaledDynamics) else ScaledDynamics(part, 1.0) for part in parts]
+    rows: dict[int, list[int]] = {}
+    for row, part in enumerate(scaled):
+        rows.setdefault(id(part.base), []).append(row)
+    groups: list[tuple[Dynamics, Array]] = []
+    for group in rows.values():
+        base = scaled[group[0]].base
+        scale = np.array([[scaled[row].scale] for row in group])
+        groups.append((base if (scale == 1.0).all() else ScaledDynamics(base, scale), np.array(group)))
+    return groups[0][0] if len(groups) == 1 else StackedDynamics(groups)
+
+
+class StackedDynamics:
+    """One robot per row of the batch, equal ones in groups, so that each is called once per batch."""
+
+    def __init__(self, groups: Sequence[tuple[Dynamics, Array]]) -> None:
+        """Take the parts, each with the rows that belong to it."""
+        self._groups = groups
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration of every row."""

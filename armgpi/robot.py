@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from armgpi import robots, urdf
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
-from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, StackedDynamics
+from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
 
 PerJoint = ArrayLike | Mapping[str, float]
@@ -493,7 +493,12 @@ class Robot(_Checked):
                 factor * inertia.mass, inertia.lever, factor * inertia.inertia
             )
         model.armature = factor * model.armature
-        return self._changed({"inertia_scale": factor}, model=model)
+        robot = self._changed({"inertia_scale": factor}, model=model)
+        # Not the kernels of the scaled model: rollouts that differ by the factor alone share theirs.
+        own = self.dynamics
+        base, scale = (own.base, factor * own.scale) if isinstance(own, ScaledDynamics) else (own, factor)
+        robot.dynamics = ScaledDynamics(base, scale)
+        return robot
 
     def with_gravity(self, gravity: ArrayLike) -> Robot:
         """Return the robot under another gravity [m/s^2], a vector of shape (3,) in the base frame."""
@@ -635,7 +640,7 @@ class Robot(_Checked):
     def _changed(self, change: Mapping[str, Any], model: Any = None, limits: Limits | None = None) -> Robot:
         """Return a robot with another model or limits, remembering the change."""
         provenance = {**self.provenance, "changes": [*self.provenance["changes"], dict(change)]}
-        return Robot(
+        robot = Robot(
             self._model.copy() if model is None else model,
             self.name,
             self.joint_types,
@@ -645,6 +650,9 @@ class Robot(_Checked):
             self.coupling,
             self.joint_names,
         )
+        if model is None:  # the same kernels, which a batch of both calls once
+            robot.dynamics = self.dynamics
+        return robot
 
     @property
     def _own(self) -> list[int]:
@@ -723,7 +731,7 @@ class RobotBatch(_Checked):
         self.friction = Friction(
             *(frozen(np.stack(rows)) for rows in zip(*(r.friction for r in robots), strict=True))
         )
-        self.dynamics = StackedDynamics([robot.dynamics for robot in self.robots])
+        self.dynamics = stacked([robot.dynamics for robot in self.robots])
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import signal
@@ -751,3 +752,43 @@ def test_whatever_is_typed_there_is_an_answer(
     if answer.code == 2 or "--json" not in flags:
         return
     json.loads(answer.out)
+
+
+# The paper.
+
+
+def test_scenarios_are_listed_printed_and_run_by_name(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli("scenarios").out.split() == ["scenario-5.1", "scenario-5.2", "scenario-5.3"]
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(cli("scenarios", "scenario-5.3").out, encoding="utf-8")
+    by_name = cli("compare", "--config", "scenario-5.3", "--t-final", "0.01", "--json")
+    assert by_name.code == 0
+    assert json.loads(by_name.out) == json.loads(
+        cli("compare", "--config", mine, "--t-final", "0.01", "--json").out
+    )
+    nothing = cli("scenarios", "scenario-6")
+    assert nothing.code == 2
+    assert "scenario-5.1" in nothing.err
+
+
+def test_reproduce_writes_tables_and_figures(tmp_path: Path) -> None:
+    whole = [sys.executable, "-m", "armgpi.cli", "reproduce", "--quick", "--out", str(tmp_path / "out")]
+    done = subprocess.run(whole, capture_output=True, text=True, check=False, timeout=500)
+    assert done.returncode == 0, done.stderr
+    assert "published cells of the proposal" in done.stdout
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    for table in ("table-2-ideal", "table-3-real", "table-4-ideal", "statuses"):
+        assert {f"{table}.md", f"{table}.csv", f"{table}.tex"} <= files
+    assert {f"figure-{number:02}.png" for number in (5, 6, 7, 9, 10, 11, 12, 13)} <= files
+    rows = list(csv.DictReader((tmp_path / "out" / "statuses.csv").read_text(encoding="utf-8").splitlines()))
+    assert {row["table"] for row in rows} == {"2", "3", "4"}
+    assert {row["status"] for row in rows} <= {"better", "same order", "worse", "diverged", "not stated"}
+
+
+def test_reproduce_says_that_it_cannot_write(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    refused = cli("reproduce", "--quick", "--out", tmp_path / "taken")
+    assert refused.code == 2
+    assert "cannot be written to" in refused.err

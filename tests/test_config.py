@@ -57,6 +57,32 @@ def test_an_empty_section_is_as_good_as_none(text: str) -> None:
     assert build(ARM + text).config == build(ARM).config
 
 
+def test_a_network_has_its_scales_from_the_encoder_and_its_box_from_the_sample_time() -> None:
+    network = build(f"{ARM}plant: {{encoder_bits: 16}}\ncontrollers: [{{type: network}}]").controllers[
+        "network"
+    ]
+    assert isinstance(network, GPI)
+    lower, upper = network.gains.boxes["omega_c"]
+    np.testing.assert_allclose([lower, upper], [[22.0] * 3, [60.0] * 3])
+    count = 2.0 * math.pi / 2**16
+    told = network.gains.describe()
+    assert told["error_range"] == [count] * 3
+    assert told["dead_zone"] == [2.0 * count] * 3
+    ideal = build(f"{ARM}controllers: [{{type: network}}]\nsample_time: 4e-3").controllers["network"].gains
+    assert ideal.describe()["dead_zone"] == [0.0] * 3
+    np.testing.assert_allclose(ideal.boxes["omega_c"][1], 2.0 * default_omega(4e-3))
+
+
+def test_a_path_is_followed_by_the_tool() -> None:
+    whole = build(f"{ARM}reference: {{path: {{type: laser}}}}")
+    there = whole.robot.frame_pose("tool", whole.reference.at(1.0).q).translation
+    np.testing.assert_allclose(there[0], 0.08 + 0.15 / 36.0, atol=1e-9)
+    corners = "[[0.3, 0, 0.3], [0.3, 0.1, 0.3]]"
+    ends = build(f"{ARM}reference: {{path: {{type: polyline, corners: {corners}, durations: 2}}}}")
+    assert ends.t_final == 4.0
+    assert config.build(config.parse(config.dump(ends.config), "again.yaml").config).config == ends.config
+
+
 # Everything that can be said in a file, as strategies.
 
 NUMBER = st.floats(0.01, 100.0).map(lambda x: round(x, 4))
@@ -95,6 +121,20 @@ CONTROLLER = st.one_of(
         realisation=st.sampled_from(["bumpless", "paper"]),
         start=st.sampled_from(["hold", "zero"]),
         inertia_scale=st.floats(0.5, 2.0),
+    ),
+    section(
+        {"type": st.just("network")},
+        label=st.just("two"),
+        omega=st.one_of(NUMBER, st.just({"lower": 20, "upper": [30, 40, 50]})),
+        zeta=st.just({"lower": 0.7, "upper": 0.9}),
+        p=st.just([20, 30, 40]),
+        learning=st.sampled_from(["magnitude", "signed"]),
+        learning_rate=st.floats(0.0, 1.0),
+        rate=st.floats(0.01, 1.0),
+        dead_zone=st.floats(0.0, 1e-3),
+        leak=st.floats(0.0, 10.0),
+        bandwidth=st.floats(1.0, 500.0),
+        start=st.sampled_from(["hold", "zero"]),
     ),
     section({"type": st.just("pid")}, label=st.just("one"), kp=PER_JOINT, ki=PER_JOINT, kd=PER_JOINT),
 )
@@ -259,7 +299,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
         5,
         "did you mean 'kp'",
     ),
-    "unknown controller": ("controllers:\n- type: lqr", "controllers.0.type", 3, "known: gpi, pid"),
+    "unknown controller": ("controllers:\n- type: lqr", "controllers.0.type", 3, "known: gpi, network, pid"),
     "controller without type": ("controllers:\n- omega: 3", "controllers.0.type", 3, "is missing"),
     "unknown load": ("plant: {loads: [{type: sin}]}", "plant.loads.0.type", 2, "did you mean 'sine'"),
     "key of a load missing": ("plant: {loads: [{type: step}]}", "plant.loads.0.amplitude", 2, "is missing"),
@@ -309,6 +349,58 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
     "joint without torque rate": ("plant: {torque_rate: {q1: 3}}", "plant.torque_rate", 2, "q2, q3"),
     "no gain": ("controllers: [{type: gpi, omega: 0}]", "controllers.0.omega", 2, "above 0"),
     "negative gain": ("controllers: [{type: pid, kd: -1}]", "controllers.0.kd", 2, "0 or more"),
+    "box upside down": (
+        "controllers: [{type: network, omega: {lower: 60, upper: 20}}]",
+        "controllers.0",
+        2,
+        "lower <= upper",
+    ),
+    "half a box": (
+        "controllers: [{type: network, omega: {lower: 60}}]",
+        "controllers.0.omega.upper",
+        2,
+        "missing",
+    ),
+    "unstable learning": ("controllers: [{type: network, learning_rate: 2}]", "controllers.0", 2, "below 2"),
+    "negative learning": (
+        "controllers: [{type: network, learning_rate: -1}]",
+        "controllers.0.learning_rate",
+        2,
+        "0 or more",
+    ),
+    "knots that decrease": (
+        "controllers: [{type: network, knots: [-1, -1, -1, 0.5, 0, 1, 1, 1]}]",
+        "controllers.0",
+        2,
+        "increasing knots",
+    ),
+    "knots of one side": (
+        "controllers: [{type: network, knots: [0, 0, 0, 1, 1, 1]}]",
+        "controllers.0",
+        2,
+        "symmetric about 0",
+    ),
+    "a unit": ("controllers: [{type: network, omega: 20 rad/s}]", "controllers.0.omega", 2, "a number"),
+    "unknown path": ("reference: {path: {type: lasr}}", "reference.path.type", 2, "did you mean 'laser'"),
+    "path and points": (
+        "reference: {path: {type: laser}, points: [[0, 0, 0]]}",
+        "reference.points",
+        2,
+        "give one of the two",
+    ),
+    "frame without path": ("reference: {frame: tool}", "reference.frame", 2, "goes with path"),
+    "unknown frame of a path": (
+        "reference: {path: {type: laser}, frame: tol}",
+        "reference.frame",
+        2,
+        "no frame named 'tol'",
+    ),
+    "path out of reach": (
+        "reference: {path: {type: circle, centre: [2, 0, 0], radius: 1, period: 3}}",
+        "reference.path",
+        2,
+        "out of reach",
+    ),
     "point outside the limits": (
         "reference:\n  points:\n  - [0, 0, 0]\n  - [0, 0, 9]",
         "reference.points.1",

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from strategies import Array, State, states, urdf_texts
 
 from armgpi import Robot, robots
-from armgpi.dynamics import PinocchioDynamics, StackedDynamics
+from armgpi.dynamics import PinocchioDynamics, stacked
 
 SAME = 1e-13
 #: Arm -> joints to lock. Not finger_edu: it has an infinitely thin rod, which MuJoCo refuses.
@@ -127,7 +127,7 @@ def three_robots() -> list[Robot]:
 
 def test_every_row_of_a_stack_is_the_answer_of_its_own_robot() -> None:
     parts = [robot.dynamics for robot in three_robots()]
-    stacked = StackedDynamics(parts)
+    together = stacked(parts)
     q, v, x = np.random.default_rng(2).uniform(-2.0, 2.0, (3, len(parts), 3))
     x[1] = 0.0
     for name, arguments in {
@@ -140,7 +140,9 @@ def test_every_row_of_a_stack_is_the_answer_of_its_own_robot() -> None:
         "inertia": (q,),
     }.items():
         expected = [getattr(part, name)(*rows) for part, *rows in zip(parts, *arguments, strict=True)]
-        np.testing.assert_array_equal(getattr(stacked, name)(*arguments), expected, err_msg=name, strict=True)
+        np.testing.assert_array_equal(
+            getattr(together, name)(*arguments), expected, err_msg=name, strict=True
+        )
 
 
 def test_no_torque_solves_to_no_acceleration_exactly() -> None:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import doctor, experiment, inspect, robots
+from armgpi.cli import doctor, experiment, inspect, paper, robots
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -30,6 +30,8 @@ app.command()(experiment.compare)
 app.command()(robots.robots)
 app.command()(inspect.inspect)
 app.command()(doctor.doctor)
+app.command()(paper.reproduce)
+app.command()(paper.scenarios)
 
 
 def _show_version(wanted: bool) -> None:

@@ -141,7 +141,7 @@ def _check_out(options: dict[str, Any]) -> None:
 
 def _note_early_end(experiment: Experiment) -> None:
     """Say when the run is over before the last move is."""
-    moves = experiment.reference.moves
+    moves = getattr(experiment.reference, "moves", ())
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
         typer.echo(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)

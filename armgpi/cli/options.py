@@ -19,7 +19,12 @@ RobotName = Annotated[
 ]
 ConfigFile = Annotated[
     Path | None,
-    typer.Option("--config", "-c", metavar="FILE", help="Experiment file (YAML); options override it."),
+    typer.Option(
+        "--config",
+        "-c",
+        metavar="FILE",
+        help="Experiment file (YAML) or name of a scenario (see `armgpi scenarios`); options override it.",
+    ),
 ]
 Controller = Annotated[
     str | None, typer.Option(metavar="NAME", help="gpi (default) or pid; or a label of the experiment file.")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from armgpi import config as configuration
 from armgpi.cli.words import locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin
+from armgpi.paper import scenarios
 
 
 def settings(options: dict[str, Any], compare: bool) -> Loaded:
@@ -14,7 +16,7 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     data: dict[str, Any] = {}
     origin = Origin("command line")
     if options["config"] is not None:
-        config, origin = configuration.read(options["config"])
+        config, origin = configuration.read(_file(options["config"]))
         data = config.model_dump(exclude_unset=True)
     sources: dict[str, str] = {}  # dotted key -> the option that set it
 
@@ -72,6 +74,11 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(sources.items(), key=lambda item: -len(item[0]))))
     return Loaded(configuration.check(data, origin), origin)
+
+
+def _file(path: Path) -> Path:
+    """Return an experiment file: a file, or else a scenario of the paper by its name."""
+    return scenarios.locate(str(path)) if not path.exists() and str(path) in scenarios.names() else path
 
 
 def _choose_controllers(

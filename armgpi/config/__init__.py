@@ -1,7 +1,6 @@
 """The experiment file: robot, plant, controllers, reference and horizon as YAML, checked, and as objects.
 
-:mod:`~armgpi.config.schema` says what may stand in it, :mod:`~armgpi.config.reading` reads and checks it,
-:mod:`~armgpi.config.building` makes the objects.
+``schema.py`` says what may stand in it, ``reading.py`` reads and checks it, ``building.py`` makes the objects.
 """
 
 from armgpi.config.building import Experiment, build

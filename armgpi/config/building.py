@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import pairwise
@@ -13,22 +14,32 @@ from pydantic import BaseModel
 from armgpi.arrays import Array
 from armgpi.config.reading import Origin, Path_
 from armgpi.config.schema import (
+    BoxSection,
+    ControllerSection,
     ExperimentConfig,
     GPISection,
+    NetworkSection,
     PaperLoad,
+    PathSection,
     PIDSection,
+    PlantSection,
     ReferenceSection,
     RobotSection,
 )
 from armgpi.control.controller import Controller
-from armgpi.control.gains import FixedGains, default_omega
+from armgpi.control.gains import FixedGains, Gains, default_omega
 from armgpi.control.gpi import GPI
+from armgpi.control.network import BSplineNetwork
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiError, ConfigError, EffortError, NameNotFound
+from armgpi.paper.arm import PaperArm
 from armgpi.plants import actuators, loads, sensors
 from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
+from armgpi.references import paths
 from armgpi.references.bezier import minimum_duration
+from armgpi.references.cartesian import CartesianReference
+from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.robot import Robot
 
@@ -39,6 +50,12 @@ _MOVE_SHARE = 0.5
 _MOVE_ACCELERATION = 5.0
 #: How long a run goes on after its reference has ended, when nothing is said [s].
 _SETTLE = 2.0
+#: Time for a path without an end, when nothing is said [s].
+_PATH_TIME = 18.0
+#: Ends of a network's box when nothing is said, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
+_CALM, _ALERT = 22.0 / 30.0, 2.0
+#: Resolution that stands for the scale of errors where there is no encoder.
+_FINE_BITS = 22
 
 
 class _Place(NamedTuple):
@@ -81,7 +98,7 @@ class Experiment(NamedTuple):
     robot: Robot
     plant: Plant
     controllers: dict[str, Controller]
-    reference: Waypoints
+    reference: Reference
     t_final: float
     config: ExperimentConfig
 
@@ -96,7 +113,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     robot = _robot(config.robot, top.at("robot"))
     plant = _plant(config, robot, top.at("plant"))
     controllers: dict[str, Controller] = {}
-    sections: list[GPISection | PIDSection] = []
+    sections: list[ControllerSection] = []
     for index, section in enumerate(config.controllers):
         place = top.at("controllers", index)
         label = section.label or section.type
@@ -112,8 +129,8 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
                 raise top.at("robot", "effort").error(str(error.__cause__)) from None
             raise
         sections.append(section.model_copy(update={"label": label}))
-    reference, moves = _reference(config.reference, robot, top.at("reference"))
-    t_final = reference.t_end + _SETTLE if config.t_final is None else config.t_final
+    reference, end, moves = _reference(config.reference, robot, top.at("reference"))
+    t_final = end + _SETTLE if config.t_final is None else config.t_final
     if not 0.5 < t_final / config.sample_time <= _MAX_SAMPLES:
         raise top.at("t_final").error(
             f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
@@ -175,6 +192,8 @@ def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
             plant = sensors.Noisy(plant, noise.position, noise.velocity, config.seed)
         if section.encoder_bits is not None:
             plant = sensors.Encoder(plant, section.encoder_bits)
+        if section.velocity_bandwidth is not None:
+            plant = sensors.Differentiated(plant, section.velocity_bandwidth)
         if section.drop_out:
             plant = sensors.DropOut(plant, section.drop_out, config.seed)
         if section.delay:
@@ -187,7 +206,7 @@ def _loads(section: BaseModel, robot: Robot, place: _Place) -> list[loads.Load]:
     if isinstance(section, PaperLoad):
         if robot.n != 3:
             raise place.error(f"eqs. 29-31 are for an arm of 3 joints, this one has {robot.n}")
-        return loads.paper_disturbances()
+        return [*loads.paper_disturbances()]
     kinds: dict[str, Any] = {"step": loads.Step, "ramp": loads.Ramp, "sine": loads.Sine, "pulse": loads.Pulse}
     given = section.model_dump(exclude_none=True)
     kind = kinds[given.pop("type")]
@@ -199,35 +218,124 @@ def _loads(section: BaseModel, robot: Robot, place: _Place) -> list[loads.Load]:
 
 
 def _controller(
-    config: ExperimentConfig, section: GPISection | PIDSection, robot: Robot, place: _Place
-) -> tuple[GPISection | PIDSection, Controller]:
+    config: ExperimentConfig, section: ControllerSection, robot: Robot, place: _Place
+) -> tuple[ControllerSection, Controller]:
     """Return one controller, and its section with the defaults filled in."""
     dt = config.sample_time
     believed = robot if section.inertia_scale == 1.0 else robot.scaled_inertia(section.inertia_scale)
-
-    def values(key: str, default: float) -> Array:
-        return _per_joint(getattr(section, key), robot, place.at(key), default)
-
     if isinstance(section, PIDSection):
         defaults = {"kp": 400.0, "ki": 500.0, "kd": 40.0}
-        gains = {key: values(key, default) for key, default in defaults.items()}
+        gains = {
+            key: _per_joint(getattr(section, key), robot, place.at(key), default)
+            for key, default in defaults.items()
+        }
         return section, PIDInversion(believed, dt, **gains, bias_robot=robot)
     delay = config.plant.delay * dt
-    omega = default_omega(dt, delay)
-    if section.omega is None:
-        section = section.model_copy(update={"omega": omega})
-    omegas = values("omega", omega)
-    ps = None
-    if section.p is not None:
-        ps = _per_joint(section.p, robot, place.at("p"), omegas)
-    tuning = FixedGains(omegas, values("zeta", 1.0), ps)
+    adapted: Gains
+    if isinstance(section, NetworkSection):
+        section, adapted = _network(section, robot, default_omega(dt, delay), config.plant, place)
+    else:
+        section, adapted = _fixed_gains(section, robot, default_omega(dt, delay), place)
     return section, GPI(
-        believed, dt, tuning, realisation=section.realisation, start=section.start, delay=delay
+        believed, dt, adapted, realisation=section.realisation, start=section.start, delay=delay
     )
 
 
-def _reference(section: ReferenceSection, robot: Robot, place: _Place) -> tuple[Waypoints, ReferenceSection]:
-    """Return the reference, and its section with the defaults filled in."""
+def _fixed_gains(
+    section: GPISection, robot: Robot, omega: float, place: _Place
+) -> tuple[GPISection, FixedGains]:
+    """Return constant gains, `omega` where no bandwidth is given."""
+    if section.omega is None:
+        section = section.model_copy(update={"omega": omega})
+    omegas = _per_joint(section.omega or omega, robot, place.at("omega"), omega)
+    zetas = _per_joint(section.zeta, robot, place.at("zeta"), 1.0)
+    ps = None if section.p is None else _per_joint(section.p, robot, place.at("p"), omegas)
+    return section, FixedGains(omegas, zetas, ps)
+
+
+def _network(
+    section: NetworkSection, robot: Robot, omega: float, plant: PlantSection, place: _Place
+) -> tuple[NetworkSection, BSplineNetwork]:
+    """Return networks; where nothing is given, their box is around the default bandwidth `omega`."""
+    count = 2.0 * math.pi / 2.0 ** (plant.encoder_bits or _FINE_BITS)
+    filled = {
+        "omega": BoxSection(lower=omega * _CALM, upper=omega * _ALERT),
+        "error_range": count,
+        "dead_zone": 2.0 * count if plant.encoder_bits else 0.0,
+    }
+    missing = {key: value for key, value in filled.items() if getattr(section, key) is None}
+    section = section.model_copy(update=missing)
+
+    def box(key: str) -> Any:
+        value = getattr(section, key)
+        if value is None:
+            return None
+        if isinstance(value, BoxSection):
+            here = place.at(key)
+            ends = ("lower", "upper")
+            return tuple(_per_joint(getattr(value, end), robot, here.at(end), None) for end in ends)
+        return _per_joint(value, robot, place.at(key), None)
+
+    def each(key: str) -> Any:
+        value = getattr(section, key)
+        return None if value is None else _per_joint(value, robot, place.at(key), None)
+
+    network = BSplineNetwork(
+        omega_c=box("omega"),
+        zeta_c=box("zeta"),
+        p_c=box("p"),
+        learning=section.learning,
+        learning_rate=each("learning_rate"),
+        error_range=each("error_range"),
+        derivative_range=each("derivative_range"),
+        dead_zone=each("dead_zone"),
+        leak=section.leak,
+        rate=math.inf if section.rate is None else each("rate"),
+        bandwidth=section.bandwidth,
+        knots=section.knots,
+        order=section.order,
+    )
+    return section, network
+
+
+def _reference(
+    section: ReferenceSection, robot: Robot, place: _Place
+) -> tuple[Reference, float, ReferenceSection]:
+    """Return the reference, when it has ended [s], and its section with the defaults filled in."""
+    if section.path is None:
+        if section.frame is not None:
+            raise place.at("frame").error("goes with path")
+        return _moves(section, robot, place)
+    for key in ("points", "durations", "holds"):
+        if getattr(section, key) is not None:
+            raise place.at(key).error("cannot stand beside path: give one of the two")
+    frame = section.frame or robot.tip
+    with place.at("frame").blamed():
+        robot.frame_pose(frame, robot.middle())
+    with place.at("path").blamed():
+        path = _path(section.path)
+        reference = CartesianReference(robot, frame, path, PaperArm().inverse_kinematics)
+    end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
+    return reference, end, section.model_copy(update={"frame": frame})
+
+
+def _path(section: PathSection) -> paths.Path:
+    """Return a path in space."""
+    kinds: dict[str, Any] = {
+        "laser": paths.LaserPath,
+        "lissajous": paths.Lissajous,
+        "circle": paths.Circle,
+        "polyline": paths.Polyline,
+    }
+    given = section.model_dump()
+    path: paths.Path = kinds[given.pop("type")](**given)
+    return path
+
+
+def _moves(
+    section: ReferenceSection, robot: Robot, place: _Place
+) -> tuple[Waypoints, float, ReferenceSection]:
+    """Return moves from posture to posture; see `_reference`."""
     points: list[Array] = []
     holds = section.holds
     if section.points is None:
@@ -256,7 +364,7 @@ def _reference(section: ReferenceSection, robot: Robot, place: _Place) -> tuple[
         durations=durations,
         holds=0.0 if holds is None else holds,
     )
-    return reference, filled
+    return reference, reference.t_end, filled
 
 
 def _per_joint(

@@ -126,7 +126,8 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
         elif kind == "union_tag_invalid":
             path = (*path, context["discriminator"].strip("'"))
             known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
-            message = str(NameNotFound(str(path[-3]).rstrip("s"), context["tag"], known))
+            kind_of = [step for step in path[:-1] if isinstance(step, str)][-1]
+            message = str(NameNotFound(kind_of.rstrip("s"), context["tag"], known))
         else:
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
             message = f"{expected[0].lower()}{expected[1:]}, got {_shown(found)}"
@@ -203,6 +204,6 @@ _EXPECTED = {
     "greater_than_equal": "expected {ge:g} or more",
     "less_than": "expected a number below {lt:g}",
     "less_than_equal": "expected {le:g} or less",
-    "too_short": "expected at least {min_length}",
-    "too_long": "expected at most {max_length}",
+    "too_short": "expected at least {min_length} entries",
+    "too_long": "expected at most {max_length} entries",
 }

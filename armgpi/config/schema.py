@@ -90,6 +90,28 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class BoxSection(_Section):
+    """Lowest and highest value of a tuning parameter."""
+
+    lower: PerJointPositive
+    upper: PerJointPositive
+
+
+def _box_shape(value: Any) -> str:
+    """Tell how a box is given: by its two ends, or as one value that does not adapt."""
+    ends = isinstance(value, dict) and {"lower", "upper"} & set(value)
+    return "box" if ends or isinstance(value, BoxSection) else _shape(value)
+
+
+Box = Annotated[
+    Annotated[BoxSection, Tag("box")]
+    | Annotated[Positive, Tag("number")]
+    | Annotated[list[Positive], Tag("list")]
+    | Annotated[dict[str, Positive], Tag("mapping")],
+    Discriminator(_box_shape),
+]
+
+
 class RobotSection(_Section):
     """Which arm.
 
@@ -184,6 +206,8 @@ class PlantSection(_Section):
         drop_out: share of measurements lost.
         noise: measurement noise.
         torque_rate: highest rate of change of torque [N m/s or N/s].
+        velocity_bandwidth: when given, velocities come from differences of the measured positions, filtered
+            with it [rad/s]; exact velocities when not. GPI sees none.
     """
 
     payload: PayloadSection | None = None
@@ -196,6 +220,7 @@ class PlantSection(_Section):
     drop_out: NotNegative = Field(default=0.0, lt=1.0)
     noise: NoiseSection | None = None
     torque_rate: PerJointPositive | None = None
+    velocity_bandwidth: Positive | None = None
 
 
 class GPISection(_Section):
@@ -206,6 +231,51 @@ class GPISection(_Section):
     omega: PerJointPositive | None = None
     zeta: PerJointPositive = 1.0
     p: PerJointPositive | None = None
+    realisation: Literal["bumpless", "paper"] = "bumpless"
+    start: Literal["hold", "zero"] = "hold"
+    inertia_scale: Positive = 1.0
+
+
+class NetworkSection(_Section):
+    """GPI with gains that B-spline networks adapt; see :class:`armgpi.BSplineNetwork`.
+
+    Attributes:
+        label: name in tables.
+        omega: box of the natural frequency [rad/s]; from 22/30 of the default bandwidth to twice it when not
+            given, as the sample time and the delay allow.
+        zeta: box of the damping ratio, or one value.
+        p: box of the real pole [rad/s], or one value; follows omega when not given.
+        learning: "magnitude" or "signed" (eq. 23 to the letter).
+        learning_rate: l of eq. 23.
+        error_range: error at which a gain's aim is the upper end [rad or m]; an encoder count when not given.
+        derivative_range: end of the range of the filtered derivative [rad/s or m/s].
+        dead_zone: error that raises no gain [rad or m]; two encoder counts when not given.
+        leak: how fast what was learned is forgotten [1/s].
+        rate: rho of abs(d omega/dt) <= rho omega^2; no limit when not given.
+        bandwidth: of the derivative's filter [rad/s].
+        knots: of the basis functions over inputs scaled to [-1, 1], symmetric; two functions per input when
+            not given.
+        order: of the basis functions.
+        realisation: "bumpless" or "paper".
+        start: "hold" or "zero".
+        inertia_scale: multiplies the D(q) that it believes in.
+    """
+
+    type: Literal["network"]
+    label: str | None = None
+    omega: Box | None = None
+    zeta: Box = 0.75
+    p: Box | None = None
+    learning: Literal["magnitude", "signed"] = "magnitude"
+    learning_rate: PerJointNotNegative = 0.2
+    error_range: PerJointPositive | None = None
+    derivative_range: PerJointPositive = 1.0
+    dead_zone: PerJointNotNegative | None = None
+    leak: NotNegative = 5.0
+    rate: PerJointPositive | None = None
+    bandwidth: Positive = 60.0
+    knots: list[Number] | None = None
+    order: Whole = 3
     realisation: Literal["bumpless", "paper"] = "bumpless"
     start: Literal["hold", "zero"] = "hold"
     inertia_scale: Positive = 1.0
@@ -222,11 +292,55 @@ class PIDSection(_Section):
     inertia_scale: Positive = 1.0
 
 
-ControllerSection = Annotated[GPISection | PIDSection, Field(discriminator="type")]
+ControllerSection = Annotated[GPISection | NetworkSection | PIDSection, Field(discriminator="type")]
+
+
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class LaserSection(_Section):
+    """The laser path of eq. 28; see :class:`armgpi.references.paths.LaserPath`."""
+
+    type: Literal["laser"]
+    rate: Positive = 1.0 / 9.0
+
+
+class LissajousSection(_Section):
+    """A Lissajous curve; see :class:`armgpi.references.paths.Lissajous`."""
+
+    type: Literal["lissajous"]
+    centre: Vector
+    amplitude: Vector
+    omega: Vector
+    phase: Vector = [0.0, 0.0, 0.0]
+
+
+class CircleSection(_Section):
+    """A circle; see :class:`armgpi.references.paths.Circle`."""
+
+    type: Literal["circle"]
+    centre: Vector
+    radius: Positive
+    period: Positive
+    normal: Vector = [0.0, 0.0, 1.0]
+
+
+class PolylineSection(_Section):
+    """Straight lines from corner to corner; see :class:`armgpi.references.paths.Polyline`."""
+
+    type: Literal["polyline"]
+    corners: list[Vector] = Field(min_length=2)
+    durations: Times
+    holds: NotNegative = 0.0
+
+
+PathSection = Annotated[
+    LaserSection | LissajousSection | CircleSection | PolylineSection, Field(discriminator="type")
+]
 
 
 class ReferenceSection(_Section):
-    """Smooth moves from posture to posture, with holds.
+    """Smooth moves from posture to posture with holds, or a path of the tool in space.
 
     Attributes:
         points: postures [rad or m]; a mapping keeps the joints that it does not name where they were, and
@@ -234,11 +348,15 @@ class ReferenceSection(_Section):
             there and back.
         durations: of the moves [s]; gentle ones when not given.
         holds: at each posture [s]; 0 when not given, 1 when there are no points either.
+        path: instead of all these, where a frame shall go in space.
+        frame: which frame follows the path; the tip when not given.
     """
 
     points: list[PerJoint] | None = Field(default=None, min_length=1)
     durations: Times | None = None
     holds: Stands | None = None
+    path: PathSection | None = None
+    frame: str | None = None
 
 
 class ExperimentConfig(_Section):
@@ -277,8 +395,16 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "paper": PaperLoad,
     "noise": NoiseSection,
     "gpi": GPISection,
+    "network": NetworkSection,
+    "box": BoxSection,
     "pid": PIDSection,
     "reference": ReferenceSection,
+    "laser": LaserSection,
+    "lissajous": LissajousSection,
+    "circle": CircleSection,
+    "polyline": PolylineSection,
 }
+#: Of these, the ones that are keys.
+_KEYS = {"robot", "plant", "payload", "noise", "reference"}
 #: Steps of pydantic's locations that are tags and no keys.
-TAGS = {"number", "list", "mapping", "[key]", "step", "ramp", "sine", "pulse", "paper", "gpi", "pid"}
+TAGS = {"number", "list", "mapping", "[key]", "box", *(tag for tag in SECTIONS if tag not in _KEYS)}

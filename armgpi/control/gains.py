@@ -44,12 +44,15 @@ def betas(tuning: Tuning) -> Betas:
     """Return the gains that place the error dynamics on (s^2 + 2 zeta w s + w^2)^2 (s + p), eq. 25."""
     w, z, p = tuning
     w2 = w * w
+    damping = z * w
+    four = 4.0 * damping
+    product = p * four
     return Betas(
         beta0=p * w2 * w2,
-        beta1=4.0 * p * w2 * w * z + w2 * w2,
-        beta2=4.0 * w2 * w * z + 2.0 * p * w2 + 4.0 * p * z * z * w2,
-        beta3=2.0 * w2 + 4.0 * z * z * w2 + 4.0 * p * z * w,
-        beta4=4.0 * z * w + p,
+        beta1=w2 * (w2 + product),
+        beta2=w2 * (four + 2.0 * p) + product * damping,
+        beta3=2.0 * w2 + four * damping + product,
+        beta4=four + p,
     )
 
 

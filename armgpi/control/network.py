@@ -8,7 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_number, not_negative, per_joint, positive
+from armgpi.arrays import (
+    Array,
+    PerJointInput,
+    as_float_array,
+    check_number,
+    not_negative,
+    per_joint,
+    positive,
+)
 from armgpi.control.controller import common_batch
 from armgpi.control.gains import Gains, GainStep, Tuning
 from armgpi.control.splines import BSplineBasis
@@ -51,7 +59,10 @@ class BSplineNetwork(Gains):
     Attributes:
         learning: "magnitude" or "signed".
         size: number of basis functions.
+        boxes: once prepared, the lower and upper end of every tuning parameter by its name.
     """
+
+    boxes: Mapping[str, tuple[Array, Array]]
 
     def __init__(
         self,
@@ -59,12 +70,12 @@ class BSplineNetwork(Gains):
         zeta_c: Box = 0.75,
         p_c: Box | None = None,
         learning: str = "magnitude",
-        learning_rate: float = 0.2,
+        learning_rate: PerJointInput = 0.2,
         error_range: PerJointInput = 1e-4,
         derivative_range: PerJointInput = 1.0,
         dead_zone: PerJointInput = 2e-4,
         leak: float = 5.0,
-        rate: float = math.inf,
+        rate: PerJointInput = math.inf,
         bandwidth: float = 60.0,
         knots: Sequence[float] | None = None,
         order: int = 3,
@@ -92,12 +103,18 @@ class BSplineNetwork(Gains):
         """
         if learning not in ("magnitude", "signed"):
             raise ParameterError("learning", learning, "one of magnitude, signed")
-        highest = 2.0 if learning == "magnitude" else math.inf
-        self.learning_rate = check_number(learning_rate, "learning_rate", "zero or positive")
-        if self.learning_rate >= highest:
-            raise ParameterError("learning_rate", learning_rate, "below 2, where normalised LMS is stable")
+        rates = as_float_array(learning_rate, "learning_rate")
+        if (rates < 0.0).any():
+            raise ParameterError("learning_rate", float(rates.min()), "zero or positive")
+        if learning == "magnitude" and (rates >= 2.0).any():
+            raise ParameterError(
+                "learning_rate", float(rates.max()), "below 2, where normalised LMS is stable"
+            )
+        self.learning_rate = learning_rate
         self.leak = check_number(leak, "leak", "zero or positive [1/s]")
-        self.rate = math.inf if rate == math.inf else check_number(rate, "rate", "positive", open_=True)
+        self.rate = None if np.ndim(rate) == 0 and rate == math.inf else rate
+        if self.rate is not None and not (as_float_array(self.rate, "rate") > 0.0).all():
+            raise ParameterError("rate", rate, "positive")
         self.bandwidth = check_number(bandwidth, "bandwidth", "positive [rad/s]", open_=True)
         self.omega_c, self.zeta_c, self.p_c = omega_c, zeta_c, p_c
         self.learning = learning
@@ -108,6 +125,8 @@ class BSplineNetwork(Gains):
             if order != 3:
                 raise ParameterError("order", order, "3 with the default knots; give knots as well")
         self.basis = BSplineBasis(knots, order)
+        if not np.array_equal(self.basis.knots, -self.basis.knots[::-1]):
+            raise ArrayError("knots", f"expected knots symmetric about 0, got {self.basis.knots}")
         self.size = 2 * ((self.basis.size + 1) // 2)
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> BSplineNetwork:
@@ -119,15 +138,15 @@ class BSplineNetwork(Gains):
         """
         if self.bandwidth * dt >= 1.0:
             raise ParameterError("bandwidth", self.bandwidth, f"below 1 / dt = {1.0 / dt:g} rad/s")
-        if self.learning == "magnitude" and self.learning_rate + self.leak * dt >= 2.0:
-            raise ParameterError(
-                "leak", self.leak, f"below {(2.0 - self.learning_rate) / dt:g} 1/s at this dt"
-            )
+        highest = float(np.max(self.learning_rate))
+        if self.learning == "magnitude" and highest + self.leak * dt >= 2.0:
+            raise ParameterError("leak", self.leak, f"below {(2.0 - highest) / dt:g} 1/s at this dt")
         ready = object.__new__(BSplineNetwork)
         ready.__dict__.update(self.__dict__)
         names = joint_names
         boxes = {name: _box(getattr(self, name), name, names) for name in ("omega_c", "zeta_c")}
         boxes["p_c"] = boxes["omega_c"] if self.p_c is None else _box(self.p_c, "p_c", names)
+        ready.boxes = boxes
         ready._lower = Tuning(*(boxes[name][0] for name in Tuning._fields))
         ready._upper = Tuning(*(boxes[name][1] for name in Tuning._fields))
         ready._adapted = tuple(
@@ -139,12 +158,25 @@ class BSplineNetwork(Gains):
             per_joint(getattr(self, name), name, names, "positive", positive)
             for name in ("error_range", "derivative_range")
         )
-        ready._dead_zone = per_joint(self.dead_zone, "dead_zone", names, "zero or positive", not_negative)
+        ready._per_error, ready._per_derivative = 1.0 / ready._error_range, 1.0 / ready._derivative_range
+        ready._dead_zone, ready._learning_rate = (
+            per_joint(getattr(self, name), name, names, "zero or positive", not_negative)
+            for name in ("dead_zone", "learning_rate")
+        )
+        ready._rate = None
+        if self.learning == "magnitude" and self.rate is not None:
+            ready._rate = per_joint(self.rate, "rate", names, "positive", positive)
         ready._dt = dt
         # Share forgotten in a sample; what learns nothing forgets nothing.
-        ready._leak = self.leak * dt if self.learning_rate > 0.0 else 0.0
+        ready._leak = np.where(ready._learning_rate > 0.0, self.leak * dt, 0.0)
         ready.batch = common_batch(
-            *ready._lower, *ready._upper, ready._error_range, ready._derivative_range, ready._dead_zone
+            *ready._lower,
+            *ready._upper,
+            ready._error_range,
+            ready._derivative_range,
+            ready._dead_zone,
+            ready._learning_rate,
+            *(() if ready._rate is None else (ready._rate,)),
         )
         return ready
 
@@ -163,36 +195,29 @@ class BSplineNetwork(Gains):
         slope = self.bandwidth * (e - state.filtered)
         filtered = state.filtered + self._dt * slope
         a = self.activations(e, slope)
-        power = sum(x * x for x in a)
+        power = _dot(a, a)
         magnitude = self.learning == "magnitude"
         if magnitude:
-            size = np.minimum(np.maximum(np.abs(e) - self._dead_zone, 0.0) / self._error_range, 1.0)
+            size = np.minimum(np.maximum(np.abs(e) - self._dead_zone, 0.0) * self._per_error, 1.0)
         tuning, weights = {}, []
         for name, old in zip(self._adapted, state.weights, strict=True):
             low, high = getattr(self._lower, name), getattr(self._upper, name)
-            signal = self.learning_rate * e
+            raised = _dot(a, old)
             if magnitude:
-                raised = _dot(a, old)
                 short = np.maximum((high - low) * size - raised, 0.0)
-                signal = self.learning_rate * short - self._leak * raised
-            gain = learn * signal / power  # eq. 23
-            new = tuple(w + gain * x for w, x in zip(old, a, strict=True))
-            output = low + _dot(a, new)  # eq. 22
+                change = learn * (self._learning_rate * short - self._leak * raised)
+            else:
+                change = learn * (self._learning_rate * e)
+            gain = change / power  # eq. 23
+            weights.append(tuple([w + gain * x for w, x in zip(old, a, strict=True)]))
+            output = low + (raised + change)  # eq. 22 with the new weights: a a cancels
             tuning[name] = np.minimum(np.maximum(output, low), high) if magnitude else output
-            weights.append(new)
         whole = self._limited(tuning, state.tuning)
         return GainStep(whole, NetworkState(tuple(weights), filtered, whole))
 
     def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
         """Return the basis functions of the error [rad] and of its filtered derivative [rad/s]."""
-        values: list[Array] = []
-        for x in (e / self._error_range, slope / self._derivative_range):
-            functions = self.basis(x)
-            # The sum of a function and its mirror image is even in the input; one in the middle is already.
-            count = len(functions)
-            values.extend(functions[i] + functions[-1 - i] for i in range(count // 2))
-            values.extend(functions[count // 2 : count - count // 2])
-        return tuple(values)
+        return (*self.basis.even(e * self._per_error), *self.basis.even(slope * self._per_derivative))
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:
         """Return tuning and weights under their names."""
@@ -210,9 +235,9 @@ class BSplineNetwork(Gains):
         return {
             **boxes,
             "learning": self.learning,
-            "learning_rate": self.learning_rate,
+            "learning_rate": self._learning_rate.tolist(),
             "leak": self.leak,
-            "rate": None if math.isinf(self.rate) else self.rate,
+            "rate": None if self._rate is None else self._rate.tolist(),
             "bandwidth": self.bandwidth,
             "error_range": self._error_range.tolist(),
             "derivative_range": self._derivative_range.tolist(),
@@ -224,8 +249,8 @@ class BSplineNetwork(Gains):
     def _limited(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
         """Return a whole tuning, omega_c within its rate limit, what is not adapted as it was."""
         omega = tuning.get("omega_c", last.omega_c)
-        if self.learning == "magnitude" and self.rate < math.inf:
-            most = self._dt * self.rate * last.omega_c * last.omega_c
+        if self._rate is not None:
+            most = self._dt * self._rate * last.omega_c * last.omega_c
             omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
         p = omega if self.p_c is None else tuning.get("p_c", last.p_c)
         return Tuning(omega, tuning.get("zeta_c", last.zeta_c), p)
@@ -236,8 +261,12 @@ class BSplineNetwork(Gains):
     _error_range: Array
     _derivative_range: Array
     _dead_zone: Array
+    _per_error: Array
+    _per_derivative: Array
+    _learning_rate: Array
+    _rate: Array | None
     _dt: float
-    _leak: float
+    _leak: Array
 
 
 def _box(value: Any, name: str, joint_names: Sequence[str]) -> tuple[Array, Array]:

@@ -80,23 +80,24 @@ class Bumpless(Realisation):
     def coefficients(self, tuning: Tuning, dt: float) -> _BumplessCoefficients:
         """Return the coefficients of the trapezoidal rule; see :meth:`Realisation.coefficients`."""
         beta0, beta1, beta2, beta3, beta4 = betas(tuning)
-        b = (beta1 - beta0 / beta4) / beta4
         c = beta0 / beta4
-        d = (((-beta3 * beta4 + beta2) * beta4 - beta1) * beta4 + beta0) / (beta4 * beta4)
+        b = (beta1 - c) / beta4
+        d = beta2 - beta3 * beta4 - b
         half = 0.5 * dt
-        decay = (1.0 - half * beta4) / (1.0 + half * beta4)
-        filtered = half * d / (1.0 + half * beta4)
-        omega = tuning.omega_c
+        shrunk = half * beta4
+        decay = (1.0 - shrunk) / (1.0 + shrunk)
+        filtered = half * d / (1.0 + shrunk)
+        back = dt * tuning.omega_c
         return _BumplessCoefficients(
-            direct=-(beta3 + half * b + half * half * c + filtered),
+            direct=-(beta3 + half * (b + half * c) + filtered),
             lam=dt * (b + dt * c),
             chi=dt * c,
             eta=(1.0 + decay) * filtered,
             decay=decay,
             dt=np.array(dt),
             # Back-calculation on both integrators: on lam alone it diverges for fast loops.
-            back_lam=3.0 * dt * omega,
-            back_chi=2.0 * dt * omega * omega,
+            back_lam=3.0 * back,
+            back_chi=2.0 * back * tuning.omega_c,
         )
 
     def init(self, hold: Array, c: _BumplessCoefficients) -> BumplessState:

@@ -49,6 +49,11 @@ class BSplineBasis:
         self.size = len(self.knots) - order
         self.lower = float(self.knots[order - 1])
         self.upper = float(self.knots[-order])
+        t = self.knots.tolist()
+        self._terms = _recursion(t, order)
+        self._whole = [i for i in range(len(t) - 1) if t[i] < t[i + 1]]
+        # Intervals that can hold the size of an input: where it is one, nothing needs to be looked up.
+        self._right = [i for i in self._whole if t[i + 1] > 0.0]
 
     @classmethod
     def uniform(cls, lower: float, upper: float, intervals: int = 1, order: int = 3) -> BSplineBasis:
@@ -61,22 +66,53 @@ class BSplineBasis:
 
     def __call__(self, x: Array) -> tuple[Array, ...]:
         """Return the value of every function at `x`, clipped to the domain: `size` arrays shaped like x."""
+        values = self._functions(np.minimum(np.maximum(x, self.lower), self.upper), self._whole)
+        return tuple([values[i] if i in values else np.zeros_like(x) for i in range(self.size)])
+
+    def even(self, x: Array) -> tuple[Array, ...]:
+        """Return the sums of each function and its mirror image, half as many; knots symmetric about 0.
+
+        They are even in `x` and add up to one. The function in the middle is its own mirror image.
+        """
+        values = self._functions(np.minimum(np.abs(x), self.upper), self._right)
+        # Of |x|: every mirror image reaches right of 0, its function perhaps not.
+        pairs = [(self.size - 1 - i, i) for i in range(self.size // 2)]
+        folded = [values[i] + values[j] if j in values else values[i] for i, j in pairs]
+        return (*folded, values[self.size // 2]) if self.size % 2 else tuple(folded)
+
+    def _functions(self, x: Array, intervals: Sequence[int]) -> dict[int, Array]:
+        """Return the functions at `x`, which lies in one of the intervals (knots i to i + 1).
+
+        Those that are zero on all the intervals are left out.
+        """
         t = self.knots
-        x = np.minimum(np.maximum(x, self.lower), self.upper)
-        last = int(np.flatnonzero(t[:-1] < t[1:])[-1])
-        # Order 1: one in its own interval; the last interval includes its upper end.
-        values = [
-            np.where((x >= t[i]) & ((x < t[i + 1]) if i != last else (x <= t[i + 1])), 1.0, 0.0)
-            for i in range(len(t) - 1)
-        ]
-        for order in range(2, self.order + 1):
-            raised: list[Array] = []
-            for i in range(len(t) - order):
-                total = np.zeros_like(x)
-                if t[i + order - 1] > t[i]:
-                    total = total + (x - t[i]) / (t[i + order - 1] - t[i]) * values[i]
-                if t[i + order] > t[i + 1]:
-                    total = total + (t[i + order] - x) / (t[i + order] - t[i + 1]) * values[i + 1]
-                raised.append(total)
+        # Order 1: one in its own interval; the last one includes its upper end.
+        values: dict[int, Array] = {}
+        for i in intervals:
+            left, right = i == intervals[0] or x >= t[i], i == intervals[-1] or x < t[i + 1]
+            values[i] = np.where(left & right, 1.0, 0.0) if len(intervals) > 1 else np.ones_like(x)
+        for terms in self._terms:
+            raised: dict[int, Array] = {}
+            for function, part, knot, slope in terms:
+                if part in values:
+                    product = (x - knot) * slope * values[part]
+                    raised[function] = raised[function] + product if function in raised else product
             values = raised
-        return tuple(values)
+        return values
+
+
+def _recursion(t: Sequence[float], order: int) -> list[list[tuple[int, int, float, float]]]:
+    """Return the terms of the recursion, a list per order from 2 on.
+
+    A term (function, part, knot, slope) says: add (x - knot) slope times part of the order below.
+    """
+    steps = []
+    for k in range(2, order + 1):
+        terms = []
+        for i in range(len(t) - k):
+            if t[i + k - 1] > t[i]:
+                terms.append((i, i, t[i], 1.0 / (t[i + k - 1] - t[i])))
+            if t[i + k] > t[i + 1]:
+                terms.append((i, i + 1, t[i + k], -1.0 / (t[i + k] - t[i + 1])))
+        steps.append(terms)
+    return steps

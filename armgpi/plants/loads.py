@@ -159,7 +159,7 @@ def multi_sine(
     return [Sine(a, w, p, onset) for a, w, p in zip(amplitudes, omegas, phases, strict=True)]
 
 
-def paper_disturbances() -> list[Load]:
+def paper_disturbances() -> list[Sine]:
     """Return the vibrating torques of scenario 3 on the paper's arm, eqs. 29-31."""
     cosine = math.pi / 2.0
     return [

@@ -6,8 +6,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from armgpi.arrays import Array, PerJointInput, check_number, check_whole, not_negative, per_joint
+from armgpi.arrays import Array, PerJointInput, check_number, check_whole, not_negative, per_joint, positive
 from armgpi.control.controller import FullState, common_batch
 from armgpi.plants import noise
 from armgpi.plants.plant import Plant, Wrapper
@@ -17,15 +18,19 @@ class Encoder(Wrapper):
     """Positions in steps of an encoder; velocities stay as they are.
 
     Attributes:
-        bits: resolution.
-        step_size: one count [rad or m], shape (n,): a turn / 2^bits, for a prismatic joint its
+        bits: resolution, shape (n,) or (batch, n).
+        step_size: one count [rad or m], likewise: a turn / 2^bits, for a prismatic joint its
             travel / 2^bits (1 m where it has no limits).
     """
 
-    def __init__(self, plant: Plant, bits: int = 16) -> None:
-        """Put an encoder of `bits` bits (1 to 52) on every joint of `plant`."""
+    def __init__(self, plant: Plant, bits: PerJointInput = 16) -> None:
+        """Put an encoder of `bits` bits (whole numbers from 1 to 52) on every joint of `plant`."""
         super().__init__(plant)
-        self.bits = check_whole(bits, "bits", 1, 52)
+        names = plant.robot.joint_names
+        if np.ndim(bits) == 0:
+            bits = check_whole(bits, "bits", 1, 52)
+        self.bits = per_joint(bits, "bits", names, "whole numbers from 1 to 52 as", _are_bits)
+        self.batch = common_batch(plant.batch, self.bits)
         travel = plant.robot.limits.upper - plant.robot.limits.lower
         linear = np.array([kind == "prismatic" for kind in plant.robot.joint_types])
         self.step_size = (
@@ -40,7 +45,8 @@ class Encoder(Wrapper):
 
     def parameters(self) -> dict[str, Any]:
         """Return the resolution."""
-        return {"bits": self.bits}
+        whole = self.bits.astype(int)
+        return {"bits": int(whole.flat[0]) if (whole == whole.flat[0]).all() else whole.tolist()}
 
 
 class Noisy(Wrapper):
@@ -115,6 +121,55 @@ class Delayed(Wrapper):
         return {"samples": self.samples}
 
 
+class _Differences(NamedTuple):
+    plant: Any
+    seen: FullState
+
+
+class Differentiated(Wrapper):
+    """Velocities from filtered differences of the measured positions: what a drive without a tachometer has.
+
+    The filter is bandwidth s / (s + bandwidth), by the trapezoidal rule.
+
+    Attributes:
+        bandwidth: of the filter [rad/s], shape (n,) or (batch, n).
+    """
+
+    def __init__(self, plant: Plant, bandwidth: PerJointInput = 200.0) -> None:
+        """Differentiate what the sensors of `plant` say, with a filter of `bandwidth` [rad/s]."""
+        super().__init__(plant)
+        names = plant.robot.joint_names
+        self.bandwidth = per_joint(bandwidth, "bandwidth", names, "positive [rad/s]", positive)
+        self.batch = common_batch(plant.batch, self.bandwidth)
+
+    def init(self, q: Array, v: Array) -> _Differences:
+        """Return the state; before time 0 the arm stood still."""
+        state = self.plant.init(q, v)
+        measured = self.plant.measure(state)
+        return _Differences(state, FullState(measured.q, np.zeros_like(measured.v)))
+
+    def step(self, tau: Array, state: _Differences, dt: float) -> _Differences:
+        """Return the next state with its velocities."""
+        plant = self.plant.step(tau, state.plant, dt)
+        q = self.plant.measure(plant).q
+        half = 0.5 * self.bandwidth * dt
+        decay = (1.0 - half) / (1.0 + half)
+        v = decay * state.seen.v + self.bandwidth / (1.0 + half) * (q - state.seen.q)
+        return _Differences(plant, FullState(q, v))
+
+    def measure(self, state: _Differences) -> FullState:
+        """Return the positions as they are measured, and the velocities."""
+        return state.seen
+
+    def truth(self, state: _Differences) -> Any:
+        """Return the true state."""
+        return self.plant.truth(state.plant)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the bandwidth."""
+        return {"bandwidth": self.bandwidth.tolist()}
+
+
 class _Held(NamedTuple):
     plant: Any
     last: FullState
@@ -157,3 +212,8 @@ class DropOut(Wrapper):
     def parameters(self) -> dict[str, Any]:
         """Return probability and seed."""
         return {"probability": self.probability, "seed": self.seed}
+
+
+def _are_bits(bits: Array) -> npt.NDArray[np.bool_]:
+    """Tell which numbers of bits an encoder can have."""
+    return np.asarray((bits >= 1.0) & (bits <= 52.0) & (bits == np.rint(bits)))

@@ -29,7 +29,13 @@ class PathPoint(NamedTuple):
 
 
 class Path(ABC):
-    """A curve x(t) in the base frame, with two derivatives."""
+    """A curve x(t) in the base frame, with two derivatives.
+
+    Attributes:
+        t_end: when it is over [s]; infinite for a curve that goes on.
+    """
+
+    t_end: float = math.inf
 
     @abstractmethod
     def at(self, t: float | Array) -> PathPoint:
@@ -149,6 +155,8 @@ class Polyline(Path):
 
     Attributes:
         corners: the corners [m], shape (m, 3).
+        durations: of the lines [s].
+        holds: how long it stands at each corner [s].
     """
 
     def __init__(
@@ -156,12 +164,9 @@ class Polyline(Path):
     ) -> None:
         """Define the corners, the durations of the lines [s] and the time to stand at each corner [s]."""
         self.corners = np.stack([_vector(corner, "corners") for corner in corners])
+        self.durations, self.holds = durations, holds
         self._moves = Waypoints(list(self.corners), durations, holds)
-
-    @property
-    def t_end(self) -> float:
-        """When the last corner is reached and its hold over [s]."""
-        return float(self._moves.t_end)
+        self.t_end = float(self._moves.t_end)
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""

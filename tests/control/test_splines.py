@@ -88,3 +88,21 @@ def test_inputs_beyond_the_domain_count_as_its_ends() -> None:
 def test_bad_knots_are_named(arguments: Any, error: type[ArmgpiError], named: str) -> None:
     with pytest.raises(error, match=named):
         BSplineBasis(*arguments)
+
+
+@given(st.integers(1, 5), st.lists(st.floats(0.1, 1.0), min_size=1, max_size=3), st.booleans())
+def test_folded_functions_are_the_sums_of_functions_and_their_mirror_images(
+    order: int, steps: list[float], middle: bool
+) -> None:
+    right = np.cumsum(steps)
+    inner = np.concatenate([-right[::-1], [0.0] if middle else [], right])
+    basis = BSplineBasis(np.concatenate([[inner[0]] * (order - 1), inner, [inner[-1]] * (order - 1)]), order)
+    x = np.linspace(-1.2 * inner[-1], 1.2 * inner[-1], 101)
+    x = x[np.abs(x)[:, None].min(axis=1) > 1e-9]  # at 0 a function of order 1 is on one side only
+    values, folded = np.array(basis(x)), np.array(basis.even(x))
+    half = basis.size // 2
+    expected = [values[i] + values[-1 - i] for i in range(half)] + list(values[half : basis.size - half])
+    assert len(folded) == (basis.size + 1) // 2
+    np.testing.assert_allclose(folded.sum(axis=0), 1.0, atol=ROUNDING)
+    if order > 1:  # steps are not even where they jump
+        np.testing.assert_allclose(folded, expected, atol=ROUNDING)

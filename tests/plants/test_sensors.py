@@ -13,10 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
+from scipy.signal import cont2discrete, lfilter
 
 from armgpi import (
     GPI,
     Delayed,
+    Differentiated,
     DropOut,
     Encoder,
     FixedGains,
@@ -247,3 +249,45 @@ def test_a_bad_parameter_is_named(
 ) -> None:
     with pytest.raises(error, match=named):
         wrap(STILL, **options)
+
+
+# Velocities from differences.
+
+
+def test_differences_are_the_filter_that_scipy_discretises() -> None:
+    bandwidth, count = 80.0, 60
+    _, seen_q, seen_v = readings(
+        Differentiated(Encoder(STILL, 12), bandwidth), count, ZERO, np.array([0.5, -0.3, 0.2])
+    )
+    numerator, denominator, _ = cont2discrete(([bandwidth, 0.0], [1.0, bandwidth]), DT, method="bilinear")
+    expected = lfilter(np.ravel(numerator), denominator, seen_q - seen_q[0], axis=0)
+    np.testing.assert_allclose(seen_v, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_differences_of_a_steady_turn_settle_on_its_speed() -> None:
+    _, _, seen = drift(lambda plant: Differentiated(plant, 200.0), 200)
+    np.testing.assert_allclose(seen[-1], 1.0, rtol=1e-9)
+
+
+def test_encoders_and_filters_may_differ_from_rollout_to_rollout() -> None:
+    bits, bandwidth = np.array([[12.0], [16.0]]), np.array([[50.0], [200.0]])
+    both = Differentiated(Encoder(STILL, bits), bandwidth)
+    assert both.batch == 2
+    v = np.array([0.5, -0.3, 0.2])
+    together = readings(both, 20, np.zeros((2, 3)), np.tile(v, (2, 1)))
+    for row in range(2):
+        alone = Differentiated(Encoder(STILL, int(bits[row, 0])), float(bandwidth[row, 0]))
+        for mine, theirs in zip(readings(alone, 20, ZERO, v), together, strict=True):
+            np.testing.assert_array_equal(mine, theirs[:, row])
+
+
+@pytest.mark.parametrize("bits", [0, 53, 16.5, [16, 16], math.nan])
+def test_bits_that_no_encoder_has_are_refused(bits: Any) -> None:
+    with pytest.raises(ArmgpiError, match="bits"):
+        Encoder(STILL, bits)
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -1.0, math.nan])
+def test_a_filter_needs_a_bandwidth(bandwidth: float) -> None:
+    with pytest.raises(ArrayError, match="bandwidth"):
+        Differentiated(STILL, bandwidth)

@@ -1,0 +1,60 @@
+"""The commands about the paper: reproduce and scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from armgpi.cli.options import FLAG
+
+
+def reproduce(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to put tables and figures.")
+    ] = Path("reproduction"),
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", metavar=FLAG, help="A step of 1e-3 s and no side studies: under half a minute."
+        ),
+    ] = False,
+) -> None:
+    """Run the paper again: Tables 2-4 and Figures 5-13, published beside ours, and what it leaves open.
+
+    \b
+    armgpi reproduce
+    armgpi reproduce --quick --out quick
+    """  # noqa: D301 (\b keeps the lines apart)
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        from armgpi.cli.words import refusal
+
+        raise refusal("", "reproduce draws with Matplotlib: pip install 'armgpi[viz]'") from None
+    from armgpi.paper.reproduction import reproduce as run
+
+    done = run(out, quick=quick, done=lambda name: typer.echo(f"done: {name}", err=True))
+    typer.echo(done.summary)
+    typer.echo(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
+
+
+def scenarios(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Which one to print.", show_default=False)
+    ] = None,
+) -> None:
+    """List the paper's scenarios, or print one as an experiment file to edit.
+
+    \b
+    armgpi compare --config scenario-5.3
+    armgpi scenarios scenario-5.3 > mine.yaml
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.paper.scenarios import locate, names
+
+    if name is not None:
+        typer.echo(locate(name).read_text(encoding="utf-8"), nl=False)
+        return
+    for each in names():
+        typer.echo(each)

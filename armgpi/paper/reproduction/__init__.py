@@ -1,0 +1,205 @@
+"""Everything the paper shows, run again: Tables 2-4, Figures 5-13, and what the paper does not say.
+
+``runs.py`` has the rollouts, ``tables.py`` and ``figures.py`` what is made of them.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import xarray as xr
+
+from armgpi.errors import RolloutError
+from armgpi.experiment import prepare
+from armgpi.paper import published
+from armgpi.paper.reproduction import figures, runs, tables
+from armgpi.paper.reproduction.tables import Sheet
+
+__all__ = ["Reproduction", "reproduce"]
+
+_TOP = """# The paper, reproduced
+
+Galvan-Perez et al., *Neural Adaptive Robust Motion-Tracking Control for Robotic Manipulator Systems*,
+Actuators 2022, 11, 255. Ideal sensors at a sample time of {dt:g} s, real ones at 1 ms, {horizon:g} s.
+
+The tuned PID + inversion has three equal poles. With ideal sensors they are where the networks' bandwidth
+ends. With real ones they are at {pole:g} rad/s, with velocities from differences through a filter of
+{bandwidth:g} rad/s: the best of {count} candidates, as long as the torque varies no more than the networks'.
+
+Of the {cells} published cells of the proposal, ours (GPI, networks, ideal sensors) is {words}.
+{others}
+"""
+
+
+class Reproduction(NamedTuple):
+    """What came out.
+
+    Attributes:
+        sheets: the tables.
+        summary: in words, as Markdown.
+        files: what was written.
+    """
+
+    sheets: list[Sheet]
+    summary: str
+    files: list[Path]
+
+
+def reproduce(
+    folder: Path,
+    quick: bool = False,
+    workers: int | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> Reproduction:
+    """Run everything and write tables (Markdown, CSV, LaTeX) and figures (PNG, SVG).
+
+    Args:
+        folder: where to, made if needed.
+        quick: a sample time of 1e-3 s in place of the paper's 1e-4 s, lower bandwidths to go with it; no
+            sensitivity, no ablation, no sweep of the literal law, and PNG figures alone.
+        workers: processes; as many as there are cores when not given.
+        done: called with the name of each batch when it is done.
+
+    Raises:
+        RolloutError: when the folder or a file cannot be written.
+    """
+    prepare(folder)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers or _cores(), mp_context=context, initializer=_one_thread) as pool:
+        try:
+            found = _run_all(runs.QUICK if quick else runs.FULL, quick, pool, done)
+            sources = figures.Sources.of(found.ideal_gpi, found.ideal_pid, found.ablation)
+            endings = ("png",) if quick else ("png", "svg")
+            names = figures.names(sources)
+            drawn = [pool.submit(figures.write, name, sources, folder, endings) for name in names]
+            sheets, words = _sheets(found)
+            files = [*_write(folder, sheets, words), *(file for job in drawn for file in job.result())]
+        except BaseException:  # Ctrl-C above all: nobody waits for what nobody will see
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+    return Reproduction(sheets, words, files)
+
+
+class _Found(NamedTuple):
+    """The batches, by what they are."""
+
+    setting: runs.Setting
+    tuned: runs.Poles
+    ideal_gpi: xr.Dataset
+    ideal_literal: xr.Dataset
+    ideal_pid: xr.Dataset
+    real_gpi: xr.Dataset
+    real_literal: xr.Dataset
+    real_pid: xr.Dataset
+    sensitivity: xr.Dataset | None
+    ablation: xr.Dataset | None
+    sweep: dict[str, xr.Dataset]
+
+
+def _run_all(setting: runs.Setting, quick: bool, pool: Executor, done: Callable[[str], None]) -> _Found:
+    """Run the batches, several at a time."""
+
+    def submit(name: str, job: Callable[..., xr.Dataset], *arguments: object) -> Future[xr.Dataset]:
+        future = pool.submit(job, *arguments)
+        future.add_done_callback(lambda _: done(name))
+        return future
+
+    # The longest first; the tuned PID waits for the torque budget.
+    ideal_gpi = submit("GPI, ideal sensors", runs.ideal_gpi, setting)
+    real_gpi = submit("GPI, real sensors", runs.real_gpi)
+    candidates = submit("PID + inversion, candidates", runs.candidates, setting)
+    ideal_pid = submit("PID + inversion, ideal sensors", runs.ideal_pid, setting)
+    ideal_literal = submit("as printed, ideal sensors", runs.ideal_literal, setting)
+    real_literal = submit("as printed, real sensors", runs.real_literal)
+    sensitivity = None if quick else submit("sensitivity", runs.sensitivity)
+    ablation = None if quick else submit("ablation", runs.ablation)
+    realisations = () if quick else ("paper", "bumpless")
+    sweep = {name: submit(f"literal law, {name}", runs.sweep, name) for name in realisations}
+    tuned = runs.best_candidate(candidates.result(), real_gpi.result())
+    real_pid = submit("PID + inversion, real sensors", runs.real_pid, tuned)
+    return _Found(
+        setting,
+        tuned,
+        ideal_gpi.result(),
+        ideal_literal.result(),
+        ideal_pid.result(),
+        real_gpi.result(),
+        real_literal.result(),
+        real_pid.result(),
+        sensitivity.result() if sensitivity else None,
+        ablation.result() if ablation else None,
+        {name: future.result() for name, future in sweep.items()},
+    )
+
+
+def _sheets(found: _Found) -> tuple[list[Sheet], str]:
+    """Return the tables, and what they say in words."""
+    ideal = [("ideal", x) for x in (found.ideal_literal, found.ideal_gpi, found.ideal_pid)]
+    real = [("real", x) for x in (found.real_literal, found.real_gpi, found.real_pid)]
+    contenders = tables.contenders([*ideal, *real])
+    holding = runs.holding_cost()
+    sheets = [
+        tables.comparison(table, sensors, contenders, holding)
+        for sensors in ("ideal", "real")
+        for table in published.TABLES
+    ]
+    statuses = tables.statuses(contenders)
+    horizon = float(found.real_gpi["time"][-1])
+    counts = tables.count_statuses(statuses, runs.NETWORK, "ideal")
+    others = tables.not_better(statuses, runs.NETWORK, "ideal", holding)
+    words = _TOP.format(
+        dt=found.setting.dt,
+        horizon=horizon,
+        pole=found.tuned.pole,
+        bandwidth=found.tuned.bandwidth,
+        count=math.prod(map(len, found.setting.candidates)),
+        cells=sum(counts.values()),
+        words=", ".join(f"{status} in {count}" for status, count in counts.items()),
+        others="\n".join(f"- {text}" for text in others),
+    )
+    if found.ablation is not None:
+        words += "\n" + "\n".join(f"- {text}" for text in tables.ablation_in_words(found.ablation)) + "\n"
+        sheets.append(tables.ablation(found.ablation))
+    if found.sweep:
+        sheets.append(tables.sweep(found.sweep))
+    if found.sensitivity is not None:
+        sheets.append(tables.sensitivity(found.sensitivity, horizon))
+    return [*sheets, statuses], words
+
+
+def _write(folder: Path, sheets: list[Sheet], words: str) -> list[Path]:
+    """Write the tables and return the files."""
+    texts = {"reproduction.md": "\n".join([words, *(sheet.markdown() for sheet in sheets)])}
+    for sheet in sheets:
+        texts[f"{sheet.name}.md"] = sheet.markdown()
+        texts[f"{sheet.name}.csv"] = sheet.csv()
+        texts[f"{sheet.name}.tex"] = sheet.latex()
+    try:
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    return [folder / name for name in texts]
+
+
+def _one_thread() -> None:
+    """Keep a worker to its own core, and let the parent alone answer Ctrl-C."""
+    import signal
+
+    os.environ["OMP_NUM_THREADS"] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _cores() -> int:
+    """Return how many processes can work at a time."""
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return max(1, os.cpu_count() or 1)

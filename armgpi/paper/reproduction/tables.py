@@ -1,0 +1,342 @@
+"""Tables of the reproduction, as Markdown, CSV and LaTeX."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from armgpi import metrics
+from armgpi.arrays import Array
+from armgpi.paper import published
+from armgpi.paper.reproduction import runs
+from armgpi.rollout import describe_end
+
+JOINTS = ("q1", "q2", "q3")
+_SEEN = {"Measurement": "positions", "FullState": "positions, velocities"}
+
+
+class Sheet(NamedTuple):
+    """A table of text.
+
+    Attributes:
+        name: name of its files.
+        title: what it shows.
+        note: what to know when reading it.
+        header: headings of the columns.
+        rows: the cells.
+    """
+
+    name: str
+    title: str
+    note: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+    def markdown(self) -> str:
+        """Return the table as Markdown."""
+        lines = [self.header, ("---",) * len(self.header), *self.rows]
+        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return f"### {self.title}\n\n{self.note}\n\n{table}\n"
+
+    def csv(self) -> str:
+        """Return the table as CSV."""
+        out = io.StringIO()
+        csv.writer(out, lineterminator="\n").writerows([self.header, *self.rows])
+        return out.getvalue()
+
+    def latex(self) -> str:
+        """Return the table as LaTeX, without any package."""
+        lines = [" & ".join(map(_latex, line)) + r" \\" for line in [self.header, *self.rows]]
+        body = "\n".join([lines[0], r"\hline", *lines[1:]])
+        columns = "l" * len(self.header)
+        return (
+            "\\begin{table}\n\\centering\\small\n"
+            f"\\caption{{{_latex(self.title)}. {_latex(self.note)}}}\n"
+            f"\\begin{{tabular}}{{{columns}}}\n{body}\n\\end{{tabular}}\n\\end{{table}}\n"
+        )
+
+
+class Contender(NamedTuple):
+    """One rollout as a row of Tables 2 to 4.
+
+    Attributes:
+        name: who.
+        sensors: "ideal" or "real".
+        scale: factor on D(q).
+        itae: [rad s^2], shape (3,); infinite when it diverged.
+        isci: [(N m)^2 s], likewise.
+        variation: of torque, all joints [N m].
+        end: how it ended, in words.
+        sees: what it was given, in words.
+    """
+
+    name: str
+    sensors: str
+    scale: float
+    itae: Array
+    isci: Array
+    variation: float
+    end: str
+    sees: str
+
+
+def contenders(results: Sequence[tuple[str, xr.Dataset]]) -> list[Contender]:
+    """Return the rollouts that belong into Tables 2 to 4; each result comes with its sensors' name."""
+    figure_only = (runs.SCENARIO_1, runs.SCENARIO_2, runs.UNDISTURBED)
+    found = []
+    for sensors, result in results:
+        itae, isci = metrics.itae(result).values, metrics.isci(result).values
+        chatter, ends = runs.variation(result).values, describe_end(result)
+        for row, name in enumerate(result["label"].values):
+            if name not in figure_only:
+                sees = _SEEN[str(result["sees"].values[row])]
+                scale = float(result["scale"].values[row])
+                figures = (itae[row], isci[row], float(chatter[row]))
+                found.append(Contender(str(name), sensors, scale, *figures, ends[row], sees))
+    return found
+
+
+def comparison(table: published.Table, sensors: str, found: Sequence[Contender], holding: Array) -> Sheet:
+    """Return Table 2, 3 or 4: published beside ours."""
+    rows: list[tuple[str, ...]] = []
+    for name, cells in (("published PID-like", table.pid), ("published proposal", table.proposal)):
+        rows.append((name, "", *map(_short, (*cells.itae, *cells.isci)), "not stated", ""))
+    rows.append(("holding against gravity and load alone", "", "", "", "", *map(_short, holding), "", ""))
+    for one in found:
+        if (one.sensors, one.scale) != (sensors, table.inertia_scale):
+            continue
+        figures = map(_short, (*one.itae, *one.isci, one.variation))
+        rows.append((one.name, one.sees, *figures, one.end))
+        if one.name in (runs.NETWORK, runs.NEAR_PID):
+            against = _published(table, one.name)
+            words = (cell.status for cell in _cells(table, one))
+            whom = "PID-like" if against is table.pid else "proposal"
+            rows.append((f"... against the published {whom}", "", *words, "", ""))
+    change = {1.0: "", 1.2: " plus 20 %", 0.8: " minus 20 %"}[table.inertia_scale]
+    where = {
+        "ideal": "ideal sensors",
+        "real": f"{runs.BITS}-bit encoders at 1 kHz, one sample of delay, torque limits",
+    }[sensors]
+    header = (
+        "controller",
+        "sees",
+        *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
+        *(f"ISCI {joint} [(N m)² s]" for joint in JOINTS),
+        "torque variation [N m]",
+        "end",
+    )
+    return Sheet(
+        f"table-{table.number}-{sensors}",
+        f"Table {table.number} (D(q){change}), {where}",
+        "Smaller is better everywhere.",
+        header,
+        rows,
+    )
+
+
+class _Cell(NamedTuple):
+    joint: str
+    figure: str
+    ours: float
+    published: float
+    status: str
+
+
+def _cells(table: published.Table, one: Contender) -> Iterator[_Cell]:
+    """Return the published cells that a contender is held against, with its own figures."""
+    theirs = _published(table, one.name)
+    for figure in ("itae", "isci"):
+        for joint, ours, cell in zip(JOINTS, getattr(one, figure), getattr(theirs, figure), strict=True):
+            status = published.status(float(ours) if np.isfinite(ours) else None, cell)
+            yield _Cell(joint, figure.upper(), float(ours), cell, status)
+
+
+def _published(table: published.Table, name: str) -> published.Cells:
+    """Return the published column that a contender is held against."""
+    return table.pid if name in (runs.NEAR_PID, runs.TUNED_PID) else table.proposal
+
+
+def statuses(found: Sequence[Contender]) -> Sheet:
+    """Return every contender against every published cell."""
+    rows: list[tuple[str, ...]] = []
+    for table in published.TABLES:
+        for one in found:
+            if one.scale != table.inertia_scale:
+                continue
+            for cell in _cells(table, one):
+                where = (str(table.number), one.sensors, one.name, cell.figure, cell.joint)
+                rows.append((*where, _short(cell.ours), _short(cell.published), cell.status))
+    return Sheet(
+        "statuses",
+        "Every cell of Tables 2 to 4",
+        "GPI is held against the published proposal, PID + inversion against the published PID-like "
+        "controller: better (or equal), same order (less than ten times it), worse, diverged.",
+        ("table", "sensors", "controller", "figure", "joint", "ours", "published", "status"),
+        rows,
+    )
+
+
+def sensitivity(result: xr.Dataset, horizon: float) -> Sheet:
+    """Return what ITAE and ISCI do when a value that the paper does not give is halved or doubled."""
+    whole = {"x 1": horizon, "x 0.5": 0.5 * horizon, "x 2": 2.0 * horizon}
+    cut = {name: result.sel(time=slice(None, end + 1e-9)) for name, end in whole.items()}
+    first = cut["x 1"].isel(rollout=0)
+    cases = [(str(label), cut["x 1"].isel(rollout=i)) for i, label in enumerate(result["label"].values)]
+    cases[1:1] = [(f"horizon {name}", cut[name].isel(rollout=0)) for name in ("x 0.5", "x 2")]
+    base = metrics.itae(first).values
+    rows = []
+    for label, rollout in cases:
+        itae, isci = metrics.itae(rollout).values, metrics.isci(rollout).values
+        figures = (*map(_short, itae), *(f"{ratio:.2f}" for ratio in itae / base), *map(_short, isci))
+        rows.append((label, *figures))
+    return Sheet(
+        "sensitivity",
+        "Sensitivity to what the paper does not give",
+        "GPI with networks, ideal sensors, 1 kHz, 33.3..100 rad/s. The posture at rest is zero, which has no "
+        "half and no double: it is raised and lowered instead.",
+        (
+            "value",
+            *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
+            *(f"ITAE {joint}, ratio" for joint in JOINTS),
+            *(f"ISCI {joint} [(N m)² s]" for joint in JOINTS),
+        ),
+        rows,
+    )
+
+
+def ablation(result: xr.Dataset) -> Sheet:
+    """Return networks against fixed gains over encoder resolutions, with who wins in words."""
+    rows = []
+    for bits in runs.ABLATION_BITS:
+        costs = ablation_costs(result, bits)
+        network = costs[runs.NETWORK]
+        for label, cost in costs.items():
+            itae = metrics.itae(_at(result, label, bits)).values
+            row = (str(bits), label, *map(_short, (*itae, *cost)), _verdict(network, cost))
+            rows.append(row)
+    return Sheet(
+        "ablation",
+        "Networks against fixed gains",
+        "One sample of delay at 1 kHz. The last column says where the networks stand against the row.",
+        (
+            "encoder bits",
+            "gains",
+            *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
+            "ITAE, sum [rad s²]",
+            "torque variation [N m]",
+            "networks against it",
+        ),
+        rows,
+    )
+
+
+def ablation_costs(result: xr.Dataset, bits: int) -> dict[str, tuple[float, float]]:
+    """Return, at a resolution, each contender's sum of ITAE [rad s^2] and torque variation [N m]."""
+    labels = dict.fromkeys(str(label) for label in result["label"].values)
+    rollouts = {label: _at(result, label, bits) for label in labels}
+    return {
+        label: (float(metrics.itae(rollout).sum()), float(runs.variation(rollout)))
+        for label, rollout in rollouts.items()
+    }
+
+
+def ablation_in_words(result: xr.Dataset) -> list[str]:
+    """Return, for each resolution, a sentence on where the networks win and where they do not."""
+    sentences = []
+    for bits in runs.ABLATION_BITS:
+        costs = ablation_costs(result, bits)
+        network = costs.pop(runs.NETWORK)
+        parts = []
+        for verdict, text in (
+            ("better in both", "beat {} in both"),
+            ("tracks better, chatters more", "track better than {} at more chatter"),
+            ("tracks worse, chatters less", "track worse than {} at less chatter"),
+            ("worse in both", "lose against {} in both"),
+        ):
+            who = [
+                name.removeprefix("GPI, ")
+                for name, cost in costs.items()
+                if _verdict(network, cost) == verdict
+            ]
+            if who:
+                parts.append(text.format(", ".join(name.removeprefix("GPI, ") for name in who)))
+        sentences.append(f"{bits} bits: the networks {'; they '.join(parts)}.")
+    return sentences
+
+
+def sweep(results: dict[str, xr.Dataset]) -> Sheet:
+    """Return where eq. 23 to the letter diverges, over the learning rate, D(q) and the realisation."""
+    rows = []
+    for realisation, result in results.items():
+        itae, ends = metrics.itae(result).sum("joint").values, describe_end(result)
+        for rate in runs.SWEEP_RATES:
+            cells = []
+            for scale in runs.SCALES:
+                here = (result["learning_rate"].values == rate) & (result["scale"].values == scale)
+                row = int(np.flatnonzero(here)[0])
+                cells.append(f"ITAE {_short(itae[row])}" if ends[row] == "finished" else ends[row])
+            rows.append((realisation, _short(rate), *cells))
+    return Sheet(
+        "literal-law",
+        "The adaptive law to the letter (eq. 23 with e_n = e)",
+        "All three parameters adapt from omega_c = p_c = 30 rad/s, zeta_c = 1; ideal sensors, 1 kHz, 40 s. "
+        "Where it does not diverge: the sum of the joints' ITAE [rad s²].",
+        ("realisation", "learning rate", *(f"D(q) x {scale:g}" for scale in runs.SCALES)),
+        rows,
+    )
+
+
+def _verdict(network: tuple[float, float], other: tuple[float, float]) -> str:
+    """Return in words how the networks stand against another contender."""
+    if network == other:
+        return ""
+    tracks, chatters = network[0] < other[0], network[1] > other[1]
+    if tracks:
+        return "tracks better, chatters more" if chatters else "better in both"
+    return "worse in both" if chatters else "tracks worse, chatters less"
+
+
+def _at(result: xr.Dataset, label: str, bits: int) -> xr.Dataset:
+    """Return the rollout of a contender at a resolution."""
+    here = (result["label"].values == label) & (result["bits"].values == bits)
+    return result.isel(rollout=int(np.flatnonzero(here)[0]))
+
+
+def _short(value: float) -> str:
+    """Return a number with three significant digits; a dash when there is none."""
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def _latex(text: str) -> str:
+    """Return text with what LaTeX takes for commands written out."""
+    for char, command in (("%", r"\%"), ("_", r"\_"), ("²", "$^2$"), ("...", r"\ldots{}")):
+        text = text.replace(char, command)
+    return text
+
+
+def count_statuses(sheet: Sheet, name: str, sensors: str) -> dict[str, int]:
+    """Return how often a contender has each status in the sheet of :func:`statuses`."""
+    counts: dict[str, int] = {}
+    for row in sheet.rows:
+        if row[1:3] == (sensors, name):
+            counts[row[-1]] = counts.get(row[-1], 0) + 1
+    return counts
+
+
+def not_better(sheet: Sheet, name: str, sensors: str, holding: Array) -> list[str]:
+    """Return in words every published cell that a contender does not reach."""
+    words = []
+    for table, where, who, figure, joint, ours, theirs, status in sheet.rows:
+        if (where, who) != (sensors, name) or status == "better":
+            continue
+        text = f"Table {table}, {figure} of {joint}: {ours}, published {theirs} ({status})."
+        if figure == "ISCI":
+            least = _short(float(holding[JOINTS.index(joint)]))
+            text += f" Holding against gravity and load alone costs {least} on our references."
+        words.append(text)
+    return words

@@ -1,0 +1,56 @@
+"""Colours and text that figures, scene and report share.
+
+The palette is that of Okabe and Ito (Color Universal Design, 2008), which people with any of the common
+kinds of colour blindness can tell apart. Rollout i has the same colour everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+#: Colours of rollouts, in this order: blue, vermillion, green, purple, orange, sky blue, yellow.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+#: The reference, in figures and as the ghost in the scene.
+REFERENCE = "#000000"
+#: Limits and the like: what is there but is not the point.
+QUIET = "#7F7F7F"
+#: A joint at its torque limit, a rollout that diverged.
+ALARM = "#B2182B"
+#: A disturbance.
+DISTURBANCE = "#882255"
+#: Dashes tell rollouts apart once the colours are used up, and on paper without colour.
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+#: Longest name shown whole.
+LONGEST = 40
+
+
+class Look(NamedTuple):
+    """How a rollout is drawn.
+
+    Attributes:
+        color: as "#rrggbb".
+        dashes: Matplotlib's line style.
+    """
+
+    color: str
+    dashes: Any
+
+
+def look(index: int) -> Look:
+    """Return how the rollout of an index is drawn: colours first, then dashes."""
+    turn, place = divmod(index, len(PALETTE))
+    return Look(PALETTE[place], _DASHES[turn % len(_DASHES)])
+
+
+def hex_number(color: str) -> int:
+    """Return "#rrggbb" as the number that MeshCat takes."""
+    return int(color.removeprefix("#"), 16)
+
+
+def shorten(name: str, longest: int = LONGEST) -> str:
+    """Return a name on one line, its middle left out where it is long, without control characters."""
+    clean = "".join(c if c.isprintable() else " " for c in name)
+    if len(clean) <= longest:
+        return clean
+    head = (longest - 1) // 2 + (longest - 1) % 2
+    return f"{clean[:head]}…{clean[len(clean) - (longest - 1 - head) :]}"
