@@ -19,6 +19,8 @@ MAX_DEPTH = 100
 #: The largest URDF of example-robot-data has some 5,000.
 MAX_ELEMENTS = 200_000
 MAX_ATTRIBUTES = 1_000
+#: Characters of one element's tag with its attributes: the parser holds it as a whole.
+MAX_TAG = 1_000_000
 #: How much of a file is looked at to tell what it is.
 _HEAD = 4096
 
@@ -112,6 +114,8 @@ def parse_xml(text: str, source: str) -> Element:
     kind = _kind_of_text(stripped)
     if kind == _HTML:  # mostly no XML either
         raise UrdfError(source, f"is {kind}")
+    if re.search(rf"<(?=[A-Za-z_:])[^<>]{{{MAX_TAG}}}", stripped):
+        raise UrdfError(source, f"has an element whose tag is longer than {MAX_TAG} characters")
     try:
         root = _elements(stripped, source)
     except (expat.ExpatError, UnicodeEncodeError) as error:
