@@ -13,6 +13,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 if TYPE_CHECKING:
     from armgpi import errors as errors
+    from armgpi import health as health
     from armgpi import metrics as metrics
     from armgpi import robots as robots
     from armgpi.control.controller import Controller as Controller
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from armgpi.plants.sensors import DropOut as DropOut
     from armgpi.plants.sensors import Encoder as Encoder
     from armgpi.plants.sensors import Noisy as Noisy
+    from armgpi.plants.turns import SingleTurn as SingleTurn
+    from armgpi.plants.turns import Unwrapped as Unwrapped
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
     from armgpi.references.reference import Hold as Hold
@@ -66,7 +69,7 @@ if TYPE_CHECKING:
     from armgpi.simulation import ClosedLoop as ClosedLoop
     from armgpi.simulation import simulate as simulate
 
-_MODULES = ("errors", "metrics", "robots")
+_MODULES = ("errors", "health", "metrics", "robots")
 _NAMES = {
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
@@ -81,6 +84,7 @@ _NAMES = {
     "plants.plant": ("Plant", "Wrapper"),
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
+    "plants.turns": ("SingleTurn", "Unwrapped"),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
     "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),

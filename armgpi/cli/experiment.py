@@ -29,6 +29,7 @@ def run(
     omega: opt.Omega = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
     effort: opt.Effort = None,
     inertia_scale: opt.InertiaScale = None,
     payload: opt.Payload = None,
@@ -65,6 +66,7 @@ def compare(
     omega: opt.Omega = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
     effort: opt.Effort = None,
     inertia_scale: opt.InertiaScale = None,
     payload: opt.Payload = None,
@@ -89,6 +91,8 @@ def compare(
 
 def _run(options: dict[str, Any], compare: bool) -> int:
     """Run what the options describe, print it, save it, and return the exit code."""
+    import numpy as np
+
     from armgpi import config as configuration
     from armgpi import experiment as experiments
     from armgpi.cli.settings import settings
@@ -96,6 +100,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi.rollout import Status
 
     experiment = configuration.build(*settings(options, compare))
+    experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     _check_out(options)
     _note_early_end(experiment)
     if compare:

@@ -82,6 +82,18 @@ Keep = Annotated[
     list[str] | None,
     typer.Option(metavar="JOINT", help="Joint to keep, all others are locked; may be repeated."),
 ]
+Mimic = Annotated[
+    str | None,
+    typer.Option(metavar="HOW", help="Joints that mimic another: 'lock' (default), or 'follow' it exactly."),
+]
+PackageDir = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--package-dir",
+        metavar="FOLDER",
+        help="Folder of a package, or of packages, in which meshes are looked for; may be repeated.",
+    ),
+]
 Effort = Annotated[
     str | None,
     typer.Option(metavar="NUMBERS", help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all."),

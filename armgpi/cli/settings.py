@@ -40,6 +40,8 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
         override("--lock", locks(options["lock"]), "robot", "lock")
     if given("keep"):
         override("--keep", split(options["keep"]), "robot", "keep")
+    if given("mimic"):
+        override("--mimic", options["mimic"], "robot", "mimic")
     if given("effort"):
         override("--effort", per_joint(options["effort"], "--effort"), "robot", "effort")
     if given("payload"):

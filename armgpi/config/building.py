@@ -153,7 +153,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
     # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.
     lock: Any = section.lock
     try:
-        robot = Robot.load(section.name, lock=lock, keep=section.keep)
+        robot = Robot.load(section.name, lock=lock, keep=section.keep, mimic=section.mimic)
     except NameNotFound as error:
         # Robots and joints are looked up: say whose key it is.
         key = next((k for k in ("lock", "keep") if error.name in (getattr(section, k) or ())), "name")

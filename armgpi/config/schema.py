@@ -119,12 +119,14 @@ class RobotSection(_Section):
         name: a name from ``armgpi.robots.names()`` or the path of a URDF, relative to the file.
         lock: joints to hold fixed: names, or name -> value [rad or m].
         keep: when given, every other joint is locked.
+        mimic: whether joints that mimic another are locked or follow it.
         effort: effort limits that replace the URDF's [N m or N].
     """
 
     name: str
     lock: Locks = []
     keep: Names | None = None
+    mimic: Literal["lock", "follow"] = "lock"
     effort: PerJointNotNegative | None = None
 
 
