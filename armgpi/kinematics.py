@@ -35,6 +35,8 @@ _LAST_ITERATIONS, _LAST_GAIN = 10, 1e-6
 _AT_ONCE = 8
 #: A step that stays near a posture: share of the way to it, and how often.
 _SETTLE_SHARE, _SETTLE_STEPS = 0.7, 12
+#: Largest coordinate that can be asked for [m]; squares of more overflow in the end.
+_FARTHEST = 1e9
 #: How far a matrix may be from a rotation.
 _ROTATION_SLACK = 1e-6
 #: Singular values below this share of the largest count as zero.
@@ -193,7 +195,7 @@ class TrackingInverse:
         _, self._goal = _goal(np.zeros(3), rotation, direction, tool_axis)
         if self._goal.size > robot.n:
             raise ParameterError(
-                "robot", robot, f"an arm of {self._goal.size} joints or more to follow this; ask for less"
+                "robot", robot, f"an arm of {self._goal.size} joints or more, to follow as many equations"
             )
         self._near = None if near is None else robot.check_position(near, "near")
         if self._near is not None and self._near.ndim != 1:
@@ -536,6 +538,10 @@ def _goal(
     position = as_float_array(position, "position")
     if position.ndim not in (1, 2) or position.shape[-1] != 3:
         raise ArrayError("position", f"expected shape (3,) or (k, 3), got {position.shape}")
+    if np.abs(position).max(initial=0.0) > _FARTHEST:
+        raise ArrayError(
+            "position", f"expected positions within {_FARTHEST:g} m, got {np.abs(position).max():g}"
+        )
     k = 1 if position.ndim == 1 else len(position)
     points = position.reshape(-1, 3)
     axis = _unit(_rows(tool_axis, "tool_axis", (3,), 1)[:1], "tool_axis")[0]

@@ -215,6 +215,7 @@ def test_a_joint_at_its_limit_lets_the_others_go_on() -> None:
         ({"frame": ARM.frame_names[0]}, ParameterError, "frame must be a frame that moves"),
         ({"position": [0.1, 0.2]}, ArrayError, r"position: expected shape \(3,\) or \(k, 3\)"),
         ({"position": [0.1, np.nan, 0.2]}, ArrayError, "position"),
+        ({"position": [1e300, 0.0, 0.0]}, ArrayError, "within 1e.09 m"),
         ({"rotation": 2.0 * np.eye(3)}, ArrayError, "rotation"),
         ({"rotation": np.diag([1.0, 1.0, -1.0])}, ArrayError, "mirrored"),
         ({"rotation": np.eye(2)}, ArrayError, "rotation"),

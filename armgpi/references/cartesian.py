@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, as_float_array
 from armgpi.errors import ParameterError, ReachError
 from armgpi.kinematics import TrackingInverse
 from armgpi.references.paths import Path
@@ -86,12 +86,13 @@ class CartesianReference(Reference):
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`.
 
         Raises:
+            ArrayError: for a time that is not finite.
             ReachError: with the time and the point where the path leaves the arm's reach, or cannot be
                 followed any farther.
             LimitError: with the time and the joint, where an arm with a :class:`armgpi.TrackingInverse` would
                 leave its joint limits.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        times = np.atleast_1d(as_float_array(t, "t"))
         target = self._along(times) if self._track is None else self._track.at(times)
         return target if np.ndim(t) else Target(*(x[0] for x in target))
 

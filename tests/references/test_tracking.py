@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armgpi import GPI, CartesianReference, RigidBodyPlant, Robot, TrackingInverse, simulate
-from armgpi.errors import ArmgpiError, LimitError, ParameterError, ReachError
+from armgpi.errors import ArmgpiError, ArrayError, LimitError, ParameterError, ReachError
 from armgpi.paper.arm import PaperArm
 from armgpi.references.paths import Circle, Lissajous, Path, line
 
@@ -16,6 +16,7 @@ ARM = Robot.load("anthropomorphic3")
 UR5 = Robot.load("ur5")
 PANDA = Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
 CURVE = Lissajous([0.45, 0.1, 0.4], [0.08, 0.15, 0.1], [1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
+CURVE_OF_THREE = Circle([0.25, 0.0, 0.3], 0.1, 4.0)
 TIMES = np.linspace(0.0, 4.0, 150)
 
 #: Robot, frame, what else is held, by how many equations.
@@ -141,6 +142,7 @@ def test_gpi_carries_a_ur5_along_the_curve() -> None:
             ReachError,
             "t = 0.45.* s: .* can be reached, but not from where the path begins",
         ),
+        (lambda: follow(ARM, "tool", CURVE_OF_THREE).at(np.nan), ArrayError, "finite"),
         (lambda: follow(UR5, "ee_link", CURVE).at(-0.5), ParameterError, "zero or later"),
         (
             lambda: CartesianReference(UR5, "tool0", CURVE, TrackingInverse(UR5, "ee_link")),
