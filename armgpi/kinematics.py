@@ -233,7 +233,7 @@ class TrackingInverse:
             point: in the base frame [m], shape (3,).
 
         Returns:
-            Joint positions [rad or m], shape (c, n): the one nearest to `near`, or several, from the one
+            Joint positions [rad or m], shape (c, n), the one nearest to `near`, or several, from the one
             with the most room on.
 
         Raises:
