@@ -20,6 +20,7 @@ import numpy as np
 from armgpi import grippers, robots, urdf
 from armgpi.arrays import Array, check_number, check_whole
 from armgpi.control.gains import Tuning, betas, default_omega
+from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning
 from armgpi.meshes import MeshFinder
 from armgpi.robot import PerJoint, Robot
@@ -187,6 +188,36 @@ def inspect(
     ]
     report = HealthReport(robot, _facts(document, robot, samples, *timing))
     return report.with_findings(_shortened(found))
+
+
+def with_payload(report: HealthReport, mass: float) -> HealthReport:
+    """Return the report with what a load at the tip does to the loop, and the largest that it stands.
+
+    Args:
+        report: of a robot.
+        mass: of the load [kg].
+
+    Raises:
+        ParameterError: when the mass is negative, or the tip does not move.
+    """
+    mass = check_number(mass, "payload", "zero or positive [kg]")
+    control = report.facts["control"]
+    most = largest_payload(report.robot, dt=control["dt"], delay=control["delay"] * control["dt"])
+    spread = 1.0 + mass * most.mobility
+    found = []
+    if mass > most.effort:
+        message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every posture"
+        found.append(_warn("payload", "robot", mass, most.effort, message, "a smaller load, or more effort"))
+    facts = {
+        "mass": mass,
+        "frame": report.robot.tip,
+        "delta_unknown": [1.0 / spread, 1.0],  # eigenvalues of D^-1 D-hat while nobody believes in it
+        "delta_believed": [1.0, spread],  # and while it is believed in and comes and goes
+        "largest_unknown": most.unknown,
+        "largest_believed": most.believed,
+        "largest_held": most.effort,
+    }
+    return report.with_findings(found, payload=facts)
 
 
 def _sampled(robot: Robot) -> _Samples:

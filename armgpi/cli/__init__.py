@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import doctor, experiment, inspect, paper, robots
+from armgpi.cli import doctor, experiment, inspect, paper, robots, zoo
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -30,6 +30,7 @@ app.command()(experiment.compare)
 app.command()(robots.robots)
 app.command()(inspect.inspect)
 app.command()(doctor.doctor)
+app.command()(zoo.zoo)
 app.command()(paper.reproduce)
 app.command()(paper.scenarios)
 

@@ -26,6 +26,9 @@ _CrossCheck = Annotated[
         "--cross-check", metavar=opt.FLAG, help="Read the file a second time with yourdfpy, and compare."
     ),
 ]
+_Payload = Annotated[
+    float, typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is told.")
+]
 
 
 def inspect(
@@ -38,6 +41,7 @@ def inspect(
     encoder_bits: opt.Bits = None,
     delay: opt.Delay = None,
     dt: opt.SampleTime = None,
+    payload: _Payload = 0.5,
     cross_check: _CrossCheck = False,
     as_json: opt.Json = False,
 ) -> None:
@@ -60,6 +64,7 @@ def inspect(
         0 if delay is None else delay,
         16 if encoder_bits is None else encoder_bits,
     )
+    report = health.with_payload(report, payload)
     if cross_check:
         report = _second_opinion(report)
     if as_json:
@@ -142,6 +147,17 @@ def _show(report: HealthReport) -> None:
     console.print(
         f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
         f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column"
+    )
+    load = facts["payload"]
+    less, more = load["delta_unknown"][0], load["delta_believed"][1]
+    console.print(
+        f"{load['mass']:g} kg at {load['frame']!r}: unknown, D(q) as believed is {less:.2g} to 1 of the true "
+        f"one; believed in and perhaps gone, 1 to {more:.3g}"
+    )
+    console.print(
+        f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
+        f"{load['largest_believed']:.3g} kg as --payload-range at the default bandwidth, "
+        f"{load['largest_held']:.3g} kg by effort"
     )
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
