@@ -26,9 +26,16 @@ if TYPE_CHECKING:
     from armgpi.control.gains import default_omega as default_omega
     from armgpi.control.gpi import GPI as GPI
     from armgpi.control.network import BSplineNetwork as BSplineNetwork
+    from armgpi.control.payload import LargestPayload as LargestPayload
+    from armgpi.control.payload import PayloadRange as PayloadRange
+    from armgpi.control.payload import largest_payload as largest_payload
+    from armgpi.control.payload import payload_range as payload_range
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
+    from armgpi.kinematics import InverseSolution as InverseSolution
+    from armgpi.kinematics import TrackingInverse as TrackingInverse
+    from armgpi.kinematics import inverse_kinematics as inverse_kinematics
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.loads import Load as Load
@@ -68,8 +75,10 @@ _NAMES = {
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
     "control.gpi": ("GPI",),
     "control.network": ("BSplineNetwork",),
+    "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
     "control.pid": ("PIDInversion",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
+    "kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.plant": ("Plant", "Wrapper"),

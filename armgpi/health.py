@@ -1,6 +1,6 @@
 """The health report of a robot: what its model is, what will bite, and what a controller will do with it.
 
-Whatever makes a model unusable is refused when it is loaded (:mod:`armgpi.urdf`). Here is what loads and
+Whatever makes a model unusable is refused when it is loaded (``urdf.py``). Here is what loads and
 still goes wrong later: limits in degrees, a gripper that moves, gravity beyond a motor, an inertia that no
 body has.
 """

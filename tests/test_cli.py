@@ -792,3 +792,45 @@ def test_reproduce_says_that_it_cannot_write(cli: Callable[..., Answer], tmp_pat
     refused = cli("reproduce", "--quick", "--out", tmp_path / "taken")
     assert refused.code == 2
     assert "cannot be written to" in refused.err
+
+
+@pytest.mark.parametrize("path", ["lissajous", "circle", "polyline"])
+def test_any_arm_follows_a_path_that_is_chosen_for_it(
+    cli: Callable[..., Answer], tmp_path: Path, path: str
+) -> None:
+    done = cli("run", "ur5", "--path", path, "--t-final", "1", "--out", tmp_path, "--json")
+    assert done.code == 0, done.err
+    assert max(json.loads(done.out)[0]["metrics"]["peak_error"]) < 1e-3
+    # The file that was written says where the path is, and is run again to the same end.
+    assert written(tmp_path).reference.path.type == path
+    again = cli("run", "--config", tmp_path / "experiment.yaml", "--json")
+    assert json.loads(again.out) == json.loads(done.out)
+
+
+def test_a_range_of_payloads_is_believed_in(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    done = cli(
+        "run", "ur10", "--payload-range", "0,0.5", "--payload", "0.5", "--t-final", "1.5", "--out", tmp_path
+    )
+    assert done.code == 0, done.err
+    first = written(tmp_path).controllers[0]
+    assert (first.payload_range.lightest, first.payload_range.heaviest) == (0.0, 0.5)
+    assert first.omega == 30.0  # 2.3 times too much inertia leaves 30 rad/s
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("--path", "spiral"), "did you mean 'circle'"),
+        (("--path", "circle", "--to", "0"), "cannot stand beside"),
+        (("--payload-range", "0.5"), "two masses"),
+        (("--payload-range", "1,0.5"), "--payload-range"),
+        (("--payload-range", "0,500"), "no bandwidth serves"),
+        (("--controller", "pid", "--payload-range", "0,1"), "is for gpi"),
+    ],
+)
+def test_paths_and_ranges_that_cannot_be_are_refused(
+    cli: Callable[..., Answer], arguments: tuple[str, ...], named: str
+) -> None:
+    refused = cli("run", "ur5", *arguments)
+    assert refused.code == 2
+    assert named in refused.err

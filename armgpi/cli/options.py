@@ -49,6 +49,21 @@ Start = Annotated[
         "--from", metavar="POSTURE", help="Start, given as --to; the middle of the joint ranges by default."
     ),
 ]
+PathName = Annotated[
+    str | None,
+    typer.Option(
+        "--path",
+        metavar="NAME",
+        help="Instead of --to, a path of the tool in space: laser (eq. 28), lissajous, circle or polyline.",
+    ),
+]
+PayloadRange = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KG,KG",
+        help="Lightest and heaviest load at the tip that the gpi controllers shall stand: '0,0.5'.",
+    ),
+]
 Duration = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Time of each move [s]; gentle by default.")
 ]

@@ -52,7 +52,8 @@ class BSplineNetwork(Gains):
     short of the aim, less a leak that forgets. So a gain rises fast while the error is large and falls back
     slowly when it is not.
     Outputs are projected onto the box, and omega_c moves no faster than rate omega_c^2 per second, which
-    is what one quadratic Lyapunov function can certify. While the torque is cut nothing is learned.
+    is what one quadratic Lyapunov function can certify. While the torque is cut, or a measurement is no
+    number, nothing is learned.
 
     ``learning="signed"``: eq. 23 to the letter, e_n = e, without box, dead zone or rate limit.
 
@@ -192,6 +193,9 @@ class BSplineNetwork(Gains):
 
     def step(self, e: Array, learn: Array, state: NetworkState) -> GainStep:
         """Return the tuning for the tracking error `e`; see :meth:`Gains.step`."""
+        # A measurement that is no number teaches nothing, and leaves no trace in the weights.
+        sound = np.abs(e) < math.inf
+        e, learn = np.where(sound, e, 0.0), np.where(sound, learn, 0.0)
         slope = self.bandwidth * (e - state.filtered)
         filtered = state.filtered + self._dt * slope
         a = self.activations(e, slope)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,18 @@ def test_nothing_is_learned_while_the_torque_is_cut() -> None:
     # Joints 2 and 3 fall with their motors at the limit: from the second sample on nothing is learned.
     assert (np.abs(rollout["q"][-1, 1:]) > 1e-3).all()
     assert (rollout["omega_c"][:, 1:] == 20.0).all()
+
+
+@pytest.mark.parametrize("learning", ["magnitude", "signed"])
+@pytest.mark.parametrize("fault", [math.nan, math.inf, -math.inf])
+def test_nothing_is_learned_from_a_measurement_that_is_no_number(learning: str, fault: float) -> None:
+    network = BSplineNetwork((20.0, 60.0), learning=learning, leak=0.0).prepare(NAMES, DT)
+    state = network.step(np.full(3, 1e-3), np.ones(3), network.init(np.zeros(3))).state
+    faulty = network.step(np.array([1e-3, fault, 1e-3]), np.ones(3), state)
+    for before, after in zip(state.weights[0], faulty.state.weights[0], strict=True):
+        assert after[1] == before[1]
+        assert np.isfinite(after).all()
+    assert np.isfinite(faulty.tuning.omega_c).all()
 
 
 def test_tuning_and_weights_are_recorded_when_asked_for() -> None:
