@@ -19,6 +19,8 @@ from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, 
 PerJoint = ArrayLike | Mapping[str, float]
 #: Smallest eigenvalue of D(q), of the largest one and alone, below which a model is singular.
 _SINGULAR, _WEIGHTLESS = 1e-14, 1e-15
+#: How far D(q)^-1 D(q) may be from one.
+_WRONG = 1e-3
 #: Postures at which D(q) is looked at when a robot is loaded.
 _SAMPLES = 16
 #: Width of the range from which postures are drawn where a joint has none or a huge one [rad, m].
@@ -672,6 +674,7 @@ class Robot(_Checked):
         eigenvalues, vectors = np.linalg.eigh(matrices)
         bad = eigenvalues[:, 0] <= np.maximum(_SINGULAR * eigenvalues[:, -1], _WEIGHTLESS)
         if not bad.any():
+            self._check_digits(postures, source)
             return
         first = int(np.argmax(bad))
         joint = self.joint_names[int(np.argmax(np.abs(vectors[first, :, 0])))]
@@ -687,6 +690,20 @@ class Robot(_Checked):
             f"singular{where}; give them mass and inertia, lock the joint, or check its axis",
             joint,
         )
+
+    def _check_digits(self, postures: Array, source: str) -> None:
+        """Refuse a model whose accelerations lose their digits: lengths of 1e9 m beside others of 1 m."""
+        unit = np.ones_like(postures)
+        back = self.dynamics.inertia_solve(postures, self.dynamics.inertia_times(postures, unit))
+        wrong = np.abs(back - unit).max(axis=0)
+        if not (wrong < _WRONG).all():
+            joint = self.joint_names[int(np.argmax(np.where(np.isfinite(wrong), wrong, np.inf)))]
+            raise UrdfError(
+                source,
+                "has lengths, masses or inertias so far apart that accelerations are wrong, that of joint "
+                f"{joint!r} the most; check their units",
+                joint,
+            )
 
     def _links_moved_by(self, joint: str) -> list[str]:
         """Return the links that a joint carries directly."""

@@ -479,6 +479,19 @@ def test_robots_of_any_size_have_dynamics_that_are_numbers_or_none(size: str) ->
     assert np.isfinite(robot.forward_dynamics(q, [1.0, 1.0], [1.0, 1.0])).all()
 
 
+def test_an_arm_so_far_away_that_digits_are_lost_is_refused() -> None:
+    # ABA in the world's frame: inertias about an origin 1e11 m away leave no digit for the arm's own.
+    far = changed(('link="upper"/></joint>', 'link="upper"/><origin xyz="1.8e11 0 0"/></joint>'))
+    assert "accelerations are wrong" in str(refusal(far))
+    near = changed(('link="upper"/></joint>', 'link="upper"/><origin xyz="1e3 0 0"/></joint>'))
+    q, tau = [0.3, -0.4], [1.0, -2.0]
+    np.testing.assert_allclose(
+        Robot.from_xml(near).forward_dynamics(q, [0.0, 0.0], tau),
+        Robot.from_xml(GOOD).forward_dynamics(q, [0.0, 0.0], tau),
+        rtol=1e-6,
+    )
+
+
 def test_an_axis_of_any_length_is_a_direction() -> None:
     q = [0.3, -0.4]
     for axis in ("0 1e-200 0", "0 1e200 0", "0 5e-324 0"):
