@@ -73,6 +73,7 @@ def _run(name: str) -> list[Row]:
     wanted = {"robot": {"name": name, "lock": fingers}, "sample_time": DT, "t_final": HORIZON}
     experiment = config.build(config.check(wanted, config.Origin(name)), config.Origin(name))
     robot = experiment.robot
+    robot.check_holding(experiment.reference.at(0.0).q, "the start")
     most = largest_payload(robot, dt=DT, delay=DELAY * DT)
     load = min(_MOST, most.believed, _SHARE * most.effort)
     span = payload_range(robot, 0.0, load, dt=DT, delay=DELAY * DT)
@@ -85,6 +86,7 @@ def _run(name: str) -> list[Row]:
     return [
         _row(name, robot, load, loaded, span.omega_c, rollout.isel(rollout=rows))
         for loaded, rows in ((False, slice(0, count)), (True, slice(count, 2 * count)))
+        if load > 0.0 or not loaded
     ]
 
 
