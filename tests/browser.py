@@ -7,6 +7,7 @@ are kept, so that tests can say that there was neither an error nor a request.
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 import queue
@@ -164,10 +165,8 @@ class Browser:
 
     def close(self) -> None:
         """End the browser and remove its folder."""
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
         self._process.wait()
         os.close(self._send)
         shutil.rmtree(self._folder, ignore_errors=True)

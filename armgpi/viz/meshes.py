@@ -2,8 +2,8 @@
 
 A URDF names files, and a mesh file may name others. Only files inside the robot's own package are read, by
 :func:`resolve_mesh`; a mesh is read into memory and parsed there, without anything that it refers to:
-textures are never opened. What cannot be used raises :class:`MeshError` with the reason, and the scene goes on
-without it.
+textures are never opened. What cannot be used raises :class:`MeshError` with the reason, and the scene goes
+on without it.
 """
 
 from __future__ import annotations
@@ -173,10 +173,9 @@ def _parts(content: bytes, kind: str) -> list[Triangles]:
 def concatenate(parts: list[Triangles]) -> Triangles:
     """Return triangles together."""
     offsets = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
-    return Triangles(
-        *(np.concatenate(arrays) for arrays in list(zip(*parts, strict=True))[:3]),
-        faces=np.concatenate([part.faces + first for part, first in zip(parts, offsets, strict=True)]),
-    )
+    points, normals, colors, faces = zip(*parts, strict=True)
+    shifted = [face + first for face, first in zip(faces, offsets, strict=True)]
+    return Triangles(*map(np.concatenate, (points, normals, colors, shifted)))
 
 
 def moved(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangles:
@@ -236,7 +235,10 @@ def _primitive(mesh: Any) -> Triangles:
     shaded = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
     points = np.asarray(shaded.vertices, dtype=float)
     return Triangles(
-        points, _unit_rows(np.asarray(shaded.vertex_normals)), np.full_like(points, np.nan), np.asarray(shaded.faces)
+        points,
+        _unit_rows(np.asarray(shaded.vertex_normals)),
+        np.full_like(points, np.nan),
+        np.asarray(shaded.faces),
     )
 
 

@@ -1,8 +1,8 @@
 """Pages that hold everything they need: one HTML file with the viewer, the arm, the motion and the data.
 
 What a page shows is JSON and arrays. Text from files gets into it in two ways only: as JSON, in which no
-character can end the element that holds it, and as HTML, escaped. A content security policy in the page lets it
-run its own scripts, by their hashes, and fetch nothing at all.
+character can end the element that holds it, and as HTML, escaped. A content security policy in the page lets
+it run its own scripts, by their hashes, and fetch nothing at all.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.errors import ArmgpiError
+from armgpi.viz.meshes import Triangles
 from armgpi.viz.scene import Body, Clip, Scene
 
 #: NumPy's types and their names in the page.
@@ -183,22 +184,27 @@ def meshcat_script() -> str:
 
 def _body_data(body: Body, arrays: Arrays) -> dict[str, Any]:
     """Return what the page knows of a body."""
-    data = {
+    return {
         "name": body.joint,
         "parent": body.parent,
         "kind": body.kind,
         "placement": _columns(body.placement),
         "axis": body.axis.tolist(),
+        "ring": body.ring,
+        "fine": _mesh_data(body.triangles, arrays),
+        "coarse": _mesh_data(body.coarse, arrays),
     }
-    if body.triangles is not None:
-        points, normals, colors, faces = body.triangles
-        data.update(
-            points=arrays.add(points, "float32"),
-            normals=arrays.add(np.rint(normals * 127.0), "int8"),
-            colors=arrays.add(np.rint(np.clip(colors, 0.0, 1.0) * 255.0), "uint8"),
-            faces=arrays.add(faces, "uint16" if len(points) < 65536 else "uint32"),
-        )
-    return data
+
+
+def _mesh_data(triangles: Triangles, arrays: Arrays) -> dict[str, Any]:
+    """Return what the page knows of triangles."""
+    points, normals, colors, faces = triangles
+    return {
+        "points": arrays.add(points, "float32"),
+        "normals": arrays.add(np.rint(normals * 127.0), "int8"),
+        "colors": arrays.add(np.rint(np.clip(colors, 0.0, 1.0) * 255.0), "uint8"),
+        "faces": arrays.add(faces, "uint16" if len(points) < 65536 else "uint32"),
+    }
 
 
 def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,11 +23,11 @@ from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.robot import Robot
 from armgpi.rollout import Status, describe_end
-from armgpi.viz import meshes, plots, style
+from armgpi.viz import meshes, plots
 from armgpi.viz.meshes import MeshError, Triangles
 
-#: Triangles of an arm that is drawn; larger meshes are simplified.
-TRIANGLES = 120_000
+#: Triangles of an arm that is drawn; larger meshes are simplified. And of its coarse version.
+TRIANGLES, COARSE = 120_000, 4_000
 #: Frames a second that playing in real time can show, and memory that all frames may take [B].
 FRAME_RATE, FRAME_BYTES = 100.0, 6_000_000
 #: More rollouts than this at once is a crowd.
@@ -36,6 +36,9 @@ MOST_ROBOTS = 6
 _PLAIN = np.array([0.72, 0.74, 0.76])
 #: A visual farther out than this many reaches is a mistake in the file.
 _FAR_OUT = 20.0
+
+
+_T = TypeVar("_T", Triangles, Triangles | None)
 
 
 class Body(NamedTuple):
@@ -48,7 +51,9 @@ class Body(NamedTuple):
         placement: of the joint in the parent's frame, homogeneous, shape (4, 4).
         axis: of the joint in its own frame, shape (3,).
         links: names of the links.
-        triangles: what is drawn, in the body's frame; None when there is nothing.
+        triangles: what is drawn, in the body's frame.
+        coarse: the same with few triangles, for the ghost and for slow machines.
+        ring: radius around the joint at which its torque is shown [m].
     """
 
     parent: int
@@ -57,7 +62,9 @@ class Body(NamedTuple):
     placement: Array
     axis: Array
     links: tuple[str, ...]
-    triangles: Triangles | None
+    triangles: Triangles
+    coarse: Triangles
+    ring: float
 
 
 class Scene(NamedTuple):
@@ -142,24 +149,29 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         tool = model.frames[model.getFrameId(frame)]
     findings: list[str] = []
     drawn, links = _visuals(robot, model, findings)
-    drawn = _affordable(drawn, findings)
-    size = _size(model, drawn)
-    anything = any(part is not None for part in drawn)
+    merged = [None if part is None else _merged(part) for part in drawn]
+    size = _size(model, merged)
+    fine = [
+        _stick(model, index, tool, size) if part is None else part
+        for index, part in enumerate(_simplified(merged, TRIANGLES))
+    ]
+    coarse = _simplified(fine, COARSE)
     bodies = []
     for index in range(model.njoints):
-        triangles = drawn[index]
-        if triangles is None:
-            triangles = _stick(model, index, tool, size)
         kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index, robot)
+        parent = int(model.parents[index]) if index else -1
+        placement = np.array(model.jointPlacements[index].homogeneous)
         bodies.append(
             Body(
-                parent=int(model.parents[index]) if index else -1,
+                parent=parent,
                 joint=robot.joint_names[index - 1] if index else "",
                 kind=kind,
-                placement=np.array(model.jointPlacements[index].homogeneous),
+                placement=placement,
                 axis=axis,
                 links=tuple(links[index]),
-                triangles=triangles,
+                triangles=fine[index],
+                coarse=coarse[index],
+                ring=_ring(coarse[index], coarse[max(parent, 0)], placement, axis, size),
             )
         )
     return Scene(
@@ -168,7 +180,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         tip_body=int(tool.parentJoint),
         tip=np.array(tool.placement.homogeneous),
         size=size,
-        drawn_as="meshes" if anything else "sticks",
+        drawn_as="meshes" if any(part is not None for part in drawn) else "sticks",
         findings=tuple(findings),
     )
 
@@ -250,9 +262,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
 # The arm -------------------------------------------------------------------------------------------------
 
 
-def _visuals(
-    robot: Robot, model: Any, findings: list[str]
-) -> tuple[list[Triangles | None], list[list[str]]]:
+def _visuals(robot: Robot, model: Any, findings: list[str]) -> tuple[list[Triangles | None], list[list[str]]]:
     """Return what the URDF draws on every body, and the bodies' links."""
     frames = _link_frames(model)
     links: list[list[str]] = [[] for _ in range(model.njoints)]
@@ -366,17 +376,26 @@ def _lengths(text: str, count: int) -> Array:
     return numbers
 
 
-def _affordable(drawn: list[Triangles | None], findings: list[str]) -> list[Triangles | None]:
+def _simplified(parts: list[_T], most: int) -> list[_T]:
     """Return bodies simplified, each by the same share, where together they are too many triangles."""
-    merged = [None if part is None else _merged(part) for part in drawn]
-    total = sum(len(part.faces) for part in merged if part is not None)
-    if total <= TRIANGLES:
-        return merged
-    share = TRIANGLES / total
+    total = sum(len(part.faces) for part in parts if part is not None)
+    if total <= most:
+        return parts
     return [
-        None if part is None else meshes.simplified(part, max(500, int(share * len(part.faces))))
-        for part in merged
+        None if part is None else meshes.simplified(part, max(100, int(most / total * len(part.faces))))
+        for part in parts
     ]
+
+
+def _ring(child: Triangles, parent: Triangles, placement: Array, axis: Array, size: float) -> float:
+    """Return how far out a ring around a joint must be to be seen [m]."""
+    back = np.linalg.inv(placement)
+    points = np.concatenate([child.points, parent.points @ back[:3, :3].T + back[:3, 3]])
+    along = points @ axis
+    out = np.linalg.norm(points - along[:, None] * axis, axis=1)
+    near = (np.abs(along) < 0.015 * size) & (out < 0.15 * size)
+    widest = float(out[near].max()) if near.any() else 0.0
+    return float(np.clip(1.15 * widest, 0.04 * size, 0.17 * size))
 
 
 def _merged(part: Triangles) -> Triangles:
@@ -409,7 +428,7 @@ def _size(model: Any, drawn: Sequence[Triangles | None]) -> float:
     return largest if largest > 1e-6 else 1.0
 
 
-def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles | None:
+def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
     """Return lines from a body's origin to the joints that hang on it, and to the tool, as thin bars."""
     ends = [
         np.array(model.jointPlacements[child].translation)
@@ -458,7 +477,7 @@ def _link_frames(model: Any) -> dict[str, Any]:
 def _frames(time: Array, n: int, rollouts: int) -> npt.NDArray[np.int64]:
     """Return the indices of the samples that become frames, evenly spread."""
     most = int(FRAME_BYTES / (17 * n * rollouts))
-    wanted = int(math.ceil((time[-1] - time[0]) * FRAME_RATE)) + 1
+    wanted = math.ceil((time[-1] - time[0]) * FRAME_RATE) + 1
     count = max(2, min(len(time), most, wanted))
     return np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))
 

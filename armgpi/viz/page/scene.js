@@ -52,9 +52,11 @@ const Armgpi = (() => {
       this.time = 0;
       this.exaggeration = 1;
       this.apart = false;
+      this.ghosts_wanted = true;
       this.THREE = MeshCat.THREE;
       this.viewer = new MeshCat.Viewer(pane);
       this.viewer.set_3d_pane_size = () => this.resize(pane);
+      this.keep_pace(pane);
       this.bodies = meta.arm.bodies.map((body) => this.prepared(body));
       this.clip = meta.clip ? this.unpacked(meta.clip) : null;
       this.posture = Float32Array.from(meta.arm.posture);
@@ -65,14 +67,18 @@ const Armgpi = (() => {
       const actors = this.clip ? this.clip.actors : [{ color: null }];
       actors.forEach((actor, i) => {
         const color = actors.length > 1 ? actor.color : null;
-        this.robots.push(this.arm(["armgpi", `robot${i}`], color, 1));
-        if (this.clip) this.ghosts.push(this.arm(["armgpi", `ghost${i}`], "#8899aa", 0.28));
+        this.robots.push(this.arm(["armgpi", `robot${i}`], color, 1, i));
+        if (this.clip) this.ghosts.push(this.arm(["armgpi", `ghost${i}`], "#667788", 0.25, 0));
       });
       if (this.clip) this.draw_paths();
+      this.turned = false;
+      this.viewer.controls.addEventListener("start", () => { this.turned = true; });
+      this.viewer.camera.aspect = Math.max(1, pane.clientWidth) / Math.max(1, pane.clientHeight);
+      if (this.robots.length > 1) this.set_apart(true);
       this.look_from("iso");
-      this.show(0);
-      new ResizeObserver(() => this.resize(pane)).observe(pane);
+      if (this.clip) this.show(this.clip.times[0]);
       this.resize(pane);
+      new ResizeObserver(() => this.resize(pane)).observe(pane);
     }
 
     /** Return a body of the arm with what its joint does ready to be computed. */
@@ -95,51 +101,101 @@ const Armgpi = (() => {
 
     /** Set light, ground, background and axes by the arm's size. */
     dress() {
+      const T = this.THREE;
       const viewer = this.viewer;
       viewer.set_property(["Background"], "top_color", [1, 1, 1]);
       viewer.set_property(["Background"], "bottom_color", [0.86, 0.89, 0.93]);
-      const scaled = (factor) => new this.THREE.Matrix4().makeScale(factor, factor, factor).toArray();
-      // MeshCat's squares are 0.5 m wide: make them the power of ten below the arm's size.
-      const square = Math.pow(10, Math.floor(Math.log10(this.size)));
-      viewer.set_transform(["Grid"], scaled((square * (this.size / square > 4 ? 0.5 : 0.2)) / 0.5));
+      const scaled = (factor) => new T.Matrix4().makeScale(factor, factor, factor).toArray();
+      // Squares of 1, 2 or 5 times a power of ten, about eight of them along the arm.
+      const wanted = this.size / 8;
+      const power = Math.pow(10, Math.floor(Math.log10(wanted)));
+      const square = power * [1, 2, 5, 10].find((factor) => factor * power >= wanted);
+      const count = 2 * Math.ceil((1.6 * this.size) / square);
+      const grid = new T.GridHelper(count * square, count, 0x8fa0b0, 0xc8d0d8);
+      grid.rotateX(Math.PI / 2);
+      viewer.set_object(["Grid"], grid);
       viewer.set_transform(["Axes"], scaled(0.4 * this.size));
-      viewer.set_transform(["Lights"], scaled(1.2 * this.size));
+      viewer.set_transform(["Lights"], scaled(1.5 * this.size));
+      viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.5);
       for (const light of ["PointLightNegativeX", "PointLightPositiveX"]) {
         viewer.set_property(["Lights", light, "<object>"], "distance", 20 * this.size);
+        viewer.set_property(["Lights", light, "<object>"], "intensity", 0.3);
       }
+      viewer.gui.width = 230;
+    }
+
+    /** While things move and the machine is too slow for it, draw the arm coarsely: 30 frames a second. */
+    keep_pace(pane) {
+      const render = this.viewer.render.bind(this.viewer);
+      let last = -1e9, pace = 16, timer = null;
+      this.slow = false;
+      this.coarse = false;
+      this.frames_drawn = 0;
+      this.viewer.render = () => {
+        const now = performance.now();
+        const gap = now - last;
+        last = now;
+        const moving = gap < 600;
+        if (moving) {
+          pace += 0.3 * (gap - pace);
+          if (pace > 30) this.slow = true;
+        }
+        if (this.slow && moving && !this.coarse) this.set_coarse(true, pane);
+        if (this.coarse) {
+          clearTimeout(timer);
+          timer = setTimeout(() => { last = -1e9; this.set_coarse(false, pane); }, 700);
+        }
+        this.frames_drawn++;
+        render();
+      };
+    }
+
+    set_coarse(coarse, pane) {
+      this.coarse = coarse;
+      for (const robot of this.robots || []) {
+        robot.meshes.forEach((mesh, i) => (mesh.geometry = this.geometry(i, coarse ? "coarse" : "fine")));
+      }
+      this.resize(pane);
     }
 
     /** Put an arm into the scene and return the nodes of its bodies. */
-    arm(path, color, opacity) {
+    arm(path, color, opacity, layer) {
       const T = this.THREE;
-      const paths = [];
+      const paths = [], meshes = [];
       const nodes = this.bodies.map((body, i) => {
         const own = i === 0 ? [...path, "base"] : [...paths[body.parent], `joint${i}`];
         paths.push(own);
-        if (body.faces) {
-          this.geometries = this.geometries || [];
-          const geometry = (this.geometries[i] = this.geometries[i] || this.geometry(body));
-          const material = new T.MeshPhongMaterial({
-            side: T.DoubleSide, shininess: 25, specular: 0x222222, transparent: opacity < 1, opacity,
-            depthWrite: opacity === 1, vertexColors: color === null, color: color === null ? 0xffffff : color,
-          });
-          this.viewer.set_object(own, new T.Mesh(geometry, material));
-        }
+        const material = new T.MeshLambertMaterial({
+          side: opacity < 1 ? T.FrontSide : T.DoubleSide, transparent: opacity < 1, opacity, depthWrite: opacity === 1,
+          vertexColors: color === null, color: color === null ? 0xffffff : color,
+          // Of arms in one place the first one is seen, not a mixture of all.
+          polygonOffset: layer > 0, polygonOffsetFactor: layer, polygonOffsetUnits: layer,
+        });
+        const mesh = new T.Mesh(this.geometry(i, opacity < 1 ? "coarse" : "fine"), material);
+        meshes.push(mesh);
+        this.viewer.set_object(own, mesh);
         return this.viewer.scene_tree.find(own);
       });
       const root = this.viewer.scene_tree.find(path);
       const rings = opacity === 1 && this.clip ? this.rings(paths) : [];
-      return { root, nodes, paths, rings };
+      return { root, nodes, paths, meshes, rings };
     }
 
-    geometry(body) {
-      const T = this.THREE;
-      const geometry = new T.BufferGeometry();
-      geometry.setAttribute("position", new T.BufferAttribute(this.array(body.points), 3));
-      geometry.setAttribute("normal", new T.BufferAttribute(this.array(body.normals), 3, true));
-      geometry.setAttribute("color", new T.BufferAttribute(this.array(body.colors), 3, true));
-      geometry.setIndex(new T.BufferAttribute(this.array(body.faces), 1));
-      return geometry;
+    /** Return the shape of a body, "fine" or "coarse"; made once. */
+    geometry(i, detail) {
+      this.geometries = this.geometries || {};
+      const key = `${i} ${detail}`;
+      if (!this.geometries[key]) {
+        const T = this.THREE;
+        const data = this.bodies[i][detail];
+        const geometry = new T.BufferGeometry();
+        geometry.setAttribute("position", new T.BufferAttribute(this.array(data.points), 3));
+        geometry.setAttribute("normal", new T.BufferAttribute(this.array(data.normals), 3, true));
+        geometry.setAttribute("color", new T.BufferAttribute(this.array(data.colors), 3, true));
+        geometry.setIndex(new T.BufferAttribute(this.array(data.faces), 1));
+        this.geometries[key] = geometry;
+      }
+      return this.geometries[key];
     }
 
     /** Put a ring around every joint that shows how much of its torque it uses. */
@@ -148,8 +204,7 @@ const Armgpi = (() => {
       return this.bodies.map((body, i) => {
         if (i === 0) return null;
         const ring = new T.Mesh(
-          new T.TorusGeometry(0.07 * this.size, 0.007 * this.size, 8, 40),
-          new T.MeshBasicMaterial({ color: 0x999999, transparent: true, opacity: 0.9 })
+          new T.TorusGeometry(body.ring, 0.006 * this.size, 6, 32), new T.MeshBasicMaterial({ color: 0x999999 })
         );
         ring.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), body.axis);
         this.viewer.set_object([...paths[i], "torque"], ring);
@@ -223,25 +278,34 @@ const Armgpi = (() => {
     draw_paths() {
       const T = this.THREE;
       const thickness = 0.0035 * this.size;
-      const frames = this.clip.times.length;
-      const every = Math.max(1, Math.ceil(frames / 3000));
-      this.path_frames = [];
-      for (let f = 0; f < frames; f += every) this.path_frames.push(f);
-      if (this.path_frames[this.path_frames.length - 1] !== frames - 1) this.path_frames.push(frames - 1);
       this.clip.actors.forEach((actor, i) => {
-        const points = (name, k) =>
-          this.path_frames.map((f) => this.tip(this.positions(actor, name, { frame: f, next: f, part: 0 }, k)));
         const robot = this.robots[i];
-        const add = (what, object) => {
+        const add = (what, geometry, color) => {
+          const object = new T.Mesh(geometry, new T.MeshBasicMaterial({ color, side: T.DoubleSide }));
           this.viewer.set_object(["armgpi", "paths", `${what}${i}`], object);
           return object;
         };
-        const paint = (color, opacity) =>
-          new T.MeshBasicMaterial({ color, transparent: opacity < 1, opacity, side: T.DoubleSide });
-        robot.desired = add("desired", new T.Mesh(this.tube(points("q_ref", 1), 0.6 * thickness), paint(0x000000, 0.45)));
-        robot.drawn = add("drawn", new T.Mesh(this.tube(points("q", this.exaggeration), thickness), paint(actor.color, 1)));
-        robot.bead = add("bead", new T.Mesh(new T.SphereGeometry(3 * thickness, 16, 12), paint(actor.color, 1)));
+        const desired = this.path(actor, "q_ref", 1, thickness);
+        const drawn = this.path(actor, "q", this.exaggeration, thickness);
+        robot.drawn_frames = drawn.frames;
+        robot.desired = add("desired", this.tube(desired.points, 0.6 * thickness), 0x777777);
+        robot.drawn = add("drawn", this.tube(drawn.points, thickness), actor.color);
+        robot.bead = add("bead", new T.SphereGeometry(3 * thickness, 12, 8), actor.color);
       });
+    }
+
+    /** Return the points of the tool's path that are apart, and the frames that they are of. */
+    path(actor, name, exaggeration, apart) {
+      const count = this.clip.times.length;
+      const every = Math.max(1, Math.ceil(count / 800));
+      const points = [], frames = [];
+      for (let f = 0; f < count; f += every) {
+        const point = this.tip(this.positions(actor, name, { frame: f, next: f, part: 0 }, exaggeration));
+        if (points.length && point.distanceTo(points[points.length - 1]) < apart) continue;
+        points.push(point);
+        frames.push(f);
+      }
+      return { points, frames };
     }
 
     /** Return a tube of four sides through points; its triangles are in the order of the points. */
@@ -285,12 +349,16 @@ const Armgpi = (() => {
       const times = this.clip.times;
       this.time = clamp(time, times[0], times[times.length - 1]);
       const place = this.place(this.time);
-      const shown = this.path_frames.filter((f) => f <= place.frame).length;
       this.clip.actors.forEach((actor, i) => {
         const robot = this.robots[i];
         const q = this.positions(actor, "q", place, this.exaggeration);
         this.pose(robot, q);
-        this.pose(this.ghosts[i], this.positions(actor, "q_ref", place));
+        const reference = this.positions(actor, "q_ref", place);
+        this.pose(this.ghosts[i], reference);
+        // Where the arm is where it should be, a ghost would be inside it: not worth its time.
+        const apart = q.some((value, j) => Math.abs(value - reference[j]) > 1e-3);
+        this.ghosts[i].root.object.visible = this.ghosts_wanted && apart;
+        const shown = robot.drawn_frames.filter((f) => f <= place.frame).length;
         robot.drawn.geometry.setDrawRange(0, 24 * Math.max(0, shown - 1));
         robot.bead.position.copy(this.tip(q));
         robot.rings.forEach((ring, b) => ring && this.paint_ring(ring, actor, place.frame, b - 1));
@@ -320,7 +388,10 @@ const Armgpi = (() => {
 
     /** Show or hide "ghosts", "paths", "rings" or "robots". */
     toggle(what, visible) {
-      if (what === "ghosts") this.ghosts.forEach((ghost) => (ghost.root.object.visible = visible));
+      if (what === "ghosts") {
+        this.ghosts_wanted = visible;
+        this.show(this.time);
+      }
       if (what === "robots") this.robots.forEach((robot) => (robot.root.object.visible = visible));
       if (what === "paths") this.viewer.scene_tree.find(["armgpi", "paths"]).object.visible = visible;
       if (what === "rings") {
@@ -347,41 +418,49 @@ const Armgpi = (() => {
       this.viewer.set_dirty();
     }
 
-    /** Look at the arm from "iso", "front", "side" or "top". */
+    /** Look at the arm from "iso", "front", "side" or "top", so that it and its tool's path are in sight. */
     look_from(where) {
       const T = this.THREE;
+      this.where = where;
       const box = new T.Box3();
       const q0 = this.clip ? this.positions(this.clip.actors[0], "q", { frame: 0, next: 0, part: 0 }) : this.posture;
-      this.pose(this.robots[0], q0);
-      this.robots[0].root.object.updateMatrixWorld(true);
-      this.robots[0].nodes.forEach((node, i) => {
-        if (this.bodies[i].faces) {
-          const geometry = this.geometries[i];
-          geometry.computeBoundingBox();
+      this.robots.forEach((robot) => {
+        this.pose(robot, q0);
+        robot.root.object.updateMatrixWorld(true);
+        robot.nodes.forEach((node, i) => {
+          const geometry = this.geometry(i, "coarse");
+          if (!geometry.boundingBox) geometry.computeBoundingBox();
           box.union(geometry.boundingBox.clone().applyMatrix4(node.object.matrixWorld));
+        });
+        if (this.clip) {
+          for (const what of [robot.desired, robot.drawn]) {
+            what.geometry.computeBoundingBox();
+            box.union(what.geometry.boundingBox.clone().translate(what.position));
+          }
         }
       });
-      box.expandByPoint(this.tip(q0));
-      if (this.clip) {
-        // Where the tool goes in the whole clip.
-        const step = Math.max(1, Math.floor(this.clip.times.length / 200));
-        for (let f = 0; f < this.clip.times.length; f += step) {
-          box.expandByPoint(this.tip(this.positions(this.clip.actors[0], "q", { frame: f, next: f, part: 0 })));
-        }
-      }
       const centre = box.getCenter(new T.Vector3());
-      const radius = Math.max(0.5 * box.getSize(new T.Vector3()).length(), 0.05 * this.size);
+      const views = { iso: [1, -0.75, 0.45], front: [1, 0, 0.02], side: [0, -1, 0.02], top: [0.02, 0, 1] };
+      const back = new T.Vector3(...views[where]).normalize();
+      const right = new T.Vector3(0, 0, 1).cross(back).normalize();
+      const up = back.clone().cross(right);
       const camera = this.viewer.camera;
       camera.fov = 35;
-      camera.near = 0.02 * radius;
-      camera.far = 200 * radius;
-      const views = { iso: [1, -0.75, 0.45], front: [1, 0, 0.02], side: [0, -1, 0.02], top: [0.02, 0, 1] };
-      const narrow = Math.min(1, camera.aspect || 1);
-      const distance = (1.1 * radius) / Math.sin((0.5 * camera.fov * Math.PI) / 180) / narrow;
-      const offset = new T.Vector3(...views[where]).normalize().multiplyScalar(distance);
+      const tall = Math.tan((0.5 * camera.fov * Math.PI) / 180);
+      const wide = tall * camera.aspect;
+      let distance = 0.1 * this.size;
+      for (let corner = 0; corner < 8; corner++) {
+        const at = new T.Vector3(
+          corner & 1 ? box.max.x : box.min.x, corner & 2 ? box.max.y : box.min.y, corner & 4 ? box.max.z : box.min.z
+        ).sub(centre);
+        const need = Math.max(Math.abs(at.dot(right)) / wide, Math.abs(at.dot(up)) / tall);
+        distance = Math.max(distance, at.dot(back) + 1.12 * need);
+      }
+      camera.near = 0.01 * distance;
+      camera.far = 100 * distance;
       // MeshCat's camera has its y axis up: its node is turned by a quarter about x.
       const turned = (v) => new T.Vector3(v.x, v.z, -v.y);
-      camera.position.copy(turned(centre.clone().add(offset)));
+      camera.position.copy(turned(centre.clone().addScaledVector(back, distance)));
       this.viewer.controls.target.copy(turned(centre));
       this.viewer.controls.update();
       camera.updateProjectionMatrix();
@@ -394,7 +473,12 @@ const Armgpi = (() => {
       const width = Math.max(1, pane.clientWidth), height = Math.max(1, pane.clientHeight);
       this.viewer.camera.aspect = width / height;
       this.viewer.camera.updateProjectionMatrix();
+      this.viewer.renderer.setPixelRatio((this.coarse ? 0.5 : 1) * window.devicePixelRatio);
       this.viewer.renderer.setSize(width, height);
+      // Until the user has turned the camera, the arm stays in sight.
+      const reshaped = this.fitted && Math.abs(this.fitted - width / height) > 0.02;
+      if (reshaped && !this.turned) this.look_from(this.where);
+      this.fitted = width / height;
       this.viewer.set_dirty();
     }
   }
@@ -428,6 +512,7 @@ const Armgpi = (() => {
       );
       this.speeds = speeds;
       const ticks = element("div", { class: "onsets", "aria-hidden": "true" });
+      // The onsets' marks stand below the slider, where its thumb would be then.
       for (const [joint, onset] of Object.entries(scene.clip.onsets)) {
         const at = end > begin ? (100 * (onset - begin)) / (end - begin) : 0;
         ticks.append(element("span", { style: `left:${at}%`, title: `disturbance of ${joint} sets in at ${short(onset)} s` }));
@@ -513,7 +598,7 @@ const Armgpi = (() => {
         check("tool path", true, (on) => scene.toggle("paths", on)),
         check("joint torques", true, (on) => scene.toggle("rings", on))
       );
-      if (scene.robots.length > 1) row.append(check("side by side", false, (on) => scene.set_apart(on)));
+      if (scene.robots.length > 1) row.append(check("side by side", true, (on) => { scene.set_apart(on); scene.look_from(scene.where); }));
     }
     for (const view of ["iso", "front", "side", "top"]) {
       row.append(element("button", { type: "button", onclick: () => scene.look_from(view) }, view));
