@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import experiment, paper, robots
+from armgpi.cli import experiment, look, paper, robots
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -29,6 +29,8 @@ app.command()(experiment.compare)
 app.command()(robots.robots)
 app.command()(paper.reproduce)
 app.command()(paper.scenarios)
+app.command()(look.view)
+app.command()(look.report)
 
 
 def _show_version(wanted: bool) -> None:

@@ -189,20 +189,31 @@ def moved(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangl
     return Triangles(points, normals, part.colors, faces)
 
 
-def simplified(part: Triangles, most: int) -> Triangles:
-    """Return about `most` triangles at most: corners in one small cube, facing one way, become one."""
+def simplified(part: Triangles, most: int, sharp: bool = True) -> Triangles:
+    """Return about `most` triangles at most, by making the corners within a small cube one.
+
+    Args:
+        part: the triangles.
+        most: how many may be left.
+        sharp: whether corners that face different ways stay apart, which keeps edges but opens small gaps.
+    """
     cells = 256.0
     while len(part.faces) > most and cells > 4.0:
         low = part.points.min(axis=0)
         size = max(float(np.ptp(part.points, axis=0).max()), 1e-9) / cells
         place = np.floor((part.points - low) / size).astype(np.int64)
-        facing = np.abs(part.normals).argmax(axis=1)
-        facing = 2 * facing + (np.take_along_axis(part.normals, facing[:, None], axis=1)[:, 0] > 0.0)
-        key = ((place[:, 0] * 1024 + place[:, 1]) * 1024 + place[:, 2]) * 8 + facing
+        key = (place[:, 0] * 1024 + place[:, 1]) * 1024 + place[:, 2]
+        if sharp:
+            facing = np.abs(part.normals).argmax(axis=1)
+            ahead = np.take_along_axis(part.normals, facing[:, None], axis=1)[:, 0] > 0.0
+            key = key * 8 + 2 * facing + ahead
         _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        normals = np.zeros((len(first), 3))
+        np.add.at(normals, group, part.normals)
         faces = group[part.faces]
         whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-        part = Triangles(part.points[first], part.normals[first], part.colors[first], faces[whole])
+        faces = np.unique(faces[whole], axis=0)
+        part = Triangles(part.points[first], _unit_rows(normals), part.colors[first], faces)
         cells *= 0.7
     return part
 

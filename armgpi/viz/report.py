@@ -1,7 +1,7 @@
 """One HTML file with everything about some rollouts: what was run, tables, plots, the animation and the data.
 
-It opens from a disk without a network. The plots are Plotly's, the scene is :mod:`armgpi.viz.scene`'s, and one
-time moves both.
+It opens from a disk without a network. The plots are Plotly's, the scene is :mod:`armgpi.viz.scene`'s, and
+one time moves both.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -270,7 +271,7 @@ def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
         return time, values
     edges = np.linspace(0, len(time), stretches + 1).astype(np.int64)
     kept = {0, len(time) - 1}
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         kept.add(int(begin + np.argmin(values[begin:end])))
         kept.add(int(begin + np.argmax(values[begin:end])))
     index = np.array(sorted(kept))
@@ -339,7 +340,8 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     if "joint_type" in rollout.coords and (rollout["joint_type"] == "prismatic").any():
         note += "<p>Prismatic joints: m for rad, N for N m.</p>"
     return (
-        "<div class=scroll tabindex=0 role=region aria-label='figures of merit'><table class=figures><thead><tr>"
+        "<div class=scroll tabindex=0 role=region aria-label='figures of merit'>"
+        "<table class=figures><thead><tr>"
         f"<th class=name>controller</th><th class=name>joint</th>{head}</tr></thead>"
         f"<tbody>{''.join(rows[:_MOST_ROWS])}</tbody></table></div>{note}"
     )

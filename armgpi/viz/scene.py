@@ -155,7 +155,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         _stick(model, index, tool, size) if part is None else part
         for index, part in enumerate(_simplified(merged, TRIANGLES))
     ]
-    coarse = _simplified(fine, COARSE)
+    coarse = _simplified(fine, COARSE, sharp=False)
     bodies = []
     for index in range(model.njoints):
         kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index, robot)
@@ -376,13 +376,14 @@ def _lengths(text: str, count: int) -> Array:
     return numbers
 
 
-def _simplified(parts: list[_T], most: int) -> list[_T]:
+def _simplified(parts: list[_T], most: int, sharp: bool = True) -> list[_T]:
     """Return bodies simplified, each by the same share, where together they are too many triangles."""
     total = sum(len(part.faces) for part in parts if part is not None)
     if total <= most:
         return parts
+    share = most / total
     return [
-        None if part is None else meshes.simplified(part, max(100, int(most / total * len(part.faces))))
+        None if part is None else meshes.simplified(part, max(100, int(share * len(part.faces))), sharp)
         for part in parts
     ]
 
@@ -393,9 +394,9 @@ def _ring(child: Triangles, parent: Triangles, placement: Array, axis: Array, si
     points = np.concatenate([child.points, parent.points @ back[:3, :3].T + back[:3, 3]])
     along = points @ axis
     out = np.linalg.norm(points - along[:, None] * axis, axis=1)
-    near = (np.abs(along) < 0.015 * size) & (out < 0.15 * size)
+    near = (np.abs(along) < 0.015 * size) & (out < 0.085 * size)
     widest = float(out[near].max()) if near.any() else 0.0
-    return float(np.clip(1.15 * widest, 0.04 * size, 0.17 * size))
+    return float(np.clip(1.15 * widest, 0.035 * size, 0.1 * size))
 
 
 def _merged(part: Triangles) -> Triangles:
