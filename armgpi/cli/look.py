@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -111,9 +111,8 @@ def _page(
         return meshcat.rollout_page(result, arm, frame=frame)
     if robot is not None:
         raise refusal("--robot", "goes with a rollout")
-    locked = locks(lock or [])
-    named = {name: value for name, value in locked.items() if value is not None}
-    shown = Robot.load(target, lock=named or list(locked), keep=split(keep) if keep else None)
+    locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
+    shown = Robot.load(target, lock=locked, keep=split(keep) if keep else None)
     return meshcat.robot_page(shown, frame=frame)
 
 
