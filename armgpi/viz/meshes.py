@@ -126,6 +126,8 @@ def _parsed(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     content = Path(path).read_bytes()
     if kind == "dae":
         _check_collada(content, filename)
+    if kind == "stl":
+        _check_stl(content, filename)
     try:
         parts = _parts(content, kind)
     except ImportError as error:
@@ -280,6 +282,20 @@ def _unit(metadata: dict[str, Any]) -> float:
     match = re.fullmatch(r"([-+.\deE]+) \* meters", text)
     scale = float(match[1]) if match else 1.0
     return scale if np.isfinite(scale) and scale > 0.0 else 1.0
+
+
+def _check_stl(content: bytes, filename: str) -> None:
+    """Refuse a binary STL file whose size is not what its count of triangles says."""
+    if content[:5].lower() == b"solid" and b"facet" in content[:2000]:
+        return  # the same as text
+    if len(content) < 84:
+        raise MeshError(filename, f"has {len(content)} bytes, which is no STL file")
+    count, room = int.from_bytes(content[80:84], "little"), (len(content) - 84) // 50
+    if count > room:
+        raise MeshError(filename, f"says that it has {count} triangles, but there are {room}")
+    triangles = np.frombuffer(content, np.dtype([("corners", "<f4", (4, 3)), ("more", "<u2")]), count, 84)
+    if not np.isfinite(triangles["corners"][:, 1:]).all():
+        raise MeshError(filename, "has corners that are not finite")
 
 
 def _check_collada(content: bytes, filename: str) -> None:

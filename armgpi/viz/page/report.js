@@ -29,6 +29,8 @@
       for (const one of this.panes) {
         const [traces, layout] = this.figure(one.quantity);
         const known = Boolean(one.pane._fullLayout);
+        // Where a page is resized or printed, Plotly takes the height from here.
+        one.pane.style.height = `${layout.height}px`;
         Plotly.react(one.pane, traces, layout, {
           responsive: true, displaylogo: false, scrollZoom: false,
           modeBarButtonsToRemove: ["select2d", "lasso2d"], showEditInChartStudio: false, showSendToCloud: false,

@@ -38,8 +38,8 @@ const Armgpi = (() => {
   /** Return a number with a few digits, as wide as the last one: readings that change must not jump. */
   function short(x, digits = 3) {
     if (!Number.isFinite(x)) return "–";
-    if (x === 0) return "0";
     const size = Math.abs(x);
+    if (size < 1e-9) return "0";
     return size >= 1e4 || size < 1e-3 ? x.toExponential(1) : x.toPrecision(digits);
   }
 
