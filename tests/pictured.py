@@ -30,11 +30,11 @@ def chain_urdf(
     links = links or [f"link{i}" for i in range(n + 1)]
     part = reach / n
     text = ['<robot name="chain">']
-    for name in links:
-        text.append(
-            f"<link name={quoteattr(name)}><inertial><mass value='1'/>"
-            "<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial>{visual}</link>"
-        )
+    text += [
+        f"<link name={quoteattr(name)}><inertial><mass value='1'/>"
+        "<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+        for name in links
+    ]
     for i, name in enumerate(joints):
         kind = "prismatic" if i == 1 and n > 2 else "revolute"
         axis = ("0 1 0", "1 0 0", "0 0 1")[i % 3]
@@ -43,7 +43,7 @@ def chain_urdf(
             f"<child link={quoteattr(links[i + 1])}/><origin xyz='0.01 0 {part}' rpy='0.1 0.2 0.3'/>"
             f"<axis xyz='{axis}'/><limit lower='-2' upper='2' effort='50' velocity='5'/></joint>"
         )
-    return "".join(text).replace("{visual}", "") + "</robot>"
+    return "".join(text) + "</robot>"
 
 
 def run(

@@ -80,9 +80,10 @@ def resolve_mesh(robot: Robot, filename: str) -> Path | None:
     urdf = urdf.resolve()
     if filename.startswith("package://"):
         package, _, rest = filename.removeprefix("package://").partition("/")
+        if package in ("", ".", ".."):
+            return None
         roots = [folder for folder in urdf.parents if folder.name == package]
-        beside = [folder / package for folder in urdf.parents]
-        roots += [folder for folder in beside if package not in ("", ".", "..") and _is_package(folder)]
+        roots += [folder / package for folder in urdf.parents if _is_package(folder / package)]
         places = [(root, root / rest) for root in roots]
     elif "://" in filename and not filename.startswith("file://"):
         return None
@@ -163,7 +164,7 @@ def _parts(content: bytes, kind: str) -> list[Triangles]:
                 continue
             scale = _unit(mesh.metadata)
             color = _color_of(mesh)
-            if kind == "stl":
+            if kind == "stl" or (kind == "obj" and b"\nvn " not in content):
                 mesh = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
             points = trimesh.transform_points(mesh.vertices, transform) * scale
             normals = np.asarray(mesh.vertex_normals) @ np.linalg.inv(transform[:3, :3])

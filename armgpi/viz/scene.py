@@ -8,6 +8,7 @@ rollout or several, thinned to frames.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -20,7 +21,7 @@ import xarray as xr
 
 from armgpi import urdf
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError, RolloutError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, RolloutError
 from armgpi.robot import Robot
 from armgpi.rollout import Status, describe_end
 from armgpi.viz import meshes, plots
@@ -248,7 +249,9 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         candidates += [folder / Path(source).name, *sorted(folder.glob(f"*{digest[:8]}*.urdf"))]
     for candidate in candidates:
         try:
-            robot = Robot.load(candidate, lock=locked)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ArmgpiWarning)  # it was said when the rollout was made
+                robot = Robot.load(candidate, lock=locked)
         except ArmgpiError:
             continue
         if robot.provenance["sha256"] == digest:

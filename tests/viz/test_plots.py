@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from pictured import HOSTILE, chain, compared, made_up, run
 
@@ -31,14 +32,16 @@ def line(axes: object, label: str) -> np.ndarray:
 
 def texts_overlap(figure: Figure) -> list[tuple[str, str]]:
     """Pairs of texts of a figure that cover each other."""
+    renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw_without_rendering()
-    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     boxes = []
     for axes in figure.axes:
         if not axes.get_visible():
             continue
         items = [axes.title, axes.xaxis.label, axes.yaxis.label, axes.yaxis.get_offset_text()]
-        items += [t for axis in (axes.xaxis, axes.yaxis) for t in axis.get_ticklabels()]
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            items += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
         boxes += [
             (t.get_text(), t.get_window_extent(renderer)) for t in items if t.get_text() and t.get_visible()
         ]
@@ -76,7 +79,7 @@ def test_axes_say_joint_quantity_and_unit() -> None:
     assert [axes.get_xlabel() for axes in rows[2]] == ["time [s]"] * 3
 
 
-@pytest.mark.parametrize("n", [2, 3, 7, 14])
+@pytest.mark.parametrize("n", [2, 5, 14])
 @pytest.mark.parametrize("draw", [plots.overview, plots.torques])
 def test_no_text_covers_another(n: int, draw: object) -> None:
     names = [f"left_shoulder_pitch_joint_with_a_long_name_{i}" for i in range(n)]
@@ -89,9 +92,9 @@ def test_no_text_covers_another(n: int, draw: object) -> None:
 
 @pytest.mark.parametrize("kind", plots.FORMATS)
 def test_the_same_rollout_makes_the_same_file(kind: str, tmp_path: Path) -> None:
-    first = plots.save(plots.overview(TWO), tmp_path / f"a.{kind}").read_bytes()
+    first = plots.save(plots.errors(TWO, ["q1"]), tmp_path / f"a.{kind}").read_bytes()
     with mpl.rc_context({"font.size": 20, "lines.linewidth": 9}):  # the user's own style does not get in
-        second = plots.save(plots.overview(TWO), tmp_path / f"b.{kind}").read_bytes()
+        second = plots.save(plots.errors(TWO, ["q1"]), tmp_path / f"b.{kind}").read_bytes()
     assert first == second
     figure = plots.tool_path(ONE, ARM)
     again = [plots.save(figure, tmp_path / f"{i}.{kind}").read_bytes() for i in range(2)]

@@ -1,8 +1,9 @@
-"""The scene: bodies move as Pinocchio says, meshes come from the robot's package alone, bad ones are named."""
+"""The scene: bodies move as Pinocchio says, meshes come from the robot's package, bad ones are named."""
 
 from __future__ import annotations
 
 import struct
+import warnings
 from pathlib import Path
 
 import coal
@@ -15,7 +16,7 @@ from pictured import box_mesh, chain, compared, made_up, package, run
 from strategies import robots_and_states
 
 import armgpi
-from armgpi import Robot, robots
+from armgpi import ArmgpiWarning, Robot, robots
 from armgpi.errors import NameNotFound, RolloutError
 from armgpi.viz import meshes, scene
 from armgpi.viz.scene import Scene
@@ -40,7 +41,7 @@ def poses(arm: Scene, q: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(robots_and_states())
 def test_bodies_of_any_robot_are_where_pinocchio_puts_them(case: tuple[Robot, object]) -> None:
     robot, state = case
@@ -58,7 +59,9 @@ def test_bodies_of_any_robot_are_where_pinocchio_puts_them(case: tuple[Robot, ob
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_robots_are_drawn_from_their_own_meshes(name: str) -> None:
-    arm = scene.build(Robot.load(name))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # of a gripper's mimic joints
+        arm = scene.build(Robot.load(name))
     assert arm.drawn_as == "meshes"
     assert arm.findings == ()
     fine = sum(len(body.triangles.faces) for body in arm.bodies)
@@ -89,14 +92,13 @@ def test_a_box_is_a_box_in_every_format(kind: str, tmp_path: Path) -> None:
     part = meshes.load(robot, f"package://pkg/meshes/box.{kind}")
     assert np.allclose(np.ptp(part.points, axis=0), [0.1, 0.2, 0.3])
     assert np.allclose(np.linalg.norm(part.normals, axis=1), 1.0)
-    # Its sides are shaded flat: every normal is along an axis.
-    assert np.allclose(np.abs(part.normals).max(axis=1), 1.0, atol=1e-6)
+    if kind == "stl":  # no normals of its own: its sides are shaded flat, along the axes
+        assert np.allclose(np.abs(part.normals).max(axis=1), 1.0, atol=1e-6)
 
 
 def test_a_mesh_in_millimetres_is_in_metres_when_drawn(tmp_path: Path) -> None:
-    content = box_mesh("dae").decode()
-    assert "<unit" in content
-    scaled = content.replace('meter="1"', 'meter="0.001"').replace('meter="1.0"', 'meter="0.001"')
+    unit = '<unit name="millimeter" meter="0.001"/>'
+    scaled = box_mesh("dae").decode().replace("</created>", f"</created>{unit}")
     robot = Robot.load(package(tmp_path, box_dae=scaled))
     part = meshes.load(robot, "package://pkg/meshes/box.dae")
     assert np.allclose(np.ptp(part.points, axis=0), [1e-4, 2e-4, 3e-4])
@@ -244,6 +246,7 @@ def test_colours_and_primitives_of_the_urdf(tmp_path: Path) -> None:
         assert np.allclose(end.points.mean(axis=0)[2], 1.0, atol=0.01)
 
 
+@settings(max_examples=10)
 @given(most=st.integers(50, 2000), sharp=st.booleans())
 def test_simplified_meshes_stay_where_they_were(most: int, sharp: bool) -> None:
     part = meshes.sphere(0.5)
