@@ -14,6 +14,7 @@ import queue
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -35,10 +36,20 @@ FLAGS = (
     "--no-first-run",
     "--hide-scrollbars",
     "--force-color-profile=srgb",
-    # Whatever a page asks for by name is not found; 127.0.0.1 is no name.
-    "--host-resolver-rules=MAP * ~NOTFOUND",
+    # Whatever a page asks for elsewhere is not found.
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 )
 PATIENCE = 60.0
+#: Starts a program with two descriptors as its 3 and 4 (a shell cannot do it for those above 9).
+_LAUNCH = """
+import os, sys
+for number, descriptor in (1, 1000), (2, 1001):
+    os.dup2(int(sys.argv[number]), descriptor)
+for descriptor, wanted in (1000, 3), (1001, 4):
+    os.dup2(descriptor, wanted)
+    os.close(descriptor)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
 
 
 def program() -> str | None:
@@ -117,7 +128,7 @@ class Browser:
         command = [found, *FLAGS, "--remote-debugging-pipe", f"--user-data-dir={self._folder}", "about:blank"]
         # The browser reads from descriptor 3 and writes to 4.
         self._process = subprocess.Popen(
-            ["/bin/sh", "-c", f'exec "$@" 3<&{to_child} 4>&{from_child}', "sh", *command],
+            [sys.executable, "-c", _LAUNCH, str(to_child), str(from_child), *command],
             pass_fds=(to_child, from_child),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

@@ -16,6 +16,8 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -168,18 +170,27 @@ def asset(name: str) -> str:
     return (resources.files("armgpi.viz") / "page" / name).read_text(encoding="utf-8")
 
 
-@lru_cache(maxsize=1)
-def meshcat_script() -> str:
-    """Return MeshCat's viewer.
+@lru_cache(maxsize=2)
+def package_file(package: str, *parts: str) -> str:
+    """Return a text file of an installed package, which is not imported for it.
 
     Raises:
-        MissingPackage: when MeshCat is not installed.
+        MissingPackage: when it is not installed.
     """
-    try:
-        folder = resources.files("meshcat")
-    except ImportError:
-        raise MissingPackage("meshcat") from None
-    return (folder / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
+    found = find_spec(package)
+    if found is None or not found.submodule_search_locations:
+        raise MissingPackage(package)
+    return Path(found.submodule_search_locations[0], *parts).read_text(encoding="utf-8")
+
+
+def meshcat_script() -> str:
+    """Return MeshCat's viewer."""
+    return package_file("meshcat", "viewer", "dist", "main.min.js")
+
+
+def plotly_script() -> str:
+    """Return Plotly."""
+    return package_file("plotly", "package_data", "plotly.min.js")
 
 
 def _body_data(body: Body, arrays: Arrays) -> dict[str, Any]:

@@ -10,8 +10,6 @@ import base64
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from importlib import resources
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -107,7 +105,7 @@ def build(
         + ". This file needs no network.",
         "file": base64.b64encode(content).decode(),
     }
-    scripts = [_plotly_script(), page.meshcat_script(), page.asset("scene.js"), page.asset("report.js")]
+    scripts = [page.plotly_script(), page.meshcat_script(), page.asset("scene.js"), page.asset("report.js")]
     return page.fill("report.html", values, data, arrays, scripts)
 
 
@@ -429,16 +427,3 @@ def _short(value: float | None) -> str:
         return "–"
     return f"{value:.4g}" if abs(value) > 1e-12 else "0"
 
-
-@lru_cache(maxsize=1)
-def _plotly_script() -> str:
-    """Return Plotly.
-
-    Raises:
-        MissingPackage: when it is not installed.
-    """
-    try:
-        folder = resources.files("plotly")
-    except ImportError:
-        raise page.MissingPackage("plotly") from None
-    return (folder / "package_data" / "plotly.min.js").read_text(encoding="utf-8")

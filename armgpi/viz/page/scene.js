@@ -426,11 +426,14 @@ const Armgpi = (() => {
       const q0 = this.clip ? this.positions(this.clip.actors[0], "q", { frame: 0, next: 0, part: 0 }) : this.posture;
       this.robots.forEach((robot) => {
         this.pose(robot, q0);
-        robot.root.object.updateMatrixWorld(true);
+        robot.root.object.updateWorldMatrix(true, true);
+        // MeshCat turns the scene as a whole, from z up to y up.
+        const upright = this.viewer.scene.matrixWorld.clone().invert();
         robot.nodes.forEach((node, i) => {
           const geometry = this.geometry(i, "coarse");
           if (!geometry.boundingBox) geometry.computeBoundingBox();
-          box.union(geometry.boundingBox.clone().applyMatrix4(node.object.matrixWorld));
+          const place = node.object.matrixWorld.clone().premultiply(upright);
+          box.union(geometry.boundingBox.clone().applyMatrix4(place));
         });
         if (this.clip) {
           for (const what of [robot.desired, robot.drawn]) {
