@@ -5,8 +5,12 @@
 """Pictures of a run: figures for a paper, the arm in MeshCat as one file, and a report of everything.
 
 The paper's arm draws the paper's laser path (eq. 28) twice, with fixed gains and with a network, while its
-joints are pushed from 20 s on. Writes laser_*.svg, laser.html and laser_report.html into the current folder.
+joints are pushed from 20 s on. Name a folder to keep the files: python 10_pictures.py pictures
 """
+
+import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 
@@ -37,10 +41,13 @@ runs = {
 }
 both = experiment.join(runs)
 
+scratch = tempfile.TemporaryDirectory()
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else scratch.name)
+folder.mkdir(exist_ok=True)
 written = [
-    plots.save(plots.overview(both), "laser_overview.svg"),
-    plots.save(plots.tool_path(both, robot), "laser_path.svg"),
-    plots.save(plots.signals(runs["network"], ["omega_c"]), "laser_gains.svg"),
+    plots.save(plots.overview(both), folder / "overview.svg"),
+    plots.save(plots.tool_path(both, robot), folder / "path.svg"),
+    plots.save(plots.signals(runs["network"], ["omega_c"]), folder / "gains.svg"),
 ]
 
 # A figure of one's own, composed of axes: where the push sets in, joint by joint.
@@ -51,10 +58,11 @@ with plots.styled():
         plots.plot_error(axes[row, 0], onset, joint)
         plots.plot_torque(axes[row, 1], onset, joint)
     plots.legend(figure)
-written.append(plots.save(figure, "laser_onset.svg"))
+written.append(plots.save(figure, folder / "onset.svg"))
 
-written.append(meshcat.write(meshcat.rollout_page(both, robot), "laser.html"))
-written.append(report.write(report.build(both, robot, title="The laser path"), "laser_report.html"))
+written.append(meshcat.write(meshcat.rollout_page(both, robot), folder / "arm.html"))
+written.append(report.write(report.build(both, robot, title="The laser path"), folder / "report.html"))
 for path in written:
     print(f"{path.name:20} {path.stat().st_size / 1e6:6.2f} MB")
 assert np.isfinite(both["q"]).all()
+scratch.cleanup()

@@ -306,7 +306,8 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         rows.append((f"{record['label']}", f"{record['end']}; sees {sees}"))
     if len(records) > 20:
         rows.append(("...", f"{len(records) - 20} more rollouts"))
-    rows.append(("URDF", f"{_at(made_from, 'source', default='unknown')}"))
+    # Its name alone: a report is passed on, and need not say whose folders it was made in.
+    rows.append(("URDF", Path(str(_at(made_from, "source", default="unknown"))).name))
     rows.append(("its SHA-256", f"{_at(made_from, 'sha256', default='unknown')}"))
     if locked := _at(made_from, "locked", default={}):
         rows.append(("locked joints", ", ".join(f"{name} = {value}" for name, value in locked.items())))
@@ -426,4 +427,3 @@ def _short(value: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if abs(value) > 1e-12 else "0"
-

@@ -28,7 +28,7 @@ from armgpi.viz import meshes, plots
 from armgpi.viz.meshes import MeshError, Triangles
 
 #: Triangles of an arm that is drawn; larger meshes are simplified. And of its coarse version.
-TRIANGLES, COARSE = 120_000, 4_000
+TRIANGLES, COARSE = 150_000, 4_000
 #: Frames a second that playing in real time can show, and memory that all frames may take [B].
 FRAME_RATE, FRAME_BYTES = 100.0, 6_000_000
 #: More rollouts than this at once is a crowd.
