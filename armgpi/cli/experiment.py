@@ -129,7 +129,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
             print_tables(experiment, records)
     for path in paths:
         typer.echo(f"wrote {path}", err=True)
-    if options["view"]:
+    if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.worst(records)]

@@ -66,6 +66,9 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     from armgpi.config import dump
     from armgpi.viz import plots
 
+    if result.sizes["time"] < 1:
+        typer.echo("note: no pictures, as the run was stopped before its first sample", err=True)
+        return written
     robot = one(experiment.plant.robot)
     if options["plot"] is not None:
         written.append(plots.save(plots.overview(result), options["plot"]))

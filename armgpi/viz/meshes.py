@@ -34,8 +34,9 @@ MAX_BYTES, MAX_TRIANGLES = 64 * 1024 * 1024, 2_000_000
 _FARTHEST = 1e3
 #: How often a Collada file may draw its parts: files can hold parts within parts within parts.
 _MAX_INSTANCES = 20_000
-#: Faces that meet at a smaller angle than this are shaded as one surface [rad].
-_CREASE = 0.6
+#: Faces that meet at a smaller angle than this are shaded as one surface [rad]; in meshes of more triangles
+#: than this every corner is, as finding its surfaces would take long.
+_CREASE, _FINE = 0.6, 200_000
 
 
 class MeshError(ArmgpiError):
@@ -49,6 +50,19 @@ class MeshError(ArmgpiError):
         """Describe what is wrong with the mesh `filename`."""
         self.filename = filename
         super().__init__(f"mesh {filename!r}: {message}")
+
+
+class MissingPackage(ArmgpiError):
+    """A package that pictures need and that is not installed.
+
+    Attributes:
+        package: its name.
+    """
+
+    def __init__(self, package: str) -> None:
+        """Say which package is missing and how to get it."""
+        self.package = package
+        super().__init__(f"needs the package {package!r}: pip install 'armgpi[viz]'")
 
 
 class Triangles(NamedTuple):
@@ -131,6 +145,8 @@ def _parsed(path: str, _changed: int, filename: str, kind: str) -> Triangles:
         _check_stl(content, filename)
     try:
         parts = _parts(content, kind)
+    except MissingPackage:
+        raise
     except ImportError as error:
         raise MeshError(filename, f"needs the package {error.name}: pip install 'armgpi[viz]'") from None
     except MemoryError:
@@ -150,8 +166,7 @@ def _parsed(path: str, _changed: int, filename: str, kind: str) -> Triangles:
 
 def _parts(content: bytes, kind: str) -> list[Triangles]:
     """Return the parts of a mesh file, in metres and in the file's own axes."""
-    import trimesh
-
+    trimesh = toolbox()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # No resolver: whatever else the file names is not read.
@@ -164,7 +179,8 @@ def _parts(content: bytes, kind: str) -> list[Triangles]:
                 continue
             scale = _unit(mesh.metadata)
             color = _color_of(mesh)
-            if kind == "stl" or (kind == "obj" and b"\nvn " not in content):
+            bare = kind == "stl" or (kind == "obj" and b"\nvn " not in content)  # without normals
+            if bare and len(mesh.faces) < _FINE:
                 mesh = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
             points = trimesh.transform_points(mesh.vertices, transform) * scale
             normals = np.asarray(mesh.vertex_normals) @ np.linalg.inv(transform[:3, :3])
@@ -221,32 +237,37 @@ def simplified(part: Triangles, most: int, sharp: bool = True) -> Triangles:
     return part
 
 
+def toolbox() -> Any:
+    """Return trimesh, which reads and makes meshes.
+
+    Raises:
+        MissingPackage: when it is not installed.
+    """
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingPackage("trimesh") from None
+    return trimesh
+
+
 def box(x: float, y: float, z: float) -> Triangles:
     """Return a box about the origin [m]."""
-    import trimesh
-
-    return _primitive(trimesh.creation.box(extents=(x, y, z)))
+    return _primitive(toolbox().creation.box(extents=(x, y, z)))
 
 
 def cylinder(radius: float, length: float) -> Triangles:
     """Return a cylinder about the z axis [m]."""
-    import trimesh
-
-    return _primitive(trimesh.creation.cylinder(radius=radius, height=length, sections=32))
+    return _primitive(toolbox().creation.cylinder(radius=radius, height=length, sections=32))
 
 
 def sphere(radius: float) -> Triangles:
     """Return a sphere about the origin [m]."""
-    import trimesh
-
-    return _primitive(trimesh.creation.uv_sphere(radius=radius, count=[16, 24]))
+    return _primitive(toolbox().creation.uv_sphere(radius=radius, count=[16, 24]))
 
 
 def _primitive(mesh: Any) -> Triangles:
     """Return a shape with its edges kept sharp."""
-    import trimesh
-
-    shaded = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
+    shaded = toolbox().graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
     points = np.asarray(shaded.vertices, dtype=float)
     return Triangles(
         points,

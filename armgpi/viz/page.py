@@ -23,27 +23,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.errors import ArmgpiError
-from armgpi.viz.meshes import Triangles
+from armgpi.viz.meshes import MissingPackage, Triangles
 from armgpi.viz.scene import Body, Clip, Scene
 
 #: NumPy's types and their names in the page.
 _TYPES = {"float32": "f32", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
 #: Joints without limits get sliders over this range [rad or m].
 _UNLIMITED = math.pi
-
-
-class MissingPackage(ArmgpiError):
-    """A package that pictures need and that is not installed.
-
-    Attributes:
-        package: its name.
-    """
-
-    def __init__(self, package: str) -> None:
-        """Say which package is missing and how to get it."""
-        self.package = package
-        super().__init__(f"needs the package {package!r}: pip install 'armgpi[viz]'")
 
 
 class Arrays:

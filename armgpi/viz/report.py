@@ -72,6 +72,10 @@ def build(
         MissingPackage: when Plotly or MeshCat is not installed.
     """
     plots.traces(rollout)
+    if "rollout" not in rollout.dims and "label" in rollout.coords:  # one of several
+        rollout = rollout.expand_dims("rollout").assign_coords(
+            label=("rollout", [str(rollout["label"].values)])
+        )
     arrays = page.Arrays()
     said = list(findings)
     data: dict[str, Any] = {"arm": None, "clip": None, "no_arm": "", "file": "rollout.nc"}
@@ -89,7 +93,7 @@ def build(
         if clip.left_out:
             said.append(f"{clip.left_out} more rollouts are not in the animation and the plots")
     data["plots"] = _plots_data(rollout, arrays)
-    records = experiment.records(rollout)
+    records = _records(rollout)
     said += _found_in(rollout, records)
     content, every = _netcdf(rollout)
     name = str(rollout.attrs.get("robot", "rollout"))
@@ -172,11 +176,11 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     length = ["m" if is_linear else "rad" for is_linear in linear]
     force = ["N" if is_linear else "N m" for is_linear in linear]
     time = np.asarray(rollout["time"].values, dtype=float)
-    efforts = np.atleast_2d(rollout["effort"].values)
+    efforts = traces[0].data["effort"].values
     levels = []
     for j in range(len(joints)):
         peak = max(_peak(trace.data["tau"].isel(joint=j).values) for trace in traces)
-        effort = float(efforts[0, j])
+        effort = float(efforts[j])
         near = np.isfinite(effort) and effort < 1e300 and peak >= 0.4 * effort
         levels.append([-effort, effort] if near else [])
     onsets = [plots.disturbance_onset(rollout, joint) for joint in joints]
@@ -346,6 +350,14 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
+def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the figures of every rollout."""
+    try:
+        return experiment.records(rollout)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise RolloutError("the rollout does not say how it was made (its provenance is damaged)") from None
+
+
 def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return what the rollouts themselves give reason to say."""
     said = []
@@ -357,7 +369,7 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
             for joint, value in zip(record["joints"], record["metrics"][what], strict=True):
                 if value is not None and value > 0.0:
                     said.append(f"{record['label']}: joint {joint!r} {text.format(value)}")
-    unlimited = np.atleast_2d(rollout["effort"].values)[0]
+    unlimited = plots.traces(rollout, most=None)[0].data["effort"].values
     for joint, effort in zip(rollout["joint"].values, unlimited, strict=True):
         if not np.isfinite(effort) or effort >= 1e300:
             said.append(f"joint {str(joint)!r} has no torque limit")

@@ -141,7 +141,9 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
 
     Raises:
         NameNotFound: when there is no such frame.
+        MissingPackage: when trimesh is not installed.
     """
+    meshes.toolbox()  # better now than in the middle
     if frame is not None:
         robot.frame_pose(frame, robot.middle())  # refuses a name that is not there
     model = robot.pinocchio_model()
@@ -207,7 +209,7 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
     pushed = np.zeros((len(frames), len(names)), dtype=np.float32)
     if "disturbance" in rollout:
         first = shown[0].data["disturbance"].transpose("time", "joint").values
-        pushed = np.nan_to_num(first[frames]).astype(np.float32)
+        pushed = _single(np.nan_to_num(first[frames]))
     onsets = {name: plots.disturbance_onset(rollout, name) for name in names}
     return Clip(
         times=time[frames],
@@ -496,13 +498,18 @@ def _actor(trace: plots.Trace, frames: npt.NDArray[np.int64], end: str, rollouts
     return Actor(
         label=trace.label or "actual",
         color=trace.look.color,
-        q=_held(data["q"])[frames].astype(np.float32),
-        q_ref=_held(data["q_ref"])[frames].astype(np.float32),
-        tau=np.nan_to_num(data["tau"][frames]).astype(np.float32),
+        q=_single(_held(data["q"])[frames]),
+        q_ref=_single(_held(data["q_ref"])[frames]),
+        tau=_single(np.nan_to_num(data["tau"][frames])),
         saturated=saturated,
         end=end if int(trace.data["status"]) != Status.FINISHED else "finished",
-        t_end=float(trace.data["t_end"]),
+        t_end=float(np.nan_to_num(trace.data["t_end"].values)),
     )
+
+
+def _single(values: Array) -> npt.NDArray[np.float32]:
+    """Return values in single precision; what is out of all bounds stays finite."""
+    return np.clip(values, -1e30, 1e30).astype(np.float32)
 
 
 def _held(values: Array) -> Array:
