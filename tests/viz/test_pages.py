@@ -6,10 +6,11 @@ Skipped where no Chromium is installed; CI installs one.
 from __future__ import annotations
 
 import base64
+import contextlib
 import io
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import browser as browsers
@@ -111,7 +112,7 @@ def test_links_are_where_pinocchio_puts_them(case: str, chromium: browsers.Brows
 
 def picture(shown: browsers.Page) -> np.ndarray:
     """The scene as pixels."""
-    uri = shown.eval("armgpi.scene.viewer.capture_image()")
+    uri = shown.eval("armgpi.scene.picture()")
     image = Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))).convert("RGB")
     return np.asarray(image, dtype=int)
 
@@ -419,3 +420,36 @@ def test_scenes_are_small() -> None:
     robot = Robot.load("panda", lock=["panda_finger_joint1"])
     assert len(meshcat.robot_page(robot)) < 6e6
     assert scene.build(robot).findings == ()
+
+
+# Files can hold anything.
+
+PAIR = compared(soft=run(ARM, t_final=0.1), stiff=run(ARM, t_final=0.1, omega=40.0))
+SPOILED = {
+    "no provenance": lambda d: d.assign_attrs(provenance=""),
+    "other provenance": lambda d: d.assign_attrs(provenance='{"soft": {"plant": 3}}'),
+    "no times": lambda d: d.assign_coords(time=np.full(d.sizes["time"], np.nan)),
+    "times that go back": lambda d: d.isel(time=slice(None, None, -1)),
+    "a status of its own": lambda d: d.assign(status=d["status"] + 7),
+    "one name for all joints": lambda d: d.assign_coords(joint=["q"] * 3),
+    "other dimensions": lambda d: d.transpose("joint", "time", "rollout"),
+    "nothing finite": lambda d: d.assign(q=d["q"] * np.nan, q_ref=d["q_ref"] * np.nan, tau=d["tau"] * np.nan),
+    "huge numbers": lambda d: d.assign(q=d["q"] * 1e300 + 1e300),
+    "one sample": lambda d: d.isel(time=slice(1)),
+    "no rollouts": lambda d: d.isel(rollout=slice(0)),
+    "one of several": lambda d: d.isel(rollout=0),
+    "no limits": lambda d: d.assign(effort=d["effort"] * np.inf),
+    "no end": lambda d: d.assign(t_end=d["t_end"] * np.nan),
+    "text": lambda d: d.assign(q=d["q"].astype(str)),
+    "a number": lambda d: d.assign(q=3.0),
+    "no joint types": lambda d: d.drop_vars("joint_type"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
+@pytest.mark.parametrize("draw", [plots.overview, meshcat.rollout_page, report.build])
+@pytest.mark.parametrize("what", SPOILED)
+def test_a_spoiled_rollout_is_drawn_or_refused(what: str, draw: Callable[[xr.Dataset], object]) -> None:
+    # Any other exception than ours fails the test.
+    with contextlib.suppress(armgpi.ArmgpiError):
+        draw(SPOILED[what](PAIR))

@@ -185,7 +185,7 @@
         scene.addEventListener("time", (event) => plots.tell(event.detail));
         plots.tell(scene.time);
         plots.seek = (time) => { player.play(false); scene.show(time); };
-        const still = () => { by("still").src = scene.viewer.capture_image(); };
+        const still = () => { by("still").src = scene.picture(); };
         window.addEventListener("beforeprint", still);
         window.armgpi.scene = scene;
         window.armgpi.player = player;

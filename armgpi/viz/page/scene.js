@@ -150,6 +150,16 @@ const Armgpi = (() => {
       };
     }
 
+    /** Return the scene as a picture, drawn finely on any machine. */
+    picture() {
+      const slow = this.slow;
+      this.slow = false;
+      if (this.coarse) this.set_coarse(false, this.viewer.dom_element);
+      const uri = this.viewer.capture_image();
+      this.slow = slow;
+      return uri;
+    }
+
     set_coarse(coarse, pane) {
       this.coarse = coarse;
       for (const robot of this.robots || []) {
