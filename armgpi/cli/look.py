@@ -11,6 +11,8 @@ from armgpi.cli import options as opt
 from armgpi.cli.words import refusal
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from armgpi.robot import Robot
 
 _Target = Annotated[
@@ -116,13 +118,10 @@ def _page(
     return meshcat.robot_page(shown, frame=frame)
 
 
-def _arm(name: str, result: object) -> Robot:
+def _arm(name: str, result: xr.Dataset) -> Robot:
     """Load a robot with the joints of a rollout, all others locked."""
-    import xarray as xr
-
     from armgpi.robot import Robot
 
-    assert isinstance(result, xr.Dataset)
     return Robot.load(name, keep=[str(joint) for joint in result["joint"].values])
 
 

@@ -21,7 +21,7 @@ import xarray as xr
 
 from armgpi import urdf
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError, ArmgpiWarning, RolloutError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, RolloutError
 from armgpi.robot import Robot
 from armgpi.rollout import Status, describe_end
 from armgpi.viz import meshes, plots
@@ -140,9 +140,12 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         frame: the tool, whose path is drawn; the tip when not given.
 
     Raises:
+        ParameterError: when `robot` is a batch of them.
         NameNotFound: when there is no such frame.
         MissingPackage: when trimesh is not installed.
     """
+    if not isinstance(robot, Robot):
+        raise ParameterError("robot", robot, "a single Robot; of a RobotBatch, one of its robots")
     meshes.toolbox()  # better now than in the middle
     if frame is not None:
         robot.frame_pose(frame, robot.middle())  # refuses a name that is not there
