@@ -34,8 +34,8 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-warn-script-location -c constraints.txt -e ".[all,dev,docs]"
 	@touch $@
 
-demo: $(STAMP) ## Simulate and compare the controllers on the demo arm, into demo_out/
-	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out
+demo: $(STAMP) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
+	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --report demo_out/report.html
 
 # The tests come last: cheap checks fail first, and the run ends with pytest's own summary.
 test: lint types docs examples wheel unit ## Everything CI checks

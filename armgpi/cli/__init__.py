@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import doctor, experiment, inspect, paper, robots, zoo
+from armgpi.cli import doctor, experiment, inspect, look, paper, robots, zoo
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -33,6 +33,8 @@ app.command()(doctor.doctor)
 app.command()(zoo.zoo)
 app.command()(paper.reproduce)
 app.command()(paper.scenarios)
+app.command()(look.view)
+app.command()(look.report)
 
 
 def _show_version(wanted: bool) -> None:

@@ -41,6 +41,10 @@ def run(
     t_final: opt.TFinal = None,
     seed: opt.Seed = None,
     out: opt.Out = None,
+    plot: opt.Plot = None,
+    view: opt.View = False,
+    html: opt.Html = None,
+    report: opt.Report = None,
     as_json: opt.Json = False,
 ) -> None:
     """Simulate one controller on a robot and print how well it tracked.
@@ -78,6 +82,10 @@ def compare(
     t_final: opt.TFinal = None,
     seed: opt.Seed = None,
     out: opt.Out = None,
+    plot: opt.Plot = None,
+    view: opt.View = False,
+    html: opt.Html = None,
+    report: opt.Report = None,
     as_json: opt.Json = False,
 ) -> None:
     """Simulate several controllers on the same robot and print one table.
@@ -95,6 +103,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
 
     from armgpi import config as configuration
     from armgpi import experiment as experiments
+    from armgpi.cli import pictures
     from armgpi.cli.settings import settings
     from armgpi.cli.tables import print_tables
     from armgpi.rollout import Status
@@ -102,6 +111,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     _check_out(options)
+    pictures.check(options)
     _note_early_end(experiment)
     if compare:
         result = experiments.compare(experiment)
@@ -113,6 +123,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
         if options["out"] is not None:
             paths = experiments.save(result, experiment, options["out"])
+        paths += pictures.make(options, result, experiment)
     finally:
         if options["as_json"]:
             typer.echo(json.dumps(records))
@@ -120,6 +131,8 @@ def _run(options: dict[str, Any], compare: bool) -> int:
             print_tables(experiment, records)
     for path in paths:
         typer.echo(f"wrote {path}", err=True)
+    if options["view"] and result.sizes["time"]:
+        pictures.serve_rollout(result, experiment.plant.robot)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.worst(records)]
 

@@ -137,3 +137,37 @@ Out = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", metavar=FLAG, help="Print JSON instead of tables.")]
+
+# Pictures of what was run.
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot", metavar="FILE", help="Draw position, error and torque of every joint: PNG, SVG, PDF."
+    ),
+]
+View = Annotated[
+    bool, typer.Option("--view", metavar=FLAG, help="Serve the animation to this machine until Ctrl-C.")
+]
+Html = Annotated[
+    Path | None,
+    typer.Option("--html", metavar="FILE", help="Write the animation as one file for any browser."),
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        "--report", metavar="FILE", help="Write tables, plots, animation and data as one HTML file."
+    ),
+]
+Frame = Annotated[
+    str | None, typer.Option(metavar="FRAME", help="The tool whose path is drawn; the tip by default.")
+]
+RobotOf = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", metavar="ROBOT", help="The arm of a rollout, where the one it was made with is gone."
+    ),
+]
+Port = Annotated[
+    int | None,
+    typer.Option(metavar="PORT", help="Port of 127.0.0.1; the first free one from 7070 by default."),
+]

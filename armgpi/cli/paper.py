@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from armgpi.cli.options import FLAG
+from armgpi.cli.options import FLAG, Report
 from armgpi.cli.words import refusal, stoppable
 
 
@@ -22,6 +22,7 @@ def reproduce(
             "--quick", metavar=FLAG, help="A step of 1e-3 s and no side studies: under half a minute."
         ),
     ] = False,
+    report: Report = None,
 ) -> None:
     """Run the paper again: Tables 2-4 and Figures 5-13, published beside ours, and what it leaves open.
 
@@ -33,11 +34,18 @@ def reproduce(
         import matplotlib  # noqa: F401
     except ImportError:
         raise refusal("", "reproduce draws with Matplotlib: pip install 'armgpi[viz]'") from None
+    from armgpi.cli import pictures
     from armgpi.paper.reproduction import reproduce as run
 
+    pictures.check({"plot": None, "view": False, "html": None, "report": report})
     done = run(out, quick=quick, done=lambda name: typer.echo(f"done: {name}", err=True))
     typer.echo(done.summary)
     typer.echo(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
+    if report is not None:
+        from armgpi.viz import report as reports
+
+        page = reports.build(reports.together(done.contenders), title="The paper's scenario 5.3, reproduced")
+        typer.echo(f"wrote {reports.write(page, report)}", err=True)
 
 
 def scenarios(

@@ -545,8 +545,7 @@ def traces(rollout: xr.Dataset, most: int | None = MOST_LINES) -> list[Trace]:
     Raises:
         RolloutError: when there is nothing to draw.
     """
-    if "time" not in rollout.dims or rollout.sizes["time"] < 1 or rollout.sizes.get("rollout", 1) < 1:
-        raise RolloutError("the rollout has no samples, so there is nothing to draw")
+    _check(rollout)
     rollout = _until_the_end(rollout)
     if "rollout" not in rollout.dims:
         label = str(rollout["label"].values) if "label" in rollout.coords else ""
@@ -556,6 +555,29 @@ def traces(rollout: xr.Dataset, most: int | None = MOST_LINES) -> list[Trace]:
         return [Trace(f"{count} rollouts: median, 5 to 95 %", style.look(0), rollout)]
     names = rollout["label"].values if "label" in rollout.coords else [f"rollout {i}" for i in range(count)]
     return [Trace(str(name), style.look(i), rollout.isel(rollout=i)) for i, name in enumerate(names)]
+
+
+def _check(rollout: xr.Dataset) -> None:
+    """Refuse a dataset that is no rollout, or has nothing to draw: files can hold anything."""
+    if "time" not in rollout.dims or rollout.sizes["time"] < 1 or rollout.sizes.get("rollout", 1) < 1:
+        raise RolloutError("the rollout has no samples, so there is nothing to draw")
+    shapes = {"q": 0, "q_ref": 0, "tau": 0, "effort": 1, "lower": 1, "upper": 1, "status": 2, "t_end": 2}
+    for name, fewer in shapes.items():
+        wanted = ("rollout", "time", "joint")
+        allowed = {1: {"rollout", "joint"}, 2: {"rollout"}}.get(fewer, set(wanted))
+        needed = {"time", "joint"} if fewer == 0 else {"joint"} if fewer == 1 else set()
+        if name not in rollout or not needed <= set(rollout[name].dims) <= allowed:
+            raise RolloutError(f"the rollout has no {name!r} with the dimensions of one")
+        if rollout[name].dtype.kind not in "fiu":
+            raise RolloutError(f"the rollout's {name!r} is no numbers but {rollout[name].dtype}")
+    time = np.asarray(rollout["time"].values)
+    if time.dtype.kind != "f" or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
+        raise RolloutError("the rollout's times are not finite numbers that increase")
+    if unknown := set(np.unique(rollout["status"].values).tolist()) - set(map(int, Status)):
+        raise RolloutError(f"the rollout has a status that there is not: {sorted(unknown)}")
+    names = [str(name) for name in rollout["joint"].values]
+    if not names or len(set(names)) < len(names):
+        raise RolloutError("the rollout's joints have no names of their own")
 
 
 def _until_the_end(rollout: xr.Dataset) -> xr.Dataset:

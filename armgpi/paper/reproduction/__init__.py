@@ -44,11 +44,13 @@ class Reproduction(NamedTuple):
         sheets: the tables.
         summary: in words, as Markdown.
         files: what was written.
+        contenders: the rollouts of scenario 5.3 with ideal sensors and a right model, by name.
     """
 
     sheets: list[Sheet]
     summary: str
     files: list[Path]
+    contenders: dict[str, xr.Dataset]
 
 
 def reproduce(
@@ -85,7 +87,11 @@ def reproduce(
             for child in multiprocessing.active_children():
                 child.terminate()
             raise
-    return Reproduction(sheets, words, files)
+    contenders = {
+        "PID + inversion": runs.select(found.ideal_pid, runs.NEAR_PID, 1.0),
+        "GPI + networks": runs.select(found.ideal_gpi, runs.NETWORK, 1.0),
+    }
+    return Reproduction(sheets, words, files, contenders)
 
 
 class _Found(NamedTuple):

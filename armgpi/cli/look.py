@@ -1,0 +1,133 @@
+"""The commands that look at robots and rollouts: view and report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.words import refusal
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from armgpi.robot import Robot
+
+_Target = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT|FILE",
+        help="Name of a robot, path of a URDF file, or a rollout (.nc).",
+        show_default=False,
+    ),
+]
+_Files = Annotated[
+    list[Path], typer.Argument(metavar="FILE...", help="Rollouts (.nc) of one robot.", show_default=False)
+]
+_Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write.")]
+_Title = Annotated[str | None, typer.Option(metavar="TEXT", help="Title; the robot's name by default.")]
+_Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open it in a browser.")]
+
+
+def view(
+    target: _Target,
+    html: opt.Html = None,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    robot: opt.RobotOf = None,
+    frame: opt.Frame = None,
+    port: opt.Port = None,
+    browser: _Open = False,
+) -> None:
+    """Show a robot, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.
+
+    \b
+    armgpi view panda
+    armgpi view results/rollout.nc --html arm.html
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.cli import pictures
+    from armgpi.viz import meshcat
+
+    pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
+    page = _page(target, lock, keep, robot, frame)
+    if html is not None:
+        typer.echo(f"wrote {meshcat.write(page, html)}", err=True)
+    else:
+        pictures.serve(page, port, browser)
+
+
+def report(
+    files: _Files,
+    output: _Output = Path("report.html"),
+    title: _Title = None,
+    robot: opt.RobotOf = None,
+    frame: opt.Frame = None,
+) -> None:
+    """Write tables, plots, animation and data of rollouts as one HTML file that needs no network.
+
+    \b
+    armgpi report results/rollout.nc
+    armgpi report soft/rollout.nc stiff/rollout.nc -o both.html
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import rollout as rollouts
+    from armgpi.cli import pictures
+
+    pictures.check({"plot": None, "view": False, "html": None, "report": output})
+    from armgpi.viz import report as reports
+
+    loaded = {}
+    for path in files:
+        name = path.parent.name if path.stem == "rollout" and path.parent.name else path.stem
+        while name in loaded:
+            name += "'"
+        loaded[name] = rollouts.load(path)
+    result = reports.together(loaded)
+    page = reports.build(
+        result,
+        None if robot is None else _arm(robot, result),
+        title=title,
+        configuration=_configuration(files),
+        frame=frame,
+        folder=files[0].parent,
+    )
+    typer.echo(f"wrote {reports.write(page, output)}", err=True)
+
+
+def _page(
+    target: str, lock: list[str] | None, keep: list[str] | None, robot: str | None, frame: str | None
+) -> str:
+    """Return the page of what shall be shown."""
+    from armgpi import rollout as rollouts
+    from armgpi.cli.words import locks, split
+    from armgpi.robot import Robot
+    from armgpi.viz import meshcat, scene
+
+    if Path(target).suffix.lower() == ".nc":
+        for option, value in (("--lock", lock), ("--keep", keep)):
+            if value:
+                raise refusal(option, "is for robots; a rollout has its joints locked already")
+        result = rollouts.load(target)
+        arm = scene.robot_of(result, Path(target).parent) if robot is None else _arm(robot, result)
+        return meshcat.rollout_page(result, arm, frame=frame)
+    if robot is not None:
+        raise refusal("--robot", "goes with a rollout")
+    locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
+    shown = Robot.load(target, lock=locked, keep=split(keep) if keep else None)
+    return meshcat.robot_page(shown, frame=frame)
+
+
+def _arm(name: str, result: xr.Dataset) -> Robot:
+    """Load a robot with the joints of a rollout, all others locked."""
+    from armgpi.robot import Robot
+
+    return Robot.load(name, keep=[str(joint) for joint in result["joint"].values])
+
+
+def _configuration(files: list[Path]) -> str | None:
+    """Return the experiment file beside a single rollout, as `armgpi run --out` writes it."""
+    beside = files[0].parent / "experiment.yaml"
+    if len(files) > 1 or not beside.is_file() or beside.stat().st_size > 1_000_000:
+        return None
+    return beside.read_text(encoding="utf-8", errors="replace")

@@ -1,0 +1,137 @@
+"""Pictures of what was run, for the commands that simulate and for those that look."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from armgpi.cli.words import refusal
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from armgpi.config import Experiment
+    from armgpi.robot import Robot
+
+#: Option -> packages that it needs.
+_NEEDS = {
+    "plot": ("matplotlib",),
+    "view": ("meshcat", "trimesh"),
+    "html": ("meshcat", "trimesh"),
+    "report": ("plotly", "meshcat", "trimesh"),
+}
+
+
+def check(options: dict[str, Any]) -> None:
+    """Refuse pictures that cannot be made: better before a long run than after it."""
+    for name, packages in _NEEDS.items():
+        # The scene and the report use the figures' helpers.
+        for package in ("matplotlib", *packages) if options[name] else ():
+            if find_spec(package) is None:
+                raise refusal(f"--{name}", f"needs the package {package!r}: pip install 'armgpi[viz]'")
+    if options["plot"] is not None:
+        from armgpi.viz import plots
+
+        plots.check_path(options["plot"])
+    for name in ("plot", "html", "report"):
+        if options[name] is not None:
+            check_file(options[name], f"--{name}")
+
+
+def check_file(path: Path, option: str) -> None:
+    """Refuse a file that cannot be written."""
+    folder = path.parent
+    if path.is_dir():
+        raise refusal(option, f"{path} is a folder; name a file")
+    if not folder.is_dir():
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise refusal(option, f"{folder}: cannot be made: {error.strerror or error}") from None
+    if not os.access(folder, os.W_OK):
+        raise refusal(option, f"{folder}: cannot be written to")
+
+
+def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) -> list[Path]:
+    """Write the pictures asked for and return their files."""
+    written: list[Path] = []
+    if not (options["plot"] or options["html"] or options["report"]):
+        return written
+    from armgpi.config import dump
+    from armgpi.viz import plots
+
+    if result.sizes["time"] < 1:
+        typer.echo("note: no pictures, as the run was stopped before its first sample", err=True)
+        return written
+    robot = one(experiment.plant.robot)
+    if options["plot"] is not None:
+        written.append(plots.save(plots.overview(result), options["plot"]))
+    if options["html"] is not None:
+        from armgpi.viz import meshcat
+
+        written.append(meshcat.write(meshcat.rollout_page(result, robot), options["html"]))
+    if options["report"] is not None:
+        from armgpi.viz import report
+
+        page = report.build(result, robot, configuration=dump(experiment.config))
+        written.append(report.write(page, options["report"]))
+    return written
+
+
+def serve_rollout(result: xr.Dataset, robot: Any) -> None:
+    """Show rollouts until Ctrl-C."""
+    from armgpi.viz import meshcat
+
+    serve(meshcat.rollout_page(result, one(robot)))
+
+
+def one(robot: Any) -> Robot:
+    """Return the robot, the first of a batch."""
+    first: Robot = robot.robots[0] if hasattr(robot, "robots") else robot
+    return first
+
+
+def serve(page: str, port: int | None = None, browser: bool = False) -> None:
+    """Serve a page to this machine until Ctrl-C, saying where it is."""
+    from armgpi.viz.meshcat import Server
+
+    if browser and not _display():
+        raise refusal(
+            "--open", "there is no display here; leave it out and open the printed address elsewhere"
+        )
+    with Server(page, port) as server:
+        typer.echo(f"{server.url}  (Ctrl-C ends it)")
+        if remote := _ssh(server.port):
+            typer.echo(f"from your own machine: {remote}")
+        sys.stdout.flush()
+        if browser and not server.open():
+            raise refusal("--open", f"no browser could be started; open {server.url} yourself")
+        try:
+            server.wait()
+        except KeyboardInterrupt:
+            typer.echo("stopped", err=True)
+
+
+def _ssh(port: int) -> str:
+    """Return the command that makes the port reachable from where the user sits, if that is elsewhere."""
+    parts = os.environ.get("SSH_CONNECTION", "").split()
+    if len(parts) != 4:
+        return ""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a user without a name
+        return f"ssh -L {port}:127.0.0.1:{port} {parts[2]}"
+    return f"ssh -L {port}:127.0.0.1:{port} {user}@{parts[2]}"
+
+
+def _display() -> bool:
+    """Tell whether a window can be opened."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,256 @@
+"""The MeshCat page of an arm or a rollout: as one file, or served to this machine alone.
+
+MeshCat's own server listens on all addresses without a password, so it is not used: the page holds MeshCat's
+viewer and everything it shows, and :class:`Server` hands it out on the loopback address only.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import threading
+import webbrowser
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import xarray as xr
+
+from armgpi.arrays import ArrayLike, as_joint_array
+from armgpi.errors import ArmgpiError, ParameterError, RolloutError
+from armgpi.robot import Robot
+from armgpi.viz import page, scene
+
+#: The only address that a page is served on.
+LOOPBACK = "127.0.0.1"
+#: First port tried when none is given, and how many after it.
+_FIRST_PORT, _PORTS = 7070, 50
+
+
+class ServerError(ArmgpiError):
+    """A page that cannot be served.
+
+    Attributes:
+        port: the port asked for.
+    """
+
+    def __init__(self, port: int, reason: str) -> None:
+        """Say which port cannot be had and why."""
+        self.port = port
+        super().__init__(f"port {port} of {LOOPBACK} cannot be used: {reason}; choose another with --port")
+
+
+def robot_page(robot: Robot, *, frame: str | None = None, live: bool = False) -> str:
+    """Return a page that shows a robot, with a slider for every joint.
+
+    Args:
+        robot: the arm.
+        frame: the tool; the tip when not given.
+        live: whether a :class:`Server` shall move it.
+    """
+    arm = scene.build(robot, frame)
+    arrays = page.Arrays()
+    data = {"arm": page.arm_data(arm, arrays), "clip": None, "live": live, "autoplay": False}
+    return _filled(data, arrays, robot.name, arm.findings)
+
+
+def rollout_page(rollout: xr.Dataset, robot: Robot | None = None, *, frame: str | None = None) -> str:
+    """Return a page that plays a rollout, or several at once.
+
+    Args:
+        rollout: the rollout(s).
+        robot: the arm; the one that the rollout was made with when not given.
+        frame: the tool; the tip when not given.
+
+    Raises:
+        RolloutError: when the robot is not found any more, or is another one.
+    """
+    arm = scene.build(scene.robot_of(rollout) if robot is None else robot, frame)
+    clip = scene.clip(rollout, arm.robot)
+    arrays = page.Arrays()
+    data = {
+        "arm": page.arm_data(arm, arrays),
+        "clip": page.clip_data(clip, arrays),
+        "live": False,
+        "autoplay": True,
+    }
+    findings = list(arm.findings)
+    if clip.left_out:
+        findings.append(f"{clip.left_out} more rollouts are not shown")
+    return _filled(data, arrays, str(rollout.attrs.get("robot", arm.robot.name)), findings)
+
+
+def write(html: str, path: str | PathLike[str]) -> Path:
+    """Write a page to a file.
+
+    Raises:
+        RolloutError: when the file cannot be written.
+    """
+    target = Path(path)
+    partial = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        partial.write_text(html, encoding="utf-8")
+        partial.replace(target)
+    except OSError as error:
+        raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return target
+
+
+class Server:
+    """Serves a page on 127.0.0.1, from a thread of its own, until it is closed.
+
+    A context manager. Requests that name another host are refused, so that no page of another site reaches it
+    by a name that leads here.
+
+    Attributes:
+        port: the port it listens on.
+        url: where the page is.
+    """
+
+    def __init__(self, html: str, port: int | None = None) -> None:
+        """Serve a page.
+
+        Args:
+            html: the page.
+            port: where; the first free one from 7070 on when not given.
+
+        Raises:
+            ParameterError: when the port is none.
+            ServerError: when it is taken.
+        """
+        if port is not None and (isinstance(port, bool) or not 0 <= port <= 65535):
+            raise ParameterError("port", port, "a number from 0 (any) to 65535")
+        self._page = html.encode()
+        self._listeners: list[queue.Queue[str | None]] = []
+        self._server = self._bound(port)
+        self.port = int(self._server.server_address[1])
+        self.url = f"http://{LOOPBACK}:{self.port}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="armgpi view")
+        self._thread.start()
+
+    def show(self, q: ArrayLike, robot: Robot) -> None:
+        """Move the arm of a live page to joint positions (n,) [rad or m]."""
+        posture = json.dumps(as_joint_array(q, "q", robot.joint_names).tolist())
+        for listener in list(self._listeners):
+            listener.put(posture)
+
+    def open(self) -> bool:
+        """Open the page in a browser; False where there is none."""
+        try:
+            return webbrowser.open(self.url)
+        except webbrowser.Error:
+            return False
+
+    def wait(self) -> None:
+        """Serve until interrupted."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
+
+    def close(self) -> None:
+        """Stop serving."""
+        for listener in list(self._listeners):
+            listener.put(None)
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def __enter__(self) -> Server:
+        """Return the server, which runs already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop serving."""
+        self.close()
+
+    def _bound(self, port: int | None) -> ThreadingHTTPServer:
+        """Return a server on the port asked for, or on the first free one."""
+        handler = _handler(self)
+        ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
+        for candidate in ports:
+            try:
+                return _Loopback((LOOPBACK, candidate), handler)
+            except OSError as error:
+                reason = error.strerror or str(error)
+        raise ServerError(ports[-1], reason)
+
+
+class _Loopback(ThreadingHTTPServer):
+    """A server whose requests end with the program."""
+
+    daemon_threads = True
+    # On Windows this would let two programs share a port.
+    allow_reuse_address = os.name == "posix"
+
+
+def _handler(server: Server) -> type[BaseHTTPRequestHandler]:
+    """Return the class that answers requests for a server's page."""
+
+    class Handler(BaseHTTPRequestHandler):
+        """Answers GET for the page and for what moves it."""
+
+        def do_GET(self) -> None:
+            """Answer."""
+            host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
+            if host not in (LOOPBACK, "localhost"):
+                self.send_error(403, "only for this machine")
+            elif self.path == "/":
+                self._answer("text/html; charset=utf-8", server._page)
+            elif self.path == "/live":
+                self._stream()
+            else:
+                self.send_error(404)
+
+        def _answer(self, kind: str, content: bytes) -> None:
+            self.send_response(200)
+            self._headers(kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def _headers(self, kind: str) -> None:
+            self.send_header("Content-Type", kind)
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("X-Content-Type-Options", "nosniff")
+            self.send_header("X-Frame-Options", "DENY")
+
+        def _stream(self) -> None:
+            """Send postures as they come, until the page goes away or the server is closed."""
+            listener: queue.Queue[str | None] = queue.Queue()
+            self.send_response(200)
+            self._headers("text/event-stream")
+            self.end_headers()
+            server._listeners.append(listener)
+            try:
+                while (posture := listener.get()) is not None:
+                    self.wfile.write(f"data: {posture}\n\n".encode())
+                    self.wfile.flush()
+            except OSError:
+                pass
+            finally:
+                server._listeners.remove(listener)
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Say nothing."""
+
+        def handle(self) -> None:
+            """Answer; a browser that goes away is no error."""
+            try:
+                super().handle()
+            except ConnectionError:
+                self.close_connection = True
+
+    return Handler
+
+
+def _filled(data: dict[str, Any], arrays: page.Arrays, title: str, findings: Any) -> str:
+    """Return the page that shows a scene alone."""
+    values = {"title": page.text(title), "findings": page.findings_list(findings)}
+    scripts = [page.meshcat_script(), page.asset("scene.js"), page.asset("view.js")]
+    return page.fill("view.html", values, data, arrays, scripts)

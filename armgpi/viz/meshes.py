@@ -1,0 +1,371 @@
+"""Meshes of a robot, from files that nobody vouches for, as triangles.
+
+A URDF names files, and a mesh file may name others. Only files inside the robot's own package are read, by
+:func:`resolve_mesh`; a mesh is read into memory and parsed there, without anything that it refers to:
+textures are never opened. What cannot be used raises :class:`MeshError` with the reason, and the scene goes
+on without it.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import stat
+import warnings
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+from armgpi.errors import ArmgpiError
+from armgpi.robot import Robot
+
+#: Kinds of files that are read, by their endings.
+KINDS = ("stl", "dae", "obj")
+#: Largest file [B] and largest mesh that is read at all.
+MAX_BYTES, MAX_TRIANGLES = 64 * 1024 * 1024, 2_000_000
+#: A mesh farther out than this [m] is no part of an arm.
+_FARTHEST = 1e3
+#: How often a Collada file may draw its parts: files can hold parts within parts within parts.
+_MAX_INSTANCES = 20_000
+#: Faces that meet at a smaller angle than this are shaded as one surface [rad]; in meshes of more triangles
+#: than this every corner is, as finding its surfaces would take long.
+_CREASE, _FINE = 0.6, 200_000
+
+
+class MeshError(ArmgpiError):
+    """A mesh that cannot be drawn.
+
+    Attributes:
+        filename: as the URDF names it.
+    """
+
+    def __init__(self, filename: str, message: str) -> None:
+        """Describe what is wrong with the mesh `filename`."""
+        self.filename = filename
+        super().__init__(f"mesh {filename!r}: {message}")
+
+
+class MissingPackage(ArmgpiError):
+    """A package that pictures need and that is not installed.
+
+    Attributes:
+        package: its name.
+    """
+
+    def __init__(self, package: str) -> None:
+        """Say which package is missing and how to get it."""
+        self.package = package
+        super().__init__(f"needs the package {package!r}: pip install 'armgpi[viz]'")
+
+
+class Triangles(NamedTuple):
+    """Triangles with normals and colours.
+
+    Attributes:
+        points: corners [m], shape (k, 3).
+        normals: unit normals, shape (k, 3).
+        colors: red, green, blue from 0 to 1, shape (k, 3); NaN where the file has none.
+        faces: indices of corners, shape (m, 3).
+    """
+
+    points: Array
+    normals: Array
+    colors: Array
+    faces: npt.NDArray[np.int64]
+
+
+def resolve_mesh(robot: Robot, filename: str) -> Path | None:
+    """Return the file that a URDF means by a mesh's name, None when it is not in the robot's package.
+
+    ``package://name/rest`` is looked for in the folder `name` around the URDF, or beside it where that is a
+    ROS package (it has a ``package.xml``). Other names are relative to the URDF. Links are followed first:
+    what they lead to must be inside the package as well.
+    """
+    urdf = Path(str(robot.provenance["source"]))
+    if not urdf.is_file():
+        return None
+    urdf = urdf.resolve()
+    if filename.startswith("package://"):
+        package, _, rest = filename.removeprefix("package://").partition("/")
+        if package in ("", ".", ".."):
+            return None
+        roots = [folder for folder in urdf.parents if folder.name == package]
+        roots += [folder / package for folder in urdf.parents if _is_package(folder / package)]
+        places = [(root, root / rest) for root in roots]
+    elif "://" in filename and not filename.startswith("file://"):
+        return None
+    else:
+        root = _package_of(urdf)
+        places = [(root, urdf.parent / unquote(filename.removeprefix("file://")))]
+    for root, place in places:
+        try:
+            found = place.resolve()
+            if found.is_relative_to(root.resolve()) and found.is_file():
+                return found
+        except (OSError, ValueError):  # a name that the system has no file for
+            continue
+    return None
+
+
+def load(robot: Robot, filename: str) -> Triangles:
+    """Return a mesh that a robot's URDF names.
+
+    Raises:
+        MeshError: when it is not there, outside the robot's package, or no mesh that can be drawn.
+    """
+    path = resolve_mesh(robot, filename)
+    if path is None:
+        raise MeshError(filename, "there is no such file in the robot's package")
+    kind = path.suffix[1:].lower()
+    if kind not in KINDS:
+        raise MeshError(filename, f"is no {', '.join(k.upper() for k in KINDS)} file")
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
+            raise MeshError(filename, f"is no regular file of at most {MAX_BYTES} bytes")
+        return _parsed(str(path), status.st_mtime_ns, filename, kind)
+    except OSError as error:
+        raise MeshError(filename, f"cannot be read: {error.strerror or error}") from None
+
+
+@lru_cache(maxsize=64)
+def _parsed(path: str, _changed: int, filename: str, kind: str) -> Triangles:
+    """Return the triangles of a file; the last ones read are remembered, as arms repeat their parts."""
+    content = Path(path).read_bytes()
+    if kind == "dae":
+        _check_collada(content, filename)
+    if kind == "stl":
+        _check_stl(content, filename)
+    try:
+        parts = _parts(content, kind)
+    except MissingPackage:
+        raise
+    except ImportError as error:
+        raise MeshError(filename, f"needs the package {error.name}: pip install 'armgpi[viz]'") from None
+    except MemoryError:
+        raise MeshError(filename, "does not fit into memory") from None
+    except Exception as error:  # parsers of meshes fail in every way there is
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise MeshError(filename, f"is damaged ({reason})") from None
+    if not parts:
+        raise MeshError(filename, "has no triangles")
+    whole = concatenate(parts)
+    if len(whole.faces) > MAX_TRIANGLES:
+        raise MeshError(filename, f"has {len(whole.faces)} triangles, more than {MAX_TRIANGLES}")
+    if not (np.abs(whole.points) <= _FARTHEST).all():  # NaN as well
+        raise MeshError(filename, f"has corners that are not finite or beyond {_FARTHEST:g} m")
+    return whole
+
+
+def _parts(content: bytes, kind: str) -> list[Triangles]:
+    """Return the parts of a mesh file, in metres and in the file's own axes."""
+    trimesh = toolbox()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        # No resolver: whatever else the file names is not read.
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=None)
+        parts = []
+        for node in scene.graph.nodes_geometry:
+            transform, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+                continue
+            scale = _unit(mesh.metadata)
+            color = _color_of(mesh)
+            bare = kind == "stl" or (kind == "obj" and b"\nvn " not in content)  # without normals
+            if bare and len(mesh.faces) < _FINE:
+                mesh = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
+            points = trimesh.transform_points(mesh.vertices, transform) * scale
+            normals = np.asarray(mesh.vertex_normals) @ np.linalg.inv(transform[:3, :3])
+            colors = np.broadcast_to(color, points.shape)
+            parts.append(Triangles(points, _unit_rows(normals), colors, np.asarray(mesh.faces)))
+    return parts
+
+
+def concatenate(parts: list[Triangles]) -> Triangles:
+    """Return triangles together."""
+    offsets = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    points, normals, colors, faces = zip(*parts, strict=True)
+    shifted = [face + first for face, first in zip(faces, offsets, strict=True)]
+    return Triangles(*map(np.concatenate, (points, normals, colors, shifted)))
+
+
+def moved(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangles:
+    """Return triangles scaled along their axes, then moved by a homogeneous matrix (4, 4)."""
+    factors = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
+    points = (part.points * factors) @ matrix[:3, :3].T + matrix[:3, 3]
+    safe = np.where(factors == 0.0, 1.0, factors)
+    normals = _unit_rows((part.normals / safe) @ matrix[:3, :3].T)
+    # A mirror image has its triangles the other way round.
+    faces = part.faces[:, ::-1] if np.prod(safe) < 0.0 else part.faces
+    return Triangles(points, normals, part.colors, faces)
+
+
+def simplified(part: Triangles, most: int, sharp: bool = True) -> Triangles:
+    """Return about `most` triangles at most, by making the corners within a small cube one.
+
+    Args:
+        part: the triangles.
+        most: how many may be left.
+        sharp: whether corners that face different ways stay apart, which keeps edges but opens small gaps.
+    """
+    cells = 256.0
+    while len(part.faces) > most and cells > 4.0:
+        low = part.points.min(axis=0)
+        size = max(float(np.ptp(part.points, axis=0).max()), 1e-9) / cells
+        place = np.floor((part.points - low) / size).astype(np.int64)
+        key = (place[:, 0] * 1024 + place[:, 1]) * 1024 + place[:, 2]
+        if sharp:
+            facing = np.abs(part.normals).argmax(axis=1)
+            ahead = np.take_along_axis(part.normals, facing[:, None], axis=1)[:, 0] > 0.0
+            key = key * 8 + 2 * facing + ahead
+        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        normals = np.zeros((len(first), 3))
+        np.add.at(normals, group, part.normals)
+        faces = group[part.faces]
+        whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+        faces = np.unique(faces[whole], axis=0)
+        part = Triangles(part.points[first], _unit_rows(normals), part.colors[first], faces)
+        cells *= 0.7
+    return part
+
+
+def toolbox() -> Any:
+    """Return trimesh, which reads and makes meshes.
+
+    Raises:
+        MissingPackage: when it is not installed.
+    """
+    try:
+        import trimesh
+    except ImportError:
+        raise MissingPackage("trimesh") from None
+    return trimesh
+
+
+def box(x: float, y: float, z: float) -> Triangles:
+    """Return a box about the origin [m]."""
+    return _primitive(toolbox().creation.box(extents=(x, y, z)))
+
+
+def cylinder(radius: float, length: float) -> Triangles:
+    """Return a cylinder about the z axis [m]."""
+    return _primitive(toolbox().creation.cylinder(radius=radius, height=length, sections=32))
+
+
+def sphere(radius: float) -> Triangles:
+    """Return a sphere about the origin [m]."""
+    return _primitive(toolbox().creation.uv_sphere(radius=radius, count=[16, 24]))
+
+
+def _primitive(mesh: Any) -> Triangles:
+    """Return a shape with its edges kept sharp."""
+    shaded = toolbox().graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
+    points = np.asarray(shaded.vertices, dtype=float)
+    return Triangles(
+        points,
+        _unit_rows(np.asarray(shaded.vertex_normals)),
+        np.full_like(points, np.nan),
+        np.asarray(shaded.faces),
+    )
+
+
+def _unit_rows(vectors: Array) -> Array:
+    """Return vectors (k, 3) of length 1; those of no length become z."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    good = np.isfinite(length) & (length > 0.0)
+    return np.where(good, vectors / np.where(good, length, 1.0), [0.0, 0.0, 1.0])
+
+
+def _color_of(mesh: Any) -> Array:
+    """Return the colour of a part, NaN when the file gives none."""
+    visual = mesh.visual
+    if getattr(visual, "kind", None) == "texture":
+        color = getattr(visual.material, "main_color", None)
+    elif getattr(visual, "defined", False):
+        color = visual.main_color
+    else:
+        color = None
+    if color is None:
+        return np.full(3, np.nan)
+    return np.asarray(color, dtype=float)[:3] / 255.0
+
+
+def _unit(metadata: dict[str, Any]) -> float:
+    """Return the unit that a Collada file is in [m]."""
+    text = str(metadata.get("units", ""))
+    match = re.fullmatch(r"([-+.\deE]+) \* meters", text)
+    scale = float(match[1]) if match else 1.0
+    return scale if np.isfinite(scale) and scale > 0.0 else 1.0
+
+
+def _check_stl(content: bytes, filename: str) -> None:
+    """Refuse a binary STL file whose size is not what its count of triangles says."""
+    if content[:5].lower() == b"solid" and b"facet" in content[:2000]:
+        return  # the same as text
+    if len(content) < 84:
+        raise MeshError(filename, f"has {len(content)} bytes, which is no STL file")
+    count, room = int.from_bytes(content[80:84], "little"), (len(content) - 84) // 50
+    if count > room:
+        raise MeshError(filename, f"says that it has {count} triangles, but there are {room}")
+    triangles = np.frombuffer(content, np.dtype([("corners", "<f4", (4, 3)), ("more", "<u2")]), count, 84)
+    if not np.isfinite(triangles["corners"][:, 1:]).all():
+        raise MeshError(filename, "has corners that are not finite")
+
+
+def _check_collada(content: bytes, filename: str) -> None:
+    """Refuse Collada files that would grow when read: entities, and parts within parts many times over."""
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise MeshError(filename, "has a document type declaration (DTD), which a mesh does not need")
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise MeshError(filename, f"is no well-formed XML: {error}") from None
+    nodes = {e.get("id"): e for e in root.iter() if e.tag.endswith("}node") and e.get("id")}
+    counted: dict[int, int] = {}
+
+    def drawn(node: ElementTree.Element, depth: int) -> int:
+        """Count what a node draws, its parts' parts included."""
+        if depth > 60:
+            raise MeshError(filename, "has parts nested more than 60 deep")
+        if id(node) not in counted:
+            total = 0
+            for child in node:
+                if child.tag.endswith("}node"):
+                    total += drawn(child, depth + 1)
+                elif child.tag.endswith("}instance_node"):
+                    part = nodes.get((child.get("url") or "").removeprefix("#"))
+                    total += 0 if part is None else drawn(part, depth + 1)
+                elif child.tag.endswith("}instance_geometry"):
+                    total += 1
+            counted[id(node)] = total
+        return counted[id(node)]
+
+    scenes = [e for e in root.iter() if e.tag.endswith("}visual_scene")]
+    if sum(drawn(scene, 0) for scene in scenes) > _MAX_INSTANCES:
+        raise MeshError(filename, f"draws its parts more than {_MAX_INSTANCES} times")
+
+
+def _is_package(folder: Path) -> bool:
+    """Tell whether a folder is a ROS package."""
+    return (folder / "package.xml").is_file()
+
+
+def _package_of(urdf: Path) -> Path:
+    """Return the folder that a URDF's relative names must stay in: its ROS package, or its own folder.
+
+    A folder ``urdf`` or the like in a project without ``package.xml`` has its meshes beside it.
+    """
+    for folder in urdf.parents:
+        if _is_package(folder):
+            return folder
+    own = urdf.parent
+    beside = own.name.lower() in ("urdf", "robots", "robot", "xacro") and own.parent != Path(os.sep)
+    return own.parent if beside else own

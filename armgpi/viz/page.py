@@ -1,0 +1,220 @@
+"""Pages that hold everything they need: one HTML file with the viewer, the arm, the motion and the data.
+
+What a page shows is JSON and arrays. Text from files gets into it in two ways only: as JSON, in which no
+character can end the element that holds it, and as HTML, escaped. A content security policy in the page lets
+it run its own scripts, by their hashes, and fetch nothing at all.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import html
+import json
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.viz.meshes import MissingPackage, Triangles
+from armgpi.viz.scene import Body, Clip, Scene
+
+#: NumPy's types and their names in the page.
+_TYPES = {"float32": "f32", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
+#: Joints without limits get sliders over this range [rad or m].
+_UNLIMITED = math.pi
+
+
+class Arrays:
+    """Arrays of a page: packed into one block, referred to from the JSON."""
+
+    def __init__(self) -> None:
+        """Begin without arrays."""
+        self._parts: list[bytes] = []
+        self._length = 0
+
+    def add(self, array: npt.ArrayLike, dtype: str) -> dict[str, Any]:
+        """Take an array in and return what the JSON says of it."""
+        values = np.ascontiguousarray(array, dtype=np.dtype(dtype).newbyteorder("<"))
+        content = values.tobytes()
+        content += b"\0" * (-len(content) % 8)
+        reference = {"type": _TYPES[dtype], "offset": self._length, "length": int(values.size)}
+        self._parts.append(content)
+        self._length += len(content)
+        return reference
+
+    def text(self) -> str:
+        """Return all arrays, compressed, as text; the same arrays make the same text."""
+        return base64.b64encode(gzip.compress(b"".join(self._parts), 6, mtime=0)).decode()
+
+
+def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
+    """Return what the page knows of an arm."""
+    robot = scene.robot
+    limits = robot.limits
+    bodies = [_body_data(body, arrays) for body in scene.bodies]
+    for j, body in enumerate(bodies[1:]):
+        bounded = math.isfinite(limits.lower[j]) and math.isfinite(limits.upper[j])
+        bounded = bounded and limits.upper[j] - limits.lower[j] < 1e3
+        effort = float(limits.effort[j])
+        body.update(
+            effort=effort if math.isfinite(effort) and effort < 1e300 else 0.0,
+            lower=float(limits.lower[j]) if bounded else -_UNLIMITED,
+            upper=float(limits.upper[j]) if bounded else _UNLIMITED,
+            unit="m" if robot.joint_types[j] == "prismatic" else "rad",
+        )
+    return {
+        "name": robot.name,
+        "bodies": bodies,
+        "tip": {"body": scene.tip_body, "placement": _columns(scene.tip)},
+        "size": scene.size,
+        "posture": robot.middle().tolist(),
+    }
+
+
+def clip_data(clip: Clip, arrays: Arrays) -> dict[str, Any]:
+    """Return what the page knows of a motion."""
+    return {
+        "times": arrays.add(clip.times, "float32"),
+        "disturbance": arrays.add(clip.disturbance, "float32"),
+        "onsets": clip.onsets,
+        "actors": [
+            {
+                "label": actor.label,
+                "color": actor.color,
+                "end": actor.end,
+                "t_end": actor.t_end,
+                "q": arrays.add(actor.q, "float32"),
+                "q_ref": arrays.add(actor.q_ref, "float32"),
+                "tau": arrays.add(actor.tau, "float32"),
+                "saturated": arrays.add(actor.saturated, "uint8"),
+            }
+            for actor in clip.actors
+        ],
+    }
+
+
+def fill(template: str, values: Mapping[str, str], data: Any, arrays: Arrays, scripts: Sequence[str]) -> str:
+    """Return a page made from a template.
+
+    Args:
+        template: name of its file.
+        values: HTML for the template's other places.
+        data: what becomes the page's JSON.
+        arrays: what the JSON refers to.
+        scripts: JavaScript, in its order.
+    """
+    safe = [_safe_script(script) for script in scripts]
+    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in safe)
+    places = {
+        # What a page may do: its own scripts and styles, pictures within it, and nothing else. 'self' is the
+        # server that a live page came from; a file has none.
+        "policy": f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; font-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'",
+        "style": asset("page.css"),
+        "data": json_text(data),
+        "arrays": arrays.text(),
+        "scripts": "\n".join(f"<script>{script}</script>" for script in safe),
+        **values,
+    }
+    parts = asset(template).split("{{")
+    filled = [parts[0]]
+    for part in parts[1:]:
+        name, rest = part.split("}}", 1)
+        filled += [places[name], rest]
+    return "".join(filled)
+
+
+def json_text(data: Any) -> str:
+    """Return data as JSON in which nothing can end the element that it stands in."""
+    text = json.dumps(data, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def text(value: object) -> str:
+    """Return text as HTML that shows it to the letter."""
+    return html.escape(str(value), quote=True)
+
+
+def findings_list(findings: Sequence[str]) -> str:
+    """Return findings as an HTML list; nothing when there are none."""
+    if not findings:
+        return ""
+    return '<ul class="findings">' + "".join(f"<li>{text(finding)}</li>" for finding in findings) + "</ul>"
+
+
+@lru_cache(maxsize=8)
+def asset(name: str) -> str:
+    """Return a file of the folder ``page``."""
+    return (resources.files("armgpi.viz") / "page" / name).read_text(encoding="utf-8")
+
+
+@lru_cache(maxsize=2)
+def package_file(package: str, *parts: str) -> str:
+    """Return a text file of an installed package, which is not imported for it.
+
+    Raises:
+        MissingPackage: when it is not installed.
+    """
+    found = find_spec(package)
+    if found is None or not found.submodule_search_locations:
+        raise MissingPackage(package)
+    return Path(found.submodule_search_locations[0], *parts).read_text(encoding="utf-8")
+
+
+def meshcat_script() -> str:
+    """Return MeshCat's viewer."""
+    return package_file("meshcat", "viewer", "dist", "main.min.js")
+
+
+def plotly_script() -> str:
+    """Return Plotly."""
+    return package_file("plotly", "package_data", "plotly.min.js")
+
+
+def _body_data(body: Body, arrays: Arrays) -> dict[str, Any]:
+    """Return what the page knows of a body."""
+    return {
+        "name": body.joint,
+        "parent": body.parent,
+        "kind": body.kind,
+        "placement": _columns(body.placement),
+        "axis": body.axis.tolist(),
+        "ring": body.ring,
+        "fine": _mesh_data(body.triangles, arrays),
+        "coarse": _mesh_data(body.coarse, arrays),
+    }
+
+
+def _mesh_data(triangles: Triangles, arrays: Arrays) -> dict[str, Any]:
+    """Return what the page knows of triangles."""
+    points, normals, colors, faces = triangles
+    return {
+        "points": arrays.add(points, "float32"),
+        "normals": arrays.add(np.rint(normals * 127.0), "int8"),
+        "colors": arrays.add(np.rint(np.clip(colors, 0.0, 1.0) * 255.0), "uint8"),
+        "faces": arrays.add(faces, "uint16" if len(points) < 65536 else "uint32"),
+    }
+
+
+def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:
+    """Return a matrix column by column, as three.js has it."""
+    columns: list[float] = matrix.T.ravel().tolist()
+    return columns
+
+
+def _safe_script(script: str) -> str:
+    """Return JavaScript in which no string ends the element that it stands in."""
+    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+def _digest(script: str) -> str:
+    """Return the hash of a script as a content security policy has it."""
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -1,0 +1,30 @@
+// The page that shows the scene alone.
+"use strict";
+
+(async () => {
+  try {
+    const { meta, array } = await Armgpi.unpack();
+    const by = (id) => document.getElementById(id);
+    const scene = new Armgpi.ArmScene(by("scene"), meta, array);
+    let player = null;
+    if (scene.clip) {
+      Armgpi.gauges(scene, by("gauges"));
+      player = new Armgpi.Player(scene, by("player"), meta.autoplay);
+      if (window.innerWidth < 700) by("panel").open = false;
+    } else {
+      Armgpi.sliders(scene, by("sliders"));
+    }
+    Armgpi.switches(scene, by("switches"));
+    if (meta.live) {
+      // A program that moves the arm while one looks.
+      new EventSource("live").onmessage = (event) => {
+        scene.posture.set(JSON.parse(event.data));
+        scene.show(0);
+      };
+    }
+    window.armgpi = { ready: true, error: null, scene, player };
+  } catch (error) {
+    Armgpi.complain(error);
+    throw error;
+  }
+})();
