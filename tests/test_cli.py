@@ -822,6 +822,9 @@ def test_a_range_of_payloads_is_believed_in(cli: Callable[..., Answer], tmp_path
     [
         (("--path", "spiral"), "did you mean 'circle'"),
         (("--path", "circle", "--to", "0"), "cannot stand beside"),
+        (("--direction", "0,0,-1"), "goes with a path"),
+        (("--path", "circle", "--direction", "0,0"), "at least 3"),
+        (("--path", "circle", "--direction", "0,0,0"), "a direction"),
         (("--payload-range", "0.5"), "two masses"),
         (("--payload-range", "1,0.5"), "--payload-range"),
         (("--payload-range", "0,500"), "no bandwidth serves"),

@@ -57,6 +57,13 @@ PathName = Annotated[
         help="Instead of --to, a path of the tool in space: laser (eq. 28), lissajous, circle or polyline.",
     ),
 ]
+Direction = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Where the tip's z axis points to along a path: '0,0,-1' is down; free by default.",
+    ),
+]
 PayloadRange = Annotated[
     str | None,
     typer.Option(

@@ -71,6 +71,10 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
             raise refusal("--path", "cannot stand beside --to or --from")
         data["reference"] = {}
         override("--path", {"type": options["path"]}, "reference", "path")
+    if given("direction"):
+        if "path" not in (data.get("reference") or {}):
+            raise refusal("--direction", "goes with a path")
+        override("--direction", per_joint(options["direction"], "--direction"), "reference", "direction")
     if given("to"):
         begin = per_joint(options["start"], "--from") if given("start") else {}
         data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}

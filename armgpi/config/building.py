@@ -36,7 +36,7 @@ from armgpi.control.network import BSplineNetwork
 from armgpi.control.payload import payload_range
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiError, ConfigError, EffortError, NameNotFound
-from armgpi.kinematics import TrackingInverse, postures
+from armgpi.kinematics import TrackingInverse, inverse_kinematics, postures
 from armgpi.paper.arm import PaperArm
 from armgpi.plants import actuators, loads, sensors
 from armgpi.plants.plant import Plant
@@ -335,7 +335,7 @@ def _reference(
     elif section.tool_axis is not None:
         raise place.at("tool_axis").error("goes with direction")
     with place.at("path").blamed():
-        drawn = _fitted(section.path, robot, frame)
+        drawn = _fitted(section.path, robot, frame, section.direction, axis)
         path = _path(drawn)
         reference = CartesianReference(robot, frame, path, inverse)
     end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
@@ -351,13 +351,20 @@ def _is_paper_arm(robot: Robot, frame: str) -> bool:
     return bool(np.abs(there - PaperArm().forward_kinematics(q)).max() < 1e-9)
 
 
-def _fitted(section: PathSection, robot: Robot, frame: str) -> PathSection:
+def _fitted(
+    section: PathSection, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
+) -> PathSection:
     """Return a path with what was left out chosen for the arm: around a point where it has room."""
     if isinstance(section, LaserSection):
         return section
-    inverse = TrackingInverse(robot, frame)
-    candidates = postures(robot, _CANDIDATES, seed=0)
-    point = robot.frame_pose(frame, candidates[np.argmax(inverse.room(candidates))]).translation
+    room = TrackingInverse(robot, frame, direction=direction, tool_axis=axis).room
+    q = postures(robot, _CANDIDATES, seed=0)
+    points = robot.frame_pose(frame, q).translation
+    if direction is not None:
+        found = inverse_kinematics(robot, frame, points, direction=direction, tool_axis=axis, restarts=4)
+        if found.reached.any():
+            q, points = found.q[found.reached], points[found.reached]
+    point = points[np.argmax(room(q))]
     size = _PATH_SIZE * float(np.linalg.norm(point))
     chosen: dict[str, Any]
     if isinstance(section, LissajousSection):
