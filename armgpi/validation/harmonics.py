@@ -1,0 +1,115 @@
+"""Functions of the posture in words: a sum of few harmonics, found from samples.
+
+Every entry of D, every coefficient of a product of velocities and every gravity torque of an arm is a
+trigonometric polynomial of degree two in each angle and a polynomial of degree two in each sliding joint.
+Few of its terms are there, so matching pursuit finds them from some dozens of postures.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+
+#: More terms than this are no explanation.
+MOST_TERMS = 8
+#: More joints than this make too many candidates.
+MOST_JOINTS = 4
+
+
+class Term(NamedTuple):
+    """One term of a sum.
+
+    Attributes:
+        factor: its coefficient.
+        word: its function of the posture, "cos(q2 + q3)", or "" for a constant.
+    """
+
+    factor: float
+    word: str
+
+
+def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[Term] | None:
+    """Return the few terms that make up `y` at the postures `q`, None when there are too many.
+
+    Args:
+        q: postures, shape (N, n).
+        y: values, shape (N,).
+        prismatic: whether each joint slides.
+        tolerance: how exact the sum has to be.
+    """
+    if q.shape[1] > MOST_JOINTS:
+        return None
+    if np.abs(y).max() <= tolerance:
+        return []
+    words, columns = _candidates(q, prismatic)
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    chosen: list[int] = []
+    rest, weights = y, np.zeros(0)
+    while len(chosen) < min(MOST_TERMS, len(y) - 2):
+        chosen.append(int(np.argmax(np.abs(rest @ columns) / sizes)))
+        weights = np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0]
+        rest = y - columns[:, chosen] @ weights
+        if np.abs(rest).max() <= tolerance:
+            floor = 1e-9 * np.abs(weights).max()
+            return [Term(float(w), words[c]) for w, c in zip(weights, chosen, strict=True) if abs(w) > floor]
+    return None
+
+
+def in_words(terms: list[Term]) -> str:
+    """Return a sum as text: "0.17 - 0.34 sin(q2)"."""
+    if not terms:
+        return "0"
+    text = ""
+    for term in sorted(terms, key=lambda term: (len(term.word), term.word)):
+        sign = "-" if term.factor < 0.0 else "+"
+        body = f"{abs(term.factor):.6g} {term.word}".strip()
+        if not text:
+            text = f"-{body}" if sign == "-" else body
+        else:
+            text += f" {sign} {body}"
+    return text
+
+
+def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array]:
+    """Return the functions that may take part, in words and at the postures."""
+    turning = [i for i, slides in enumerate(prismatic) if not slides]
+    sliding = [i for i, slides in enumerate(prismatic) if slides]
+    words, columns = [], []
+    for powers in itertools.product(range(3), repeat=len(sliding)):
+        if sum(powers) > 2:
+            continue
+        scale = np.prod([q[:, i] ** p for i, p in zip(sliding, powers, strict=True)], axis=0)
+        before = " ".join(
+            f"q{i + 1}" + ("²" if p == 2 else "") for i, p in zip(sliding, powers, strict=True) if p
+        )
+        for k in itertools.product(range(-2, 3), repeat=len(turning)):
+            leading = next((x for x in k if x), 0)
+            if leading < 0:
+                continue
+            angle = q[:, turning] @ np.array(k, dtype=float) if turning else np.zeros(len(q))
+            inner = _inner(k, turning)
+            for name, function in (("cos", np.cos), ("sin", np.sin)):
+                if leading == 0 and name == "sin":
+                    continue
+                word = f"{name}({inner})" if inner else ""
+                words.append(f"{before} {word}".strip())
+                columns.append(scale * function(angle))
+    return words, np.stack(columns, axis=-1)
+
+
+def _inner(k: tuple[int, ...], turning: list[int]) -> str:
+    """Return "2 q2 + q3" for multiples of angles."""
+    text = ""
+    for factor, i in zip(k, turning, strict=True):
+        if factor:
+            body = f"{abs(factor)} q{i + 1}" if abs(factor) != 1 else f"q{i + 1}"
+            if not text:
+                text = body if factor > 0 else f"-{body}"
+            else:
+                text += f" {'+' if factor > 0 else '-'} {body}"
+    return text
