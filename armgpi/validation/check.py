@@ -198,7 +198,7 @@ def _term(
     if name == "coriolis_matrix":
         values = np.einsum("Nij,Nj->Ni", values, v)
     if name == "potential_energy":
-        values = values - values.mean()
+        values = values - values[0]
     reference = _reference(robot, problem, name, States(*(x[:rows] for x in states)))
     away = np.abs(values - reference).reshape(rows, -1).max(axis=1)
     worst, size = int(np.argmax(away)), float(np.abs(reference).max())

@@ -31,6 +31,8 @@ PAIR_COST = 3.0
 OWN_COST = 2.2
 #: Elements whose posture dependence is shown, at most.
 SHOWN = 6
+#: Postures at which a summand at another angle is compared: there are few functions of the posture.
+_FEW = 16
 #: Parts of a function that may have causes of their own.
 _PARTS = ("D", "H", "B", "Z", "G", "V", "F", "J")
 
@@ -118,7 +120,7 @@ class _Search:
     def run(self, follows: Mapping[str, tuple[str, Mask]]) -> list[Cause]:
         """Return the causes, the ones with the largest scope first."""
         p, left = self.problem, self.differing.copy()
-        if found := self.best(np.ones_like(left), left, deep=True):
+        if found := self.best(np.ones_like(left), left):
             return [self.cause(found, left, "model")]
         consequences = []
         for name, (source, mask) in follows.items():
@@ -128,9 +130,12 @@ class _Search:
                 consequences.append(Cause("consequence", text, "function", self.elements(mine)))
                 left &= ~mine
         scope = ~(self.differing & ~left)
-        if consequences and left.any() and (found := self.best(scope, left, deep=True)):
+        if consequences and left.any() and (found := self.best(scope, left)):
             return [self.cause(found, left, "model"), *consequences]
-        return [*_joined(self.by_function(left)), *consequences]
+        causes = _joined(self.by_function(left))
+        if any(cause.kind == "unknown" for cause in causes) and (found := self.pairs(scope)):
+            causes = [self.cause(found, left, "model")]
+        return [*causes, *consequences]
 
     def by_function(self, left: Mask) -> Iterator[Cause]:
         """Yield causes for every term of every function alone."""
@@ -142,7 +147,7 @@ class _Search:
                 if not mine.any():
                     continue
                 scope = p.term(name) & p.piece(piece) & ~(self.differing & ~left)
-                found = self.best(scope, mine, deep=False, context=context)
+                found = self.best(scope, mine, context)
                 if found:
                     first = found[0].hypothesis
                     if first is not None and first.post is None and first.custom is None:
@@ -151,9 +156,7 @@ class _Search:
                 else:
                     yield from self.singles(mine)
 
-    def best(
-        self, scope: Mask, differing: Mask, deep: bool, context: Hypothesis | None = None
-    ) -> list[_Candidate]:
+    def best(self, scope: Mask, differing: Mask, context: Hypothesis | None = None) -> list[_Candidate]:
         """Return the mistakes that make all elements of `scope` agree, the simplest first."""
         p = self.problem
         found = [
@@ -173,8 +176,6 @@ class _Search:
                     both = context.and_also(h)
                     if p.explains(both)[scope].all():
                         found.append(_Candidate(both.cost, both.kind, both.text, hypothesis=both))
-        if not found and deep:
-            found += self.pairs(scope)
         if not found:
             found += self.link_parameters(scope, differing)
         return sorted(found, key=lambda c: c.cost)
@@ -239,7 +240,7 @@ class _Search:
             return np.asarray(((columns - target) * weights).ravel())
 
         x0, x1 = value, value + 1e-4 * max(abs(value), 1e-2)
-        r0 = ((p.user[:rows, differing] - target) * weights).ravel()
+        r0 = rest(x0)
         for _ in range(14):
             r1 = rest(x1)
             slope = (r1 - r0) / (x1 - x0)
@@ -259,16 +260,20 @@ class _Search:
         """Return two mistakes that together make all of `scope` agree."""
         p, found = self.problem, []
         likely = [h for h, fits in self.discrete if h.cost <= PAIR_COST and h.custom is None]
-        few = 3
-        user, tolerance = p.user[:few, scope], p.tolerance[scope]
+        # One piece at few postures rules out nearly all.
+        few, piece = 3, next((x for x in ("D", "G", "H") if (scope & self.differing & p.piece(x)).any()), "")
+        if not piece:
+            return []
+        part = scope & p.piece(piece)
+        user, tolerance = p.user[:few, part], p.tolerance[part]
         for first, second in itertools.combinations(likely, 2):
             if first.post is not None and second.post is not None:
                 continue
             both = first.and_also(second)
-            columns = p.hypothesis(both, few)[:few, scope]
+            columns = p.hypothesis(both, few, piece)[:, part]
             if (np.abs(user - columns).max(axis=0) <= tolerance).all() and p.explains(both)[scope].all():
                 found.append(_Candidate(both.cost, both.kind, both.text, hypothesis=both))
-        return found
+        return sorted(found, key=lambda c: c.cost)
 
     def link_parameters(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return links whose mass, centre of mass and inertia, by least squares, make all agree."""
@@ -341,6 +346,15 @@ class _Search:
                 return _Candidate(4.0, "summand", mapped.text)
             if matches:
                 return _Candidate(5.0, "summand", matches[0].text, matches[0].factor, 1.0)
+        slip = harmonics.slip(
+            p.q,
+            p.user[:, column],
+            p.reference[:, column],
+            p.tree.prismatic,
+            float(p.tolerance[column]),
+        )
+        if slip is not None:
+            return _Candidate(4.5, "term", slip)
         factor = self.factor(column, plain=False)
         if factor is not None:
             return factor
@@ -352,7 +366,7 @@ class _Search:
         """Return a summand of the element whose angle is wrong."""
         p = self.problem
         if not self._mapped:
-            self._mapped = [(h, fragments.fragments(p, h.affine)) for h, _ in self.maps]
+            self._mapped = [(h, fragments.fragments(p, h.affine, _FEW)) for h, _ in self.maps]
         for h, moved in self._mapped:
             for plain, other in zip(self._fragments, moved, strict=True):
                 found = fragments.match_mapped(p, plain, other, h, column)
@@ -573,8 +587,7 @@ def _joined(causes: Iterator[Cause]) -> list[Cause]:
         key = (cause.kind, cause.text, cause.scope)
         if key in found:
             before = found[key]
-            cause = before._replace(
-                elements=before.elements + cause.elements, evidence=before.evidence + cause.evidence
-            )
+            evidence = tuple(dict.fromkeys(before.evidence + cause.evidence))[:SHOWN]
+            cause = before._replace(elements=before.elements + cause.elements, evidence=evidence)
         found[key] = cause
     return list(found.values())

@@ -70,7 +70,7 @@ def match(problem: Problem, fragment: Fragment, column: int) -> Match | None:
     """Return how a summand explains the difference of one element, None when it does not."""
     part = fragment.columns[:, column]
     size = float(part @ part)
-    if size == 0.0 or np.abs(part).max() <= problem.tolerance[column]:
+    if not size > 0.0 or np.abs(part).max() <= problem.tolerance[column]:
         return None
     rest = problem.user[:, column] - problem.reference[:, column]
     share = float(rest @ part) / size
@@ -87,9 +87,9 @@ def match_mapped(
     problem: Problem, plain: Fragment, mapped: Fragment, hypothesis: Hypothesis, column: int
 ) -> Match | None:
     """Return how a summand at other angles explains the difference of one element."""
-    moved = mapped.columns[:, column] - plain.columns[:, column]
-    rest = problem.user[:, column] - problem.reference[:, column]
-    if np.abs(rest - moved).max() > problem.tolerance[column]:
+    moved = mapped.columns[:, column] - plain.columns[: len(mapped.columns), column]
+    rest = (problem.user[:, column] - problem.reference[:, column])[: len(moved)]
+    if not np.abs(moved).max() > problem.tolerance[column] or np.abs(rest - moved).max() > problem.tolerance[column]:
         return None
     words = plain.gravity if problem.elements[column].piece in ("G", "V", "Z") else plain.inertial
     return Match(f"in {words}: {hypothesis.text}", 1.0, True)
@@ -101,11 +101,7 @@ def _fragments(problem: Problem, affine: Affine | None, rows: int | None) -> Ite
     want = [piece for piece in problem.want if piece in ("D", "H", "G", "V")]
 
     def columns(changed: Tree) -> Array:
-        pieces = evaluate(changed, q, want, affine)
-        for piece, shape in (("F", (3,)), ("J", (6, tree.n))):
-            if piece in problem.want:
-                pieces[piece] = np.zeros((len(q), *shape))
-        return problem.columns(pieces)
+        return problem.columns(evaluate(changed, q, want, affine))
 
     for k in range(tree.n):
         link, body = names.link(k), tree.bodies[k]

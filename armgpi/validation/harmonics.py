@@ -8,6 +8,7 @@ Few of its terms are there, so matching pursuit finds them from some dozens of p
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +59,63 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
             floor = 1e-9 * np.abs(weights).max()
             return [Term(float(w), words[c]) for w, c in zip(weights, chosen, strict=True) if abs(w) > floor]
     return None
+
+
+def slip(
+    q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float
+) -> str | None:
+    """Return in words which one term of a sum is wrong, None when it is more than one.
+
+    Args:
+        q: postures, shape (N, n).
+        mine: values of the model, shape (N,).
+        theirs: those of the robot.
+        prismatic: whether each joint slides.
+        tolerance: how exact the sum has to be.
+    """
+    rest = mine - theirs
+    for text, shape in _slips(q, prismatic):
+        share = float(rest @ shape) / float(shape @ shape)
+        if np.abs(rest - share * shape).max() <= tolerance:
+            return f"{text} (times {share:.6g})"
+    sums = [expand(q, values, prismatic, tolerance) for values in (rest, theirs, mine)]
+    if any(terms is None for terms in sums):
+        return None
+    away, right, wrong = ({term.word: term.factor for term in terms or []} for terms in sums)
+    if len(away) == 1:
+        word, factor = next(iter(away.items()))
+        if word not in wrong:
+            return f"the term {in_words([Term(right[word], word)])} is missing"
+        if word not in right:
+            return f"the term {in_words([Term(factor, word)])} is too much"
+        ratio = wrong[word] / right[word]
+        usual = {-1.0: ": its sign", 0.5: ": a factor 2 is missing", 2.0: ": a factor 1/2 is missing"}
+        why = next((text for known, text in usual.items() if abs(ratio - known) < 1e-7), "")
+        name = f"coefficient of {word}" if word else "constant"
+        return f"the {name} is {wrong[word]:.6g}, the robot's is {right[word]:.6g}{why}"
+    if len(away) == 2:
+        (one, a), (other, b) = away.items()
+        if abs(a + b) <= 1e-7 * abs(a):
+            belongs, stands = (one, other) if a * right.get(one, 0.0) < 0.0 else (other, one)
+            if belongs in right:
+                return f"{stands or 'a constant'} stands where {belongs or 'a constant'} belongs"
+    return None
+
+
+def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]:
+    """Yield usual slips of trigonometry and what they add, up to a factor."""
+    turning = [i for i, slides in enumerate(prismatic) if not slides]
+    angles = {f"q{i + 1}": q[:, i] for i in turning}
+    angles |= {f"(q{i + 1} + q{j + 1})": q[:, i] + q[:, j] for i, j in itertools.combinations(turning, 2)}
+    for x, value in angles.items():
+        c, s = np.cos(value), np.sin(value)
+        yield f"(1 - sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 - s) ** 2 - c**2
+        yield f"(1 + sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 + s) ** 2 - c**2
+        yield f"(1 - cos {x})² stands for 1 - cos² {x} = sin² {x}", (1.0 - c) ** 2 - s**2
+        yield f"cos² {x} and sin² {x} are mixed up", c**2 - s**2
+        yield f"{x} stands for sin {x} (small angles)", value - s
+        yield f"1 stands for cos {x} (small angles)", 1.0 - c
+        yield f"1 - {x}²/2 stands for cos {x} (small angles)", 1.0 - 0.5 * value**2 - c
 
 
 def in_words(terms: list[Term]) -> str:

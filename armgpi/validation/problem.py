@@ -6,7 +6,7 @@ seen which elements it explains.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -89,9 +89,6 @@ class Problem:
         self.tree, self.q = tree, q[:rows]
         self.rtol = rtol
         self._sampled = {name: {k: x[:rows] for k, x in s.pieces.items()} for name, s in sampled.items()}
-        for pieces in self._sampled.values():
-            if "V" in pieces:  # known up to a constant only
-                pieces["V"] = pieces["V"] - pieces["V"].mean()
         self.want = sorted({piece for pieces in self._sampled.values() for piece in pieces} | {"D", "G"})
         reference = evaluate(tree, self.q, self.want)
         self.axes = self._plane(reference)
@@ -110,19 +107,22 @@ class Problem:
         self.tolerance = self._tolerances(reference, sampled)
 
     def columns(self, pieces: Pieces) -> Array:
-        """Return the columns of the pieces of an arm, (rows, E)."""
+        """Return the columns of the pieces of an arm, (rows, E); NaN where a piece is not given."""
         pieces = self.seen(pieces)
         rows = len(next(iter(pieces.values())))
         n = self.tree.n
         pieces = {"B": np.zeros((rows, n, n)), "Z": np.zeros((rows, n)), **pieces}
-        return np.stack([_column(pieces[e.piece], e) for e in self.elements], axis=-1)
+        out = np.full((rows, len(self.elements)), np.nan)
+        for column, element in enumerate(self.elements):
+            if element.piece in pieces:
+                out[:, column] = _column(pieces[element.piece], element)
+        return out
 
-    def hypothesis(self, hypothesis: Hypothesis, rows: int | None = None) -> Array:
-        """Return the columns of a hypothesis."""
-        # V has its mean taken away over the postures, so it takes all of them.
-        if "V" in self.want:
-            rows = None
-        return self.columns(hypothesis.pieces(self.tree, self.q[:rows], self.want))
+    def hypothesis(
+        self, hypothesis: Hypothesis, rows: int | None = None, want: Iterable[str] | None = None
+    ) -> Array:
+        """Return the columns of a hypothesis, at the first postures and of some pieces if so wished."""
+        return self.columns(hypothesis.pieces(self.tree, self.q[:rows], self.want if want is None else want))
 
     def fits(self, columns: Array) -> Mask:
         """Return which elements of the model agree with some columns."""
@@ -146,11 +146,9 @@ class Problem:
         """Return columns from pieces of the model's functions; NaN for functions that are not there."""
         out = np.full((rows, len(self.elements)), np.nan)
         for column, element in enumerate(self.elements):
-            if element.term in pieces:
+            if element.piece in pieces.get(element.term, {}):
                 array = pieces[element.term][element.piece]
                 out[:, column] = _column(array, element)
-                if element.piece == "V":  # its mean is taken over all postures
-                    out[:, column] += self.reference[:rows, column].mean() - out[:, column].mean()
         return out
 
     def agrees_with(self, pieces: Pieces, mask: Mask) -> Mask:

@@ -163,7 +163,7 @@ def _pieces(worker: Worker, name: str, s: States, values: Array) -> tuple[Pieces
     if name == "gravity":
         return {"G": values}, 0.0
     if name == "potential_energy":
-        return {"V": values - values.mean()}, 0.0
+        return {"V": values - values[0]}, 0.0
     if name == "forward_kinematics":
         return {"F": values}, 0.0
     if name == "jacobian":

@@ -6,7 +6,7 @@ pieces of its equations of motion at many postures at once:
     D(q) a + h(q, v) + G(q) = tau,   h_i = sum_jk H_ijk v_j v_k,   H symmetric in j and k (Christoffel).
 
 Names of pieces, with N postures: "D" (N, n, n), "H" (N, n, n, n), "G" (N, n), "V" (N,) potential energy
-less its mean, "F" (N, 3) position of the tool, "J" (N, 6, n) its Jacobian along the base axes.
+less that at the first posture, "F" (N, 3) position of the tool, "J" (N, 6, n) its Jacobian along the base axes.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
     }
     pieces = {name: np.stack([one[name](row) for row in x]) for name in want if name in one}
     if "V" in pieces:
-        pieces["V"] = pieces["V"] - pieces["V"].mean()
+        pieces["V"] = pieces["V"] - pieces["V"][0]
     if affine is not None:
         pieces = _in_coordinates(pieces, affine.L)
     return pieces
