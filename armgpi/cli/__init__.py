@@ -1,6 +1,6 @@
 """The command line: parse, call one function, print a table, exit with a code.
 
-Exit codes: 0 fine, 1 a rollout diverged, 2 bad input, 130 interrupted.
+Exit codes: 0 fine, 1 a rollout diverged or a model differs, 2 bad input, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import experiment, robots
+from armgpi.cli import derive, experiment, robots, validate
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -27,6 +27,8 @@ app = typer.Typer(
 app.command()(experiment.run)
 app.command()(experiment.compare)
 app.command()(robots.robots)
+app.command()(validate.validate)
+app.command()(derive.derive)
 
 
 def _show_version(wanted: bool) -> None:

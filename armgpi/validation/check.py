@@ -69,15 +69,15 @@ def validate(
     seed = check_whole(seed, "seed", 0)
     if robot is not None and not isinstance(robot, Robot):
         robot = Robot.load(robot)
-    name = str(model) if isinstance(model, str | PathLike) else _name_of(model)
+    name = str(model) if isinstance(model, str | PathLike) else name_of(model)
     with Worker(model, name, time_limit) as worker:
         if robot is None:
-            n = _count_joints(worker, joints)
-            states = _states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
+            n = count_joints(worker, joints)
+            states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
         else:
             lower, upper = robot.limits.lower, robot.limits.upper
             prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
-            states = _states(lower, upper, prismatic, seed)
+            states = random_states(lower, upper, prismatic, seed)
             _check_count(worker, robot)
         sampled = samples.sample(worker, states)
         own = laws.derive(worker, states, sampled)
@@ -123,12 +123,12 @@ def _compare(
     )
 
 
-def _name_of(model: Any) -> str:
+def name_of(model: Any) -> str:
     """Return what to call a model that is no text."""
     return str(getattr(model, "__name__", None) or type(model).__name__)
 
 
-def _states(lower: Array, upper: Array, prismatic: Any, seed: int) -> States:
+def random_states(lower: Array, upper: Array, prismatic: Any, seed: int) -> States:
     """Return random states inside of the joint limits."""
     rng = np.random.default_rng(seed)
     widest = np.where(prismatic, _SLIDE, np.pi)
@@ -141,7 +141,7 @@ def _states(lower: Array, upper: Array, prismatic: Any, seed: int) -> States:
     return States(q, v, a, tau)
 
 
-def _count_joints(worker: Worker, joints: int | None) -> int:
+def count_joints(worker: Worker, joints: int | None) -> int:
     """Return the number of joints of a model: as told, as it states, or the one that its functions take."""
     if joints is not None:
         return check_whole(joints, "joints", 1, 64)

@@ -7,6 +7,7 @@ matrix of the Christoffel symbols, G the slope of the potential energy.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -64,6 +65,7 @@ class Derivation:
         import sympy
 
         names = {symbol: rf"\dot q_{{{i + 1}}}" for i, symbol in enumerate(self.v)}
+        names |= {sympy.Symbol(name): _tex_symbol(name) for name in self.parameters}
 
         def tex(expression: Any) -> str:
             return str(sympy.latex(expression, symbol_names=names))
@@ -80,7 +82,7 @@ class Derivation:
         text += "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}\n"
         if self.parameters:
             rows = [
-                f"${sympy.latex(sympy.Symbol(name))}$ & {value:.10g}" for name, value in self.parameters.items()
+                f"${_tex_symbol(name)}$ & {value:.10g}" for name, value in self.parameters.items()
             ]
             text += "\\begin{tabular}{ll}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
         return text
@@ -281,12 +283,30 @@ class _Symbols:
         """Return a coefficient as an expression; rationals that come from floats as floats again."""
         import sympy
 
-        expression = coefficient.as_expr()
         if numbers:
-            expression = expression.subs({sympy.Symbol(name): value for name, value in self.values.items()})
-            return sympy.N(expression, 17) if expression.free_symbols or not expression.is_Integer else expression
+            return self._number(coefficient)
+        expression = coefficient.as_expr()
         long = {r: sympy.Float(r, 17) for r in expression.atoms(sympy.Rational) if r.q > 1000}
         return sympy.factor_terms(expression.xreplace(long))
+
+    def _number(self, coefficient: Any) -> Any:
+        """Return a coefficient with the values put in: a polynomial in the sliding positions."""
+        import sympy
+
+        names = [str(generator) for generator in self.ring.gens]
+        sums: dict[tuple[tuple[str, int], ...], float] = {}
+        for powers, factor in coefficient.terms():
+            held = tuple((x, p) for x, p in zip(names, powers, strict=True) if p and x not in self.values)
+            value = float(factor)
+            for x, power in zip(names, powers, strict=True):
+                value *= self.values[x] ** power if power and x in self.values else 1.0
+            sums[held] = sums.get(held, 0.0) + value
+        total = sympy.S.Zero
+        for held, value in sums.items():
+            short = float(f"{value:.15g}")
+            number = sympy.Integer(int(short)) if short.is_integer() and abs(short) < 1e6 else sympy.Float(short)
+            total += number * sympy.prod(sympy.Symbol(x) ** p for x, p in held)
+        return total
 
     def _named(self, i: int) -> tuple[str | None, list[str | None], list[list[str | None]], list[str | None], str | None]:
         """Return the names of the numbers of body and joint i; None for a zero."""
@@ -437,6 +457,12 @@ def _steiner(a: Vector, b: Vector) -> Matrix:
     along = _dot(a, b)
     zero = Trig({})
     return [[(along if r == c else zero) - b[r] * a[c] for c in range(3)] for r in range(3)]
+
+
+def _tex_symbol(name: str) -> str:
+    """Return "I_{2xx}" for "I2xx"."""
+    match = re.fullmatch(r"([A-Za-z])(\w+)", name)
+    return f"{match[1]}_{{{match[2]}}}" if match else name
 
 
 def _tex_text(name: str) -> str:

@@ -121,7 +121,7 @@ class _Search:
         """Return the causes, the ones with the largest scope first."""
         p, left = self.problem, self.differing.copy()
         if found := self.best(np.ones_like(left), left):
-            return [self.cause(found, left, "model")]
+            return [self.cause(found, left, "model" if len({e[1:] for e in self.elements(left)}) > 1 else "elements")]
         consequences = []
         for name, (source, mask) in follows.items():
             mine = left & mask & p.term(name)
@@ -162,6 +162,11 @@ class _Search:
         found = [
             _Candidate(h.cost, h.kind, h.text, hypothesis=h) for h, fits in self.discrete if fits[scope].all()
         ]
+        alike = {p.elements[column][1:] for column in np.flatnonzero(differing)}
+        if len(alike) == 1:
+            simple = [self.factor(int(column), plain=True) for column in np.flatnonzero(differing)]
+            if simple[0] is not None and all(s is not None and s.text == simple[0].text for s in simple):
+                found.append(simple[0])
         if context is not None and p.explains(context)[scope].all():
             found.append(_Candidate(-1.0, context.kind, context.text, hypothesis=context))
         found += self.gravity(scope, differing)
@@ -285,7 +290,7 @@ class _Search:
         weights = 1.0 / p.tolerance[mask]
         target = ((p.user - p.reference)[:, mask] * weights).ravel()
         blocks = [
-            np.stack([(p.hypothesis(h)[:, mask] * weights).ravel() for h in _regressor(p.tree, i)], axis=-1)
+            np.stack([(p.hypothesis(h)[:, mask] * weights).ravel() for h in regressor(p.tree, i)], axis=-1)
             for i in range(p.tree.n)
         ]
         limit = 100.0  # least squares over many columns loses some digits
@@ -464,7 +469,9 @@ class _Fitted:
         if family.angle:
             nodes = 2.0 * np.pi * np.arange(5) / 5.0
         else:
-            nodes = np.array([-1.0, 0.0, 1.0])
+            # Half of a mass: Pinocchio adds no negative ones.
+            step = 0.5 * abs(family.value) if family.kind == "mass" and family.value else 1.0
+            nodes = step * np.array([-1.0, 0.0, 1.0])
         columns = np.stack([problem.hypothesis(family.member(family.value + x)) for x in nodes])
         self._coefficients = np.tensordot(np.linalg.inv(self._basis(nodes)), columns, axes=1)  # (K, N, E)
 
@@ -488,6 +495,8 @@ class _Fitted:
             return None
         value = self.family.value + x
         value = 0.0 if abs(value) < 1e-9 else value
+        if value < 0.0 and self.family.kind in ("mass", "armature"):
+            return None
         unit = self.family.unit
         if self.family.angle:
             value = (value + math.pi) % (2.0 * math.pi) - math.pi
@@ -543,7 +552,7 @@ def _only(column: int, like: Mask) -> Mask:
     return mask
 
 
-def _regressor(tree: Tree, i: int) -> list[Hypothesis]:
+def regressor(tree: Tree, i: int) -> list[Hypothesis]:
     """Return arms whose pieces are the derivatives by the ten inertial parameters of body i."""
     empty = tree
     for k in range(tree.n):
