@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.words import locks, refusal, split
 
+if TYPE_CHECKING:
+    from armgpi.robot import Robot
+
 RobotName = Annotated[
     str,
     typer.Argument(
-        metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.", show_default=False
+        metavar="ROBOT",
+        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
+        show_default=False,
     ),
 ]
 Latex = Annotated[bool, typer.Option("--latex", metavar=opt.FLAG, help="LaTeX instead of a Python module.")]
@@ -42,17 +47,24 @@ def derive(
     armgpi validate arm.py --robot anthropomorphic3
     armgpi derive double_pendulum --latex
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.robot import Robot
     from armgpi.validation.derivation import derive as derived
 
-    kept = None if keep is None else split(keep)
-    arm = Robot.load(robot, lock=locks(lock or []), keep=kept)  # type: ignore[arg-type] (None: where it likes)
+    arm = load(robot, lock, keep)
     result = derived(arm, numbers=numbers)
     text = result.latex() if latex else result.python()
     if out is None:
         typer.echo(text, nl=False)
         return
     write(out, text, "--out")
+
+
+def load(robot: str, lock: list[str] | None, keep: list[str] | None) -> Robot:
+    """Load a robot with the joints that options lock or keep."""
+    from armgpi.robot import Robot
+
+    # A joint without a value is locked where Robot.load would lock it by its name alone.
+    locked: Any = locks(lock or [])
+    return Robot.load(robot, lock=locked, keep=None if keep is None else split(keep))
 
 
 def write(path: Path, text: str, option: str) -> None:

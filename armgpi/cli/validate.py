@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.derive import write
-from armgpi.cli.words import FAILED, INTERRUPTED, OK, locks, refusal, split
+from armgpi.cli.derive import load, write
+from armgpi.cli.words import FAILED, INTERRUPTED, OK, refusal
 
 Model = Annotated[
     str,
@@ -23,11 +23,14 @@ Model = Annotated[
 Reference = Annotated[
     str | None,
     typer.Option(
-        "--robot", metavar="ROBOT", help="What it is a model of: name or URDF; without, laws alone are checked."
+        "--robot",
+        metavar="ROBOT",
+        help="What it is a model of: name or URDF; without, laws alone are checked.",
     ),
 ]
 FrameName = Annotated[
-    str | None, typer.Option("--frame", metavar="NAME", help="Frame that its kinematics mean; the tip by default.")
+    str | None,
+    typer.Option("--frame", metavar="NAME", help="Frame that its kinematics mean; the tip by default."),
 ]
 Tolerance = Annotated[
     float, typer.Option("--rtol", metavar="NUMBER", help="Relative error up to which two values agree.")
@@ -36,14 +39,13 @@ Joints = Annotated[
     int | None, typer.Option(metavar="NUMBER", help="Number of joints, without a robot; found by trying.")
 ]
 TimeLimit = Annotated[
-    float, typer.Option("--time-limit", metavar="SECONDS", help="How long one call of the model may take [s].")
+    float,
+    typer.Option("--time-limit", metavar="SECONDS", help="How long one call of the model may take [s]."),
 ]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page.")]
 Suggest = Annotated[
     Path | None,
-    typer.Option(
-        "--suggest-urdf", metavar="FILE", help="Write a URDF whose parameters fit the model best."
-    ),
+    typer.Option("--suggest-urdf", metavar="FILE", help="Write a URDF whose parameters fit the model best."),
 ]
 Seed = Annotated[int, typer.Option(metavar="NUMBER", help="Seed of the random states.")]
 
@@ -69,7 +71,6 @@ def validate(
     armgpi validate my_arm.py --robot my_arm.urdf --html report.html
     armgpi validate my_arm.py --suggest-urdf my_arm.urdf
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.robot import Robot
     from armgpi.validation.check import validate as validated
     from armgpi.validation.skeleton import suggest_urdf as suggested
 
@@ -78,8 +79,7 @@ def validate(
     try:
         arm = None
         if robot is not None:
-            kept = None if keep is None else split(keep)
-            arm = Robot.load(robot, lock=locks(lock or []), keep=kept)  # type: ignore[arg-type]
+            arm = load(robot, lock, keep)
         report = validated(
             model, arm, frame=frame, rtol=rtol, joints=joints, time_limit=time_limit, seed=seed
         )

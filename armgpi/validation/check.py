@@ -13,7 +13,7 @@ from armgpi.arrays import Array, check_number, check_whole
 from armgpi.errors import ModelError, ParameterError
 from armgpi.robot import Robot
 from armgpi.validation import laws, samples
-from armgpi.validation.diagnose import Vary, diagnose
+from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import SOURCE, Mask, Problem
 from armgpi.validation.report import DynamicsReport, TermReport
@@ -108,7 +108,13 @@ def _compare(
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
     causes = diagnose(problem, follows, vary)
     terms = tuple(
-        _term(robot, problem, states, s, tuple(c for c in causes if any(e.term == s.function for e in c.elements)))
+        _term(
+            robot,
+            problem,
+            states,
+            s,
+            tuple(c for c in causes if any(e.term == s.function for e in c.elements)),
+        )
         for s in sampled.values()
     )
     return DynamicsReport(
@@ -146,7 +152,7 @@ def count_joints(worker: Worker, joints: int | None) -> int:
     if joints is not None:
         return check_whole(joints, "joints", 1, 64)
     if worker.n is not None:
-        return worker.n
+        return int(worker.n)
     fitting = [n for n in range(1, MOST_JOINTS + 1) if _takes(worker, n)]
     if len(fitting) == 1:
         return fitting[0]
@@ -188,12 +194,12 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
 
 
 def _term(
-    robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: tuple[Any, ...]
+    robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: tuple[Cause, ...]
 ) -> TermReport:
     """Return the report of one function."""
     name = sampled.function
     rows = min(len(sampled.values), len(problem.q))
-    q, v = states.q[:rows], states.v[:rows]
+    v = states.v[:rows]
     values = sampled.values[:rows]
     if name == "coriolis_matrix":
         values = np.einsum("Nij,Nj->Ni", values, v)
@@ -210,9 +216,7 @@ def _term(
     note = ""
     if curved:
         note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
-    where = {
-        letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]
-    }
+    where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}
     agrees = not differing and not curved
     return TermReport(name, agrees, float(away[worst]), relative, where, differing, causes, note)
 
@@ -304,7 +308,7 @@ def impossible_links(robot: Robot) -> list[str]:
             lines.append(f"{link} of the robot has a negative mass or inertia: no rigid body has that")
         elif high > (low + mid) * (1.0 + 1e-9):
             lines.append(
-                f"{link} of the robot is no rigid body: its principal inertias {low:.4g}, {mid:.4g}, {high:.4g} "
+                f"{link} of the robot is no rigid body: principal inertias {low:.4g}, {mid:.4g}, {high:.4g} "
                 f"violate the triangle inequality ({high:.4g} > {low:.4g} + {mid:.4g} kg m²)"
             )
     return lines

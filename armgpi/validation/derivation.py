@@ -81,9 +81,7 @@ class Derivation:
         text = f"% {self.robot}, by armgpi derive\n{joints}\n"
         text += "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}\n"
         if self.parameters:
-            rows = [
-                f"${_tex_symbol(name)}$ & {value:.10g}" for name, value in self.parameters.items()
-            ]
+            rows = [f"${_tex_symbol(name)}$ & {value:.10g}" for name, value in self.parameters.items()]
             text += "\\begin{tabular}{ll}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
         return text
 
@@ -140,12 +138,15 @@ class Derivation:
             body = [f"            {code(x)}," for x in reduced]
         else:
             body = [
-                f"            [{', '.join(code(reduced[i, j]) for j in range(columns))}]," for i in range(rows)
+                f"            [{', '.join(code(reduced[i, j]) for j in range(columns))}],"
+                for i in range(rows)
             ]
         return [*lines, "    return np.array(", "        [", *body, "        ]", "    )"]
 
 
-def derive(robot: Robot | str | PathLike[str], *, numbers: bool = False, frame: str | None = None) -> Derivation:
+def derive(
+    robot: Robot | str | PathLike[str], *, numbers: bool = False, frame: str | None = None
+) -> Derivation:
     """Derive the equations of motion of an arm of up to four joints in closed form.
 
     Args:
@@ -304,11 +305,15 @@ class _Symbols:
         total = sympy.S.Zero
         for held, value in sums.items():
             short = float(f"{value:.15g}")
-            number = sympy.Integer(int(short)) if short.is_integer() and abs(short) < 1e6 else sympy.Float(short)
+            number = (
+                sympy.Integer(int(short)) if short.is_integer() and abs(short) < 1e6 else sympy.Float(short)
+            )
             total += number * sympy.prod(sympy.Symbol(x) ** p for x, p in held)
         return total
 
-    def _named(self, i: int) -> tuple[str | None, list[str | None], list[list[str | None]], list[str | None], str | None]:
+    def _named(
+        self, i: int
+    ) -> tuple[str | None, list[str | None], list[list[str | None]], list[str | None], str | None]:
         """Return the names of the numbers of body and joint i; None for a zero."""
         body, k = self.tree.bodies[i], i + 1
         mass = self._symbol(f"m{k}", body.mass, 0.0)
@@ -356,7 +361,9 @@ class _Symbols:
         """Return plain numbers, exact to 15 decimals."""
         return [self._constant(self.ring(_exact(float(x)))) for x in vector]
 
-    def _body(self, mass: str | None, com: list[str | None], tensor: list[list[str | None]]) -> tuple[Trig, Vector, Matrix]:
+    def _body(
+        self, mass: str | None, com: list[str | None], tensor: list[list[str | None]]
+    ) -> tuple[Trig, Vector, Matrix]:
         """Return mass, first moment and inertia about the joint of one body."""
         m, c = self._constant(self._coefficient(mass)), self._vector(com)
         inertia = [[self._constant(self._coefficient(name)) for name in row] for row in tensor]

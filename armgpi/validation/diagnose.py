@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -121,7 +122,11 @@ class _Search:
         """Return the causes, the ones with the largest scope first."""
         p, left = self.problem, self.differing.copy()
         if found := self.best(np.ones_like(left), left):
-            return [self.cause(found, left, "model" if len({e[1:] for e in self.elements(left)}) > 1 else "elements")]
+            return [
+                self.cause(
+                    found, left, "model" if len({e[1:] for e in self.elements(left)}) > 1 else "elements"
+                )
+            ]
         consequences = []
         for name, (source, mask) in follows.items():
             mine = left & mask & p.term(name)
@@ -193,7 +198,7 @@ class _Search:
             return []
         parts = []
         for axis in np.eye(3):
-            changed = Hypothesis("", "", 0.0, tree=lambda t, g=axis: _under(t, g))
+            changed = Hypothesis("", "", 0.0, tree=partial(_under, gravity=axis))
             parts.append(p.hypothesis(changed)[:, scope & columns])
         weights = 1.0 / p.tolerance[scope & columns]
         basis = np.stack([(part * weights).ravel() for part in parts], axis=-1)
@@ -254,7 +259,10 @@ class _Search:
                 return None
             step = -float(slope @ r1) / size
             # A slope that hardly points at the difference leads nowhere.
-            if abs(float(slope @ r1)) < 0.2 * math.sqrt(size) * float(np.linalg.norm(r1)) and np.abs(r1).max() > 1.0:
+            if (
+                abs(float(slope @ r1)) < 0.2 * math.sqrt(size) * float(np.linalg.norm(r1))
+                and np.abs(r1).max() > 1.0
+            ):
                 return None
             x0, r0, x1 = x1, r1, x1 + step
             if abs(step) <= 1e-13 * max(abs(x1), 1e-6) or x1 == x0:
@@ -309,7 +317,7 @@ class _Search:
 
     def singles(self, mask: Mask) -> Iterator[Cause]:
         """Yield causes for elements one by one, equal ones to be joined."""
-        p, left = self.problem, mask.copy()
+        left = mask.copy()
         for column in np.flatnonzero(mask):
             simple = self.factor(int(column), plain=True)
             if simple is not None:
@@ -386,16 +394,29 @@ class _Search:
         tolerance = p.tolerance[column]
         element = p.elements[column]
         if np.abs(theirs).max() <= tolerance:
-            if element.piece == "B" and plain and np.ptp(mine) <= tolerance and element.index[0] == element.index[1]:
+            if (
+                element.piece == "B"
+                and plain
+                and np.ptp(mine) <= tolerance
+                and element.place[0] == element.place[1]
+            ):
                 text = f"viscous friction of {mine.mean():.6g} is contained in it"
                 return _Candidate(1.0, "friction", text, float(mine.mean()), 0.0)
-            return _Candidate(1.0, "extra", "must be zero, and is not") if plain and element.piece != "Z" else None
+            return (
+                _Candidate(1.0, "extra", "must be zero, and is not")
+                if plain and element.piece != "Z"
+                else None
+            )
         if np.abs(mine).max() <= tolerance:
             return _Candidate(1.0, "missing", "is missing: the model has zero there") if plain else None
         factor = float(mine @ theirs) / float(theirs @ theirs)
         if np.abs(mine - factor * theirs).max() > tolerance:
             return None
-        usual = {-1.0: "its sign", 0.5: "a factor 2 is missing", 2.0: "a factor 1/2 is missing (it counts twice)"}
+        usual = {
+            -1.0: "its sign",
+            0.5: "a factor 2 is missing",
+            2.0: "a factor 1/2 is missing (it counts twice)",
+        }
         usual |= {-0.5: "its sign, and a factor 2 is missing", -2.0: "its sign, and a factor 1/2 is missing"}
         for known, text in usual.items():
             if abs(factor - known) < 1e-7:
@@ -467,13 +488,14 @@ class _Fitted:
         """Evaluate the family at three values, or five angles."""
         self.problem, self.family = problem, family
         if family.angle:
-            nodes = 2.0 * np.pi * np.arange(5) / 5.0
+            nodes = np.asarray(2.0 * np.pi * np.arange(5) / 5.0)
         else:
             # Half of a mass: Pinocchio adds no negative ones.
-            step = 0.5 * abs(family.value) if family.kind == "mass" and family.value else 1.0
-            nodes = step * np.array([-1.0, 0.0, 1.0])
+            step: float = 0.5 * abs(family.value) if family.kind == "mass" and family.value else 1.0
+            nodes = np.array([-step, 0.0, step])
         columns = np.stack([problem.hypothesis(family.member(family.value + x)) for x in nodes])
-        self._coefficients = np.tensordot(np.linalg.inv(self._basis(nodes)), columns, axes=1)  # (K, N, E)
+        inverse = np.linalg.inv(self._basis(nodes))
+        self._coefficients = np.tensordot(inverse, columns, axes=1)  # (K, N, E)
 
     def _basis(self, x: Array) -> Array:
         """Return the functions that the columns are made of, at values of the number, (len(x), K)."""
@@ -545,6 +567,11 @@ def _under(tree: Tree, gravity: Array) -> Tree:
     return replace(tree, gravity=gravity)
 
 
+def _instead(tree: Tree, other: Tree) -> Tree:
+    """Return another tree in place of one."""
+    return other
+
+
 def _only(column: int, like: Mask) -> Mask:
     """Return a mask of one element."""
     mask = np.zeros_like(like)
@@ -574,7 +601,7 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
         unit = np.zeros((3, 3))
         unit[r, c] = unit[c, r] = 1.0
         body = empty.with_body(i, inertia=unit)
-        columns.append(Hypothesis("", "", 0.0, tree=lambda t, b=body: b))
+        columns.append(Hypothesis("", "", 0.0, tree=partial(_instead, other=body)))
     return columns
 
 

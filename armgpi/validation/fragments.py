@@ -89,7 +89,10 @@ def match_mapped(
     """Return how a summand at other angles explains the difference of one element."""
     moved = mapped.columns[:, column] - plain.columns[: len(mapped.columns), column]
     rest = (problem.user[:, column] - problem.reference[:, column])[: len(moved)]
-    if not np.abs(moved).max() > problem.tolerance[column] or np.abs(rest - moved).max() > problem.tolerance[column]:
+    if (
+        not np.abs(moved).max() > problem.tolerance[column]
+        or np.abs(rest - moved).max() > problem.tolerance[column]
+    ):
         return None
     words = plain.gravity if problem.elements[column].piece in ("G", "V", "Z") else plain.inertial
     return Match(f"in {words}: {hypothesis.text}", 1.0, True)
@@ -113,7 +116,8 @@ def _fragments(problem: Problem, affine: Affine | None, rows: int | None) -> Ite
             continue
         whole = _by_degree(lambda s, a=alone, k=k: columns(_at(a, k, s)))
         for degree, part in enumerate(whole):
-            yield Fragment(*(word.format(link) for word in _DEGREES[degree]), part)
+            inertial, weight = (word.format(link) for word in _DEGREES[degree])
+            yield Fragment(inertial, weight, part)
         for j in _chain(tree, k):
             if not tree.positions[j].any():
                 continue
@@ -128,7 +132,8 @@ def _fragments(problem: Problem, affine: Affine | None, rows: int | None) -> Ite
                     if power == 2 and degree == 1:
                         continue
                     which = f" with the length to {names.joint(j)}" + (" squared" if power == 2 else "")
-                    yield Fragment(*(word.format(link) + which for word in _DEGREES[degree]), part)
+                    inertial, weight = (word.format(link) + which for word in _DEGREES[degree])
+                    yield Fragment(inertial, weight, part)
 
 
 def _alone(tree: Tree, k: int) -> Tree:

@@ -50,20 +50,19 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
     sizes = np.linalg.norm(columns, axis=0)
     sizes[sizes == 0.0] = 1.0
     chosen: list[int] = []
-    rest, weights = y, np.zeros(0)
+    rest: Array = y
+    weights: Array = np.zeros(0)
     while len(chosen) < min(MOST_TERMS, len(y) - 2):
         chosen.append(int(np.argmax(np.abs(rest @ columns) / sizes)))
-        weights = np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0]
-        rest = y - columns[:, chosen] @ weights
+        weights = np.asarray(np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0], dtype=np.float64)
+        rest = np.asarray(y - columns[:, chosen] @ weights)
         if np.abs(rest).max() <= tolerance:
             floor = 1e-9 * np.abs(weights).max()
             return [Term(float(w), words[c]) for w, c in zip(weights, chosen, strict=True) if abs(w) > floor]
     return None
 
 
-def slip(
-    q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float
-) -> str | None:
+def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
     """Return in words which one term of a sum is wrong, None when it is more than one.
 
     Args:

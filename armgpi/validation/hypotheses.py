@@ -10,7 +10,7 @@ found in closed form.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -251,11 +251,13 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
             B[i, k] = -sign
         joints = " and ".join(names.joint(i) for i, _, _ in chosen)
         cost = 2.0 if chosen == pairs else 2.5
-        text = f"absolute angles: {joints} counted from the base (or the horizontal), not from the link before"
+        text = (
+            f"absolute angles: {joints} counted from the base (or the horizontal), not from the link before"
+        )
         zero = np.zeros(n)
         yield Hypothesis("absolute-angles", text, cost, affine=Affine(B, zero, B))
         yield Hypothesis("absolute-angles", f"{text}, inside of the formulas", cost + 0.5, affine=_inside(B))
-        A = np.linalg.inv(B)
+        A = np.asarray(np.linalg.inv(B), dtype=np.float64)
         text = f"the angles of {joints} are added to those before where the robot's are added already"
         yield Hypothesis("absolute-angles", text, cost + 1.0, affine=Affine(A, zero, A))
         yield Hypothesis("absolute-angles", f"{text}, inside of the formulas", cost + 1.5, affine=_inside(A))
@@ -303,7 +305,9 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
         term = _steiner(b.mass, b.com)
         yield body(i, "parallel-axis", f"{link}: {missing}", 2, inertia=b.inertia - term)
         yield body(i, "inertia-about-joint", f"{link}: {twice}", 2, inertia=b.inertia + term)
-        yield body(i, "no-inertia", f"{link}: its inertia about the centre of mass is missing", 2, inertia=0 * term)
+        yield body(
+            i, "no-inertia", f"{link}: its inertia about the centre of mass is missing", 2, inertia=0 * term
+        )
         yield body(i, "no-mass", f"{link}: its mass is missing", 2, mass=0.0)
         yield body(i, "no-link", f"{link} is missing: no mass and no inertia", 2, mass=0.0, inertia=0 * term)
         for factor, word in ((-1.0, "have the other sign"), (0.0, "are missing")):
@@ -346,8 +350,13 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
                     "links-swapped",
                     f"the {kind} of {both} are swapped",
                     3,
-                    tree=lambda t, i=i, j=j, x=mine, y=others: t.with_body(i, **x).with_body(j, **y),
+                    tree=_both(i, mine, j, others),
                 )
+
+
+def _both(i: int, mine: Mapping[str, object], j: int, others: Mapping[str, object]) -> Callable[[Tree], Tree]:
+    """Return a change of two bodies."""
+    return lambda t: t.with_body(i, **mine).with_body(j, **others)
 
 
 def _signed(tree: Tree, i: int, factor: float) -> Array:
@@ -435,7 +444,12 @@ def _structure() -> Iterator[Hypothesis]:
     def make(kind: str, text: str, cost: float, post: Callable[[Pieces], Pieces]) -> Hypothesis:
         return Hypothesis(kind, text, cost, post=post)
 
-    whole = {"D": "the inertia matrix", "H": "the Coriolis torque", "G": "gravity", "V": "the potential energy"}
+    whole = {
+        "D": "the inertia matrix",
+        "H": "the Coriolis torque",
+        "G": "gravity",
+        "V": "the potential energy",
+    }
     for name, word in whole.items():
         yield make("factor", f"a factor 2 is missing in all of {word}", 2, scaled(name, 0.5))
         yield make("factor", f"a factor 1/2 is missing in all of {word}", 2, scaled(name, 2.0))
@@ -462,7 +476,9 @@ def _structure() -> Iterator[Hypothesis]:
     yield make("christoffel", "½ Ḋ v stands for Ḋ v", 1.8, rates(0.5, -0.5))
     text = "gravity is contained in the Coriolis torque"
     yield make("gravity-included", text, 1.5, lambda p: {"Z": p["G"]} if "G" in p else {})
-    yield make("gravity-included", text + ", with the other sign", 2, lambda p: {"Z": -p["G"]} if "G" in p else {})
+    yield make(
+        "gravity-included", text + ", with the other sign", 2, lambda p: {"Z": -p["G"]} if "G" in p else {}
+    )
     text = "the rows of the Jacobian stand in another order: angular first"
     yield make("jacobian", text, 2, lambda p: {"J": np.roll(p["J"], 3, axis=1)} if "J" in p else {})
 
@@ -525,7 +541,13 @@ def families(tree: Tree) -> list[Family]:
     found: list[Family] = []
 
     def add(
-        kind: str, what: str, unit: str, value: float, cost: float, change: Callable[[Tree, float], Tree], angle: bool = False
+        kind: str,
+        what: str,
+        unit: str,
+        value: float,
+        cost: float,
+        change: Callable[[Tree, float], Tree],
+        angle: bool = False,
     ) -> None:
         def member(x: float) -> Hypothesis:
             return Hypothesis(kind, what, cost, tree=lambda t: change(t, x))
@@ -548,11 +570,23 @@ def families(tree: Tree) -> list[Family]:
 
     for i in range(n):
         b, link, joint = tree.bodies[i], names.link(i), names.joint(i)
-        add("mass", f"mass of {link}", "kg", b.mass, 5, lambda t, x, i=i: t.with_body(i, mass=x))
+
+        def weight(t: Tree, x: float, i: int = i) -> Tree:
+            return t.with_body(i, mass=x)
+
+        add("mass", f"mass of {link}", "kg", b.mass, 5, weight)
         for way, direction, more in directions(b.com):
             value = float(b.com @ direction)
-            add("com", f"centre of mass of {link}{way}", "m", value, 5 + more, vector("com", i, b.com, direction))
+            add(
+                "com",
+                f"centre of mass of {link}{way}",
+                "m",
+                value,
+                5 + more,
+                vector("com", i, b.com, direction),
+            )
         for r, c in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+
             def tensor(t: Tree, x: float, i: int = i, r: int = r, c: int = c) -> Tree:
                 changed = t.bodies[i].inertia.copy()
                 changed[r, c] = changed[c, r] = x
@@ -562,7 +596,11 @@ def families(tree: Tree) -> list[Family]:
             add("inertia", what, "kg m²", float(b.inertia[r, c]), 5 if r == c else 6, tensor)
         p = tree.positions[i]
         for way, direction, more in directions(p):
-            what = f"length from {names.joint(tree.parents[i])} to {joint}{way}" if tree.parents[i] >= 0 else f"length from the base to {joint}{way}"
+            what = (
+                f"length from {names.joint(tree.parents[i])} to {joint}{way}"
+                if tree.parents[i] >= 0
+                else f"length from the base to {joint}{way}"
+            )
             add("length", what, "m", float(p @ direction), 5 + more, vector("positions", i, p, direction))
 
         def rotor(t: Tree, x: float, i: int = i) -> Tree:
@@ -589,7 +627,15 @@ def families(tree: Tree) -> list[Family]:
 
         prismatic = tree.prismatic[i]
         found.append(
-            Family("offset", f"offset added to q{i + 1}", "m" if prismatic else "rad", 0.0, 4, not prismatic, shifted)
+            Family(
+                "offset",
+                f"offset added to q{i + 1}",
+                "m" if prismatic else "rad",
+                0.0,
+                4,
+                not prismatic,
+                shifted,
+            )
         )
     p = tree.tool_position
     for way, direction, more in directions(p):

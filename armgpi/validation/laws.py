@@ -117,7 +117,7 @@ def _mass_matrix(D: Array) -> list[Law]:
 
 def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
     """Return the laws of the Coriolis torque and matrix."""
-    laws = []
+    laws: list[Law] = []
     product_right = None
     for name in ("coriolis_torque", "coriolis_matrix"):
         if name not in sampled or own.H is None:
@@ -152,23 +152,28 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
             both = min(len(sampled[x].values) for x in ("coriolis_matrix", "coriolis_torque"))
             Cv = np.einsum("Nij,Nj->Ni", sampled["coriolis_matrix"].values[:both], states.v[:both])
             h = sampled["coriolis_torque"].values[:both]
-            good, bad = "coriolis_matrix times v is coriolis_torque", "coriolis_matrix times v is another torque"
-            laws.append(_law("C v one torque", float(np.abs(Cv - h).max()), float(np.abs(h).max()), good, bad))
+            good, bad = (
+                "coriolis_matrix times v is coriolis_torque",
+                "coriolis_matrix times v is another torque",
+            )
+            laws.append(
+                _law("C v one torque", float(np.abs(Cv - h).max()), float(np.abs(h).max()), good, bad)
+            )
     return laws
 
 
 def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
     """Return the laws of energy and power."""
-    laws = []
+    laws: list[Law] = []
     if own.G is not None and "gravity" in sampled:
         G = sampled["gravity"].values[: len(own.G)]
-        away = np.abs(G - own.G)
-        worst = int(np.argmax(away.max(axis=0)))
+        apart = np.abs(G - own.G)
+        worst = int(np.argmax(apart.max(axis=0)))
         size = max(float(np.abs(G).max()), float(np.abs(own.G).max()))
         # The difference quotient loses digits where the energy itself is large.
         size = max(size, 1e-4 * float(np.abs(sampled["potential_energy"].values).max()))
         bad = f"the slope of V by q{worst + 1} is not G[{worst + 1}]"
-        laws.append(_law("dV/dq = G", float(away.max()), size, "G is the slope of V", bad))
+        laws.append(_law("dV/dq = G", float(apart.max()), size, "G is the slope of V", bad))
     if "kinetic_energy" in sampled and "mass_matrix" in sampled:
         rows = min(len(sampled[x].values) for x in ("kinetic_energy", "mass_matrix"))
         K, D = sampled["kinetic_energy"].values[:rows], sampled["mass_matrix"].values[:rows]
@@ -195,7 +200,7 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
 
 def _together(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
     """Return whether the dynamics are made of the model's own terms, and invert each other."""
-    laws = []
+    laws: list[Law] = []
     if "mass_matrix" not in sampled:
         return laws
     torque = next((sampled[x] for x in ("coriolis_torque", "coriolis_matrix") if x in sampled), None)
@@ -215,7 +220,9 @@ def _together(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
         given = value if name == "inverse_dynamics" else states.tau[:rows]
         bad = f"{name} is not made of the model's own D, C v and G"
         size = float(np.abs(tau).max())
-        laws.append(_law(f"{name} = D, C, G", float(np.abs(tau - given).max()), size, f"{name} is D a + C v + G", bad))
+        laws.append(
+            _law(f"{name} = D, C, G", float(np.abs(tau - given).max()), size, f"{name} is D a + C v + G", bad)
+        )
     return laws
 
 
@@ -228,7 +235,9 @@ def _kinematics(worker: Worker, states: States, sampled: Mapping[str, Sampled]) 
     away = np.abs(J[:, :rows] - slope[:, :rows])
     worst = int(np.argmax(away.max(axis=(0, 1))))
     bad = f"the derivative of the position by q{worst + 1} is not column {worst + 1} of the Jacobian"
-    return _law("FK and Jacobian", float(away.max()), float(np.abs(slope).max()), "J is the derivative of FK", bad)
+    return _law(
+        "FK and Jacobian", float(away.max()), float(np.abs(slope).max()), "J is the derivative of FK", bad
+    )
 
 
 def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law | None:
@@ -248,7 +257,8 @@ def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> La
     n = states.q.shape[1]
 
     def one(function: str, *arguments: Array) -> Array:
-        return call(worker, function, *(x[np.newaxis] for x in arguments))[0]
+        value: Array = call(worker, function, *(x[np.newaxis] for x in arguments))[0]
+        return value
 
     def energy(q: Array, v: Array) -> float:
         K = one("kinetic_energy", q, v) if "kinetic_energy" in names else 0.5 * v @ one("mass_matrix", q) @ v
@@ -281,7 +291,8 @@ def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> La
         ends = [path.y[:, k] for k in np.linspace(0, path.y.shape[1] - 1, 9).astype(int)]
         energies = np.array([energy(x[:n], x[n : 2 * n]) + x[-1] for x in ends])
         kinetics = [
-            abs(0.5 * float(x[n : 2 * n] @ x[n : 2 * n])) if "mass_matrix" not in names
+            abs(0.5 * float(x[n : 2 * n] @ x[n : 2 * n]))
+            if "mass_matrix" not in names
             else abs(0.5 * float(x[n : 2 * n] @ one("mass_matrix", x[:n]) @ x[n : 2 * n]))
             for x in ends
         ]

@@ -110,7 +110,9 @@ def _load(text: str) -> Any:
         if not path.exists():
             raise Unusable("there is no such file")
         if path.suffix not in (".py", *SYMPY_SUFFIXES):
-            raise Unusable(f"expected a Python file (.py) or a file of SymPy expressions (.sympy), got {path.suffix!r}")
+            raise Unusable(
+                f"expected a Python file (.py) or a file of SymPy expressions (.sympy), got {path.suffix!r}"
+            )
         module = _run(path)
     else:
         module = _import(place)
@@ -184,7 +186,9 @@ def _of_module(module: ModuleType) -> Functions:
         ]
         if len(classes) > 1:
             names = ", ".join(c.__name__ for c in classes)
-            raise Unusable(f"has several models ({names}); choose one with a colon: FILE:{classes[0].__name__}")
+            raise Unusable(
+                f"has several models ({names}); choose one with a colon: FILE:{classes[0].__name__}"
+            )
         if classes:
             return _of_instance(_instance(classes[0]))
         objects = {

@@ -34,17 +34,17 @@ class Element(NamedTuple):
     Attributes:
         term: the function.
         piece: "D", "H", "G", "V", "F", "J", "B" or "Z".
-        index: its indices, from 0.
+        place: its indices, from 0.
     """
 
     term: str
     piece: str
-    index: tuple[int, ...]
+    place: tuple[int, ...]
 
     @property
     def label(self) -> str:
         """What it is called: "D[1,2]", "q̇1 q̇2 in τ1", "G[2]"."""
-        one = [i + 1 for i in self.index]
+        one = [i + 1 for i in self.place]
         if self.piece == "H":
             i, j, k = one
             product = f"q̇{j}²" if j == k else f"q̇{j} q̇{k}"
@@ -56,9 +56,9 @@ class Element(NamedTuple):
         if self.piece == "V":
             return "V"
         if self.piece == "F":
-            return "xyz"[self.index[0]]
+            return "xyz"[self.place[0]]
         if self.piece == "J":
-            row = ("ẋ", "ẏ", "ż", "ωx", "ωy", "ωz")[self.index[0]]
+            row = ("ẋ", "ẏ", "ż", "ωx", "ωy", "ωz")[self.place[0]]
             return f"J[{row},{one[1]}]"
         return f"{self.piece}[{','.join(map(str, one))}]"
 
@@ -67,7 +67,7 @@ class Element(NamedTuple):
         """Indices of the joints that it concerns, from 0."""
         if self.piece in ("V", "F"):
             return ()
-        return self.index[1:] if self.piece == "J" else self.index
+        return self.place[1:] if self.piece == "J" else self.place
 
 
 class Problem:
@@ -99,9 +99,7 @@ class Problem:
             for index in _indices(piece, array)
         ]
         self.terms = np.array([element.term for element in self.elements])
-        self.user = np.stack(
-            [_column(self._sampled[e.term][e.piece], e) for e in self.elements], axis=-1
-        )
+        self.user = np.stack([_column(self._sampled[e.term][e.piece], e) for e in self.elements], axis=-1)
         self._reference_pieces = reference
         self.reference = self.columns(reference)
         self.tolerance = self._tolerances(reference, sampled)
@@ -201,7 +199,9 @@ class Problem:
         condition = float(np.linalg.cond(reference["D"]).max())
         out = np.empty(len(self.elements))
         for column, element in enumerate(self.elements):
-            whole = max(natural[element.piece], float(np.abs(reference.get(element.piece, np.zeros(1))).max()))
+            whole = max(
+                natural[element.piece], float(np.abs(reference.get(element.piece, np.zeros(1))).max())
+            )
             size = max(float(np.abs(self.reference[:, column]).max()), SMALL * whole)
             out[column] = self.rtol * size
             if element.term in ("inverse_dynamics", "kinetic_energy", "coriolis_torque", "coriolis_matrix"):
@@ -226,6 +226,6 @@ def _indices(piece: str, array: Array) -> list[tuple[int, ...]]:
 
 def _column(array: Array, element: Element) -> Array:
     """Return the samples of an element; a product of two velocities stands twice in H."""
-    column = array[(slice(None), *element.index)]
-    twice = element.piece == "H" and element.index[1] != element.index[2]
+    column: Array = array[(slice(None), *element.place)]  # type: ignore[arg-type]
+    twice = element.piece == "H" and element.place[1] != element.place[2]
     return 2.0 * column if twice else column

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -141,11 +142,11 @@ class DynamicsReport:
                 lines += _told(cause)
         if self.laws:
             lines += ["", "Laws"]
-            rows = [
+            checked = [
                 (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
                 for law in self.laws
             ]
-            lines += _table(("", "", "error", ""), rows)[1:]
+            lines += _table(("", "", "error", ""), checked)[1:]
         if self.notes:
             lines += ["", *(f"note: {note}" for note in self.notes)]
         lines += ["", self.verdict()]
@@ -172,9 +173,7 @@ class DynamicsReport:
                     f"{t.max_abs:.3g}",
                     f"{t.max_rel:.3g}",
                     ", ".join(t.differing),
-                    "; ".join(
-                        f"{k} = ({', '.join(f'{x:.5g}' for x in v)})" for k, v in t.worst.items()
-                    ),
+                    "; ".join(f"{k} = ({', '.join(f'{x:.5g}' for x in v)})" for k, v in t.worst.items()),
                 )
                 for t in self.terms
             ]
@@ -187,11 +186,11 @@ class DynamicsReport:
                 items = "".join(f"<li>{html.escape(line.strip())}</li>" for line in rest)
                 parts.append(f"<p>{html.escape(first)}</p><ul>{items}</ul>")
         if self.laws:
-            rows = [
+            checked = [
                 (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
                 for law in self.laws
             ]
-            parts += ["<h2>Laws</h2>", _html_table(("law", "", "error", ""), rows)]
+            parts += ["<h2>Laws</h2>", _html_table(("law", "", "error", ""), checked)]
         parts += [f"<p>Note: {html.escape(note)}</p>" for note in self.notes]
         return _PAGE.format(title=title, body="\n".join(parts))
 
@@ -199,7 +198,9 @@ class DynamicsReport:
 def _told(cause: Cause) -> list[str]:
     """Return a cause as lines of text."""
     where = _where(cause)
-    kind = "" if cause.kind in ("unknown", "consequence") else (" [formula]" if cause.structural else " [value]")
+    kind = (
+        "" if cause.kind in ("unknown", "consequence") else (" [formula]" if cause.structural else " [value]")
+    )
     lines = [f"- {where}: {cause.text}{kind}"]
     lines += [f"    or: {text}" for text in cause.alternatives]
     lines += [f"    {line}" for line in cause.evidence]
@@ -228,7 +229,7 @@ def _plain(cause: Cause) -> dict[str, Any]:
     return {
         **cause._asdict(),
         "elements": [
-            {"function": e.term, "label": e.label, "piece": e.piece, "index": list(e.index)}
+            {"function": e.term, "label": e.label, "piece": e.piece, "index": list(e.place)}
             for e in cause.elements
         ],
         "value": None if cause.value is None else _finite(cause.value),
@@ -243,7 +244,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Return rows as lines with aligned columns."""
     widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
     return ["  ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)).rstrip() for row in [head, *rows]]
@@ -253,7 +254,7 @@ def _class(good: bool) -> str:
     return "good" if good else "bad"
 
 
-def _html_table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+def _html_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """Return a table, every cell escaped."""
     bad = ("differs", "fails")
     lines = ["<tr>" + "".join(f"<th>{html.escape(x)}</th>" for x in head) + "</tr>"]

@@ -148,8 +148,7 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
         raise ModelError(
             worker.name,
             name,
-            "is not deterministic: two calls at the same state differ by "
-            f"{np.abs(again - first).max():.3g}",
+            f"is not deterministic: two calls at the same state differ by {np.abs(again - first).max():.3g}",
         )
     return Sampled(name, values, found, rest)
 
@@ -191,7 +190,7 @@ def _pieces(worker: Worker, name: str, s: States, values: Array) -> tuple[Pieces
     a0 = call(worker, name, s.q, rest, rest)
     inverse = np.stack([call(worker, name, s.q, rest, e) - a0 for e in _units(s.q)], axis=-1)
     try:
-        D = np.linalg.inv(inverse)
+        D = np.asarray(np.linalg.inv(inverse), dtype=np.float64)
     except np.linalg.LinAlgError:
         return {}, 0.0
     G = -np.einsum("Nij,Nj->Ni", D, a0)

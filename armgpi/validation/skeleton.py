@@ -8,7 +8,8 @@ Wensing 2022), so mass, principal inertias and the triangle inequality come out 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
@@ -28,7 +29,9 @@ from armgpi.validation.worker import Worker
 #: Longer chains have too many axes to try.
 MOST_JOINTS = 4
 #: Postures that the fit uses.
-_ROWS = 12
+_ROWS = 8
+#: How long axes are tried [s].
+SEARCH = 60.0
 #: A fit is exact when the rest is below this share.
 EXACT = 1e-6
 _XYZ = "xyz"
@@ -90,16 +93,15 @@ def suggest_urdf(
         turning = _turning(worker, states) if arm is None else []
     fit = _Fit(states.q[: len(target["D"])], target)
     if arm is not None:
-        tree = from_robot(arm)
+        tree, rest = fit.with_bodies(from_robot(arm))
     elif n > MOST_JOINTS:
         raise ModelError(name, "", f"has {n} joints; without a robot at most {MOST_JOINTS} can be tried")
     else:
-        tree = min((fit.with_lengths(chain) for chain in _chains(n, turning)), key=fit.distance)
-    tree, rest = fit.with_bodies(tree)
+        tree, rest = _searched(fit, n, turning, target)
     text = f"fits D{' and G' if 'G' in target else ''} to {rest:.2g}, every link is a possible rigid body"
     if rest > EXACT:
         text = (
-            f"no chain of rigid bodies along x, y, z was found that is the model: the best one is {rest:.2g} off"
+            f"no chain with axes along x, y, z was found that is the model: the best one is {rest:.2g} off"
             if arm is None
             else f"no rigid bodies on this chain give the model: the best ones are {rest:.2g} off"
         )
@@ -124,19 +126,58 @@ def _turning(worker: Worker, states: States) -> list[bool | None]:
     return found
 
 
-def _chains(n: int, turning: list[bool | None]) -> Iterator[Tree]:
-    """Yield chains with axes along x, y, z; the first one along z or level, as x and y are alike there."""
-    for axes in itertools.product("zyx", repeat=n):
-        if axes[0] == "x":
-            continue
-        for kinds in itertools.product(*([not t] if t is not None else [False, True] for t in turning)):
+def _searched(
+    fit: _Fit, n: int, turning: list[bool | None], target: Mapping[str, Array]
+) -> tuple[Tree, float]:
+    """Return the first chain that gives the model exactly, else the best one found in the time there is."""
+    end = time.monotonic() + SEARCH
+    best: tuple[Tree, float] | None = None
+    for chain in _chains(n, turning, target):
+        tree = fit.with_lengths(chain)
+        if fit.distance(tree) < EXACT:
+            tree, rest = fit.with_bodies(tree)
+        else:
+            rest = max(fit.distance(tree), EXACT * 1.01)
+        if best is None or rest < best[1]:
+            best = tree, rest
+        if rest < EXACT or time.monotonic() > end:
+            break
+    assert best is not None
+    return best if best[1] < EXACT else fit.with_bodies(best[0])
+
+
+def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> Iterator[Tree]:
+    """Yield chains with axes along x, y and z, those with fewer minus signs first.
+
+    Without tool positions, x and y are alike for the first joint, and so are its two directions.
+    """
+    G = target.get("G")
+    constant = [G is not None and np.ptp(G[:, i]) < 1e-9 * max(1.0, np.abs(G).max()) for i in range(n)]
+    kinds_of = []
+    for i, turns in enumerate(turning):
+        if turns is not None:
+            kinds_of.append([not turns])
+        elif G is not None and constant[i] and np.abs(G[:, i]).max() > 1e-9:
+            kinds_of.append([True])  # a weight that never changes slides along the vertical
+        else:
+            kinds_of.append([False, True])
+    letters = ["z", "y", "x", "-z", "-y", "-x"]
+    first = letters if "F" in target else ["z", "y"]
+    level = G is not None and constant[0] and not np.abs(G[:, 0]).max() > 1e-9
+    if turning[0] is not False and G is not None:  # no weight to carry: it turns about the vertical
+        first = [x for x in first if ("z" in x) == level]
+    ordered = sorted(
+        itertools.product(first, *[letters] * (n - 1)), key=lambda axes: sum("-" in a for a in axes)
+    )
+    for axes in ordered:
+        for kinds in itertools.product(*kinds_of):
             yield Tree(
                 tuple(f"q{i + 1}" for i in range(n)),
                 tuple(f"link{i + 1}" for i in range(n)),
                 tuple(range(-1, n - 1)),
                 tuple(np.eye(3) for _ in range(n)),
                 tuple(np.zeros(3) for _ in range(n)),
-                tuple(np.eye(3)[_XYZ.index(a)] for a in axes),
+                tuple((-1.0 if "-" in a else 1.0) * np.eye(3)[_XYZ.index(a[-1])] for a in axes),
                 kinds,
                 tuple(Body(1.0, np.zeros(3), 0.01 * np.eye(3)) for _ in range(n)),
                 np.zeros(n),
@@ -182,10 +223,14 @@ class _Fit:
             return replace(tree, positions=tuple(positions))
 
         rng, best = np.random.default_rng(0), tree
-        for _ in range(3):
+        for _ in range(2):
             start = np.array([tree.positions[j][k] for j, k in free]) + rng.normal(scale=0.3, size=len(free))
             found = least_squares(
-                lambda x: np.append(self._rest(placed(x)), 1e-7 * x), start, max_nfev=40, xtol=1e-14, ftol=1e-14
+                lambda x: np.append(self._rest(placed(x)), 1e-7 * x),
+                start,
+                max_nfev=40,
+                xtol=1e-14,
+                ftol=1e-14,
             )
             best = min(best, placed(found.x), key=lambda t: float(np.abs(self._rest(t)).max()))
             if np.abs(self._rest(best)).max() < EXACT:
@@ -210,7 +255,9 @@ class _Fit:
         # A weak pull keeps what no joint feels where it was.
         pull = 1e-5
         for _ in range(2):
-            found = least_squares(lambda x, s=start, w=pull: np.append(rest(x), w * (x - s)), start, max_nfev=400)
+            found = least_squares(
+                lambda x, s=start, w=pull: np.append(rest(x), w * (x - s)), start, max_nfev=400
+            )
             start, pull = found.x, 1e-9
         return bodied(start), float(np.abs(rest(start)).max())
 
@@ -271,10 +318,10 @@ def _written(tree: Tree, text: str, tool: bool) -> str:
     for i in range(tree.n):
         name, joint = quoteattr(tree.link_names[i]), quoteattr(tree.joint_names[i])
         parent = quoteattr(tree.link_names[tree.parents[i]] if tree.parents[i] >= 0 else "base")
-        body, I = tree.bodies[i], tree.bodies[i].inertia
+        body, tensor = tree.bodies[i], tree.bodies[i].inertia
         kind = "prismatic" if tree.prismatic[i] else "revolute"
         moments = " ".join(
-            f'i{_XYZ[r]}{_XYZ[c]}="{I[r, c]:.12g}"' for r in range(3) for c in range(r, 3)
+            f'i{_XYZ[r]}{_XYZ[c]}="{tensor[r, c]:.12g}"' for r in range(3) for c in range(r, 3)
         )
         lines += [
             f"  <link name={name}>",

@@ -6,7 +6,8 @@ pieces of its equations of motion at many postures at once:
     D(q) a + h(q, v) + G(q) = tau,   h_i = sum_jk H_ijk v_j v_k,   H symmetric in j and k (Christoffel).
 
 Names of pieces, with N postures: "D" (N, n, n), "H" (N, n, n, n), "G" (N, n), "V" (N,) potential energy
-less that at the first posture, "F" (N, 3) position of the tool, "J" (N, 6, n) its Jacobian along the base axes.
+less that at the first posture, "F" (N, 3) position of the tool, "J" (N, 6, n) its Jacobian along the base
+axes.
 """
 
 from __future__ import annotations
@@ -87,7 +88,8 @@ class Tree:
         """Return the tree with another item i of one of its tuples."""
         items = list(getattr(self, field))
         items[i] = value
-        return replace(self, **{field: tuple(items)})
+        changes: dict[str, Any] = {field: tuple(items)}
+        return replace(self, **changes)
 
     def next_joint(self, i: int) -> Array | None:
         """Return where the next joint (or else the tool) stands in the frame of joint i [m]."""
@@ -134,7 +136,9 @@ def from_robot(robot: Robot, frame: str | None = None) -> Tree:
     robot.frame_pose(tip, np.zeros(robot.n))  # refuses a name that is not there
     tool = model.frames[[f.name for f in model.frames].index(tip)]
     links = [
-        next((f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == i), f"link {i}")
+        next(
+            (f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == i), f"link {i}"
+        )
         for i in range(1, model.njoints)
     ]
     return Tree(
@@ -218,7 +222,7 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
 def _in_coordinates(pieces: Pieces, L: Array) -> Pieces:
     """Return pieces that belong to the velocities v_robot = L v."""
     formula = {"D": "ai,Nab,bj->Nij", "H": "ai,bj,ck,Nabc->Nijk", "G": "ai,Na->Ni", "J": "Nra,ai->Nri"}
-    factors = {
+    factors: dict[str, Callable[[Array], tuple[Any, ...]]] = {
         "D": lambda x: (L, x, L),
         "H": lambda x: (L, L, L, x),
         "G": lambda x: (L, x),

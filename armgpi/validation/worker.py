@@ -66,7 +66,10 @@ class Worker:
             self._process.start()
         theirs.close()
         try:
-            self.functions, self.numbers, self.n, self.printed = self._receive("", LOADING, "reading it")
+            answer: tuple[list[str], dict[str, float], int | None, bool] = self._receive(
+                "", LOADING, "reading it"
+            )
+            self.functions, self.numbers, self.n, self.printed = answer
         except BaseException:
             self.close()
             raise
@@ -117,7 +120,9 @@ class Worker:
             if not self._pipe.poll(limit):
                 self.close()
                 text = f"took longer than {limit:g} s" + (f" {where}" if function else "")
-                raise ModelError(self.name, function, text + ("; --time-limit allows more" if function else " to read"))
+                raise ModelError(
+                    self.name, function, text + ("; --time-limit allows more" if function else " to read")
+                )
             good, answer = self._pipe.recv()
         except (EOFError, OSError):
             raise self._died(function) from None
@@ -157,11 +162,12 @@ def _serve(parents: Any, pipe: Any, model: Any) -> None:
     parents.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     silent = _Silent()
-    sys.stdout = sys.stderr = sys.__stdout__ = sys.__stderr__ = silent
+    for stream in ("stdout", "stderr", "__stdout__", "__stderr__"):
+        setattr(sys, stream, silent)
     with suppress(OSError):
         null = os.open(os.devnull, os.O_RDWR)
-        for stream in (0, 1, 2):
-            os.dup2(null, stream)
+        for descriptor in (0, 1, 2):
+            os.dup2(null, descriptor)
         sys.stdin = open(os.devnull)  # noqa: SIM115 (input() then raises instead of waiting)
     warnings.simplefilter("ignore")  # those of the model are its own business
     sys.argv = [str(model)]
@@ -253,4 +259,6 @@ def _told(error: BaseException) -> str:
         if theirs:
             place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})"
     text = " ".join(str(error).split())[:300]
-    return f"raises {type(error).__name__}: {text}{place}" if text else f"raises {type(error).__name__}{place}"
+    return (
+        f"raises {type(error).__name__}: {text}{place}" if text else f"raises {type(error).__name__}{place}"
+    )
