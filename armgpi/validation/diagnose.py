@@ -223,11 +223,15 @@ class _Search:
     def own_numbers(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return numbers of the model for which another value makes it agree."""
         p, found = self.problem, []
-        names = frozenset(p.terms[differing].tolist())
+        # The number must explain one function before it is tried on the others.
+        first = p.terms[np.flatnonzero(differing)[0]]
+        several, names = int(differing.sum()) > 1, frozenset([str(first)])
+        part = differing & p.term(str(first))
         for name, value in self.vary.numbers.items():
             try:
-                best = self._solve_number(name, value, differing, names)
-                if best is None:
+                best = self._solve_number(name, value, part, names)
+                odd = best is None or best * value < 0.0 or abs(best) < 1e-9 * abs(value)
+                if best is None or (odd and not several):
                     continue
                 columns = self.vary.columns(name, best, frozenset(p.terms.tolist()), None)
             except ModelError:
@@ -235,8 +239,7 @@ class _Search:
             away = np.abs(columns - p.reference[: len(columns)]).max(axis=0)
             if (away <= p.tolerance)[scope | p.agreeing].all():
                 text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees"
-                far = 3.0 if best * value < 0.0 or abs(best) < 1e-9 * abs(value) else 0.0
-                found.append(_Candidate(OWN_COST + far, "parameter", text, value, best, structural=False))
+                found.append(_Candidate(OWN_COST + 3.0 * odd, "parameter", text, value, best, structural=False))
         return found
 
     def _solve_number(self, name: str, value: float, differing: Mask, names: frozenset[str]) -> float | None:
@@ -341,9 +344,10 @@ class _Search:
     def explain_one(self, column: int) -> _Candidate | None:
         """Return the simplest mistake that explains one element."""
         p = self.problem
-        for h, fits in sorted([*self.discrete, *self.maps], key=lambda pair: pair[0].cost):
-            if fits[column] and h.post is None and h.custom is None:
-                return _Candidate(h.cost, h.kind, h.text)
+        fitting = [h for h, fits in [*self.discrete, *self.maps] if fits[column] and h.post is None]
+        fitting.sort(key=lambda h: (h.affine is None, h.cost))
+        if fitting and fitting[0].affine is not None:
+            return _Candidate(fitting[0].cost, fitting[0].kind, fitting[0].text)
         copied = self.copied(column)
         if copied is not None:
             return copied
@@ -354,11 +358,15 @@ class _Search:
             matches.sort(key=lambda m: not m.plain)
             if matches and matches[0].plain:
                 return _Candidate(3.0, "summand", matches[0].text)
+            if fitting:
+                return _Candidate(fitting[0].cost, fitting[0].kind, fitting[0].text)
             mapped = self.mapped_fragment(column)
             if mapped is not None:
                 return _Candidate(4.0, "summand", mapped.text)
             if matches:
                 return _Candidate(5.0, "summand", matches[0].text, matches[0].factor, 1.0)
+        if fitting:
+            return _Candidate(fitting[0].cost, fitting[0].kind, fitting[0].text)
         slip = harmonics.slip(
             p.q,
             p.user[:, column],
@@ -526,10 +534,25 @@ class _Fitted:
         else:
             shown = f"{value:.6g} {unit}"
         text = f"{self.family.what}: {shown} in the model, {self.family.value:.6g} {unit} in the robot"
+        same = self._same_as(value)
+        text += f" ({same})" if same else ""
         odd = 2.0 if value * self.family.value < 0.0 or value == 0.0 else 0.0
         return _Candidate(
             self.family.cost + odd, self.family.kind, text, value, self.family.value, structural=False
         )
+
+    def _same_as(self, value: float) -> str:
+        """Return which other length of the robot a value is: l for lc, or the other way round."""
+        if self.family.kind not in ("com", "length") or value == 0.0:
+            return ""
+        tree, names = self.problem.tree, Names(self.problem.tree)
+        lengths = [(f"the length to {names.joint(i)}", p) for i, p in enumerate(tree.positions)]
+        lengths += [(f"the centre of mass of {names.link(i)}", b.com) for i, b in enumerate(tree.bodies)]
+        for words, vector in [*lengths, ("the length to the tool", tree.tool_position)]:
+            for part in (float(np.linalg.norm(vector)), *np.abs(vector).tolist()):
+                if abs(abs(value) - part) <= 1e-7 * part:
+                    return f"which is {words}"
+        return ""
 
     def _closest(self, parts: Array, target: Array) -> float:
         """Return the change of the number that brings the parts closest to a target."""
