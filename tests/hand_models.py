@@ -22,7 +22,7 @@ G = 9.81
 
 
 class Case(NamedTuple):
-    """A planted mistake: the functions that must differ, an entry that must be named, the cause as a pattern."""
+    """A planted mistake: functions that must differ, an entry to be named, and the cause as a pattern."""
 
     name: str
     model: Any
@@ -41,7 +41,8 @@ class Arm(NamedTuple):
 def _link(name: str, mass: float, com: Sequence[float], moments: Sequence[float]) -> str:
     x, y, z = moments
     return (
-        f'<link name="{name}"><inertial><origin xyz="{com[0]!r} {com[1]!r} {com[2]!r}"/><mass value="{mass!r}"/>'
+        f'<link name="{name}"><inertial><origin xyz="{com[0]!r} {com[1]!r} {com[2]!r}"/>'
+        f'<mass value="{mass!r}"/>'
         f'<inertia ixx="{x!r}" iyy="{y!r}" izz="{z!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
     )
 
@@ -80,7 +81,8 @@ def planar(seed: int = 0, **wrong: float) -> Arm:
         [("revolute", (0.0, 0.0, 0.0), "0 -1 0"), ("revolute", (lengths[0], 0.0, 0.0), "0 -1 0")],
         [_link(f"link{i + 1}", m[i], (lc[i], 0.0, 0.0), moments[i]) for i in range(2)],
     )
-    p = dict(m1=m[0], m2=m[1], l1=lengths[0], lc1=lc[0], lc2=lc[1], I1=moments[0][1], I2=moments[1][1], g=G)
+    p = {"m1": m[0], "m2": m[1], "l1": lengths[0], "lc1": lc[0], "lc2": lc[1], "g": G}
+    p |= {"I1": moments[0][1], "I2": moments[1][1]}
     return Arm(robot, planar_model({**p, **wrong}))
 
 
@@ -238,18 +240,60 @@ def _planar_cases() -> list[Case]:
     coupling = plus(right, "mass_matrix", lambda q: [[0.0, -h * np.cos(q[1])], [-h * np.cos(q[1]), 0.0]])
     slope = plus(right, "gravity", lambda q: [0.0, -m[1] * lc[1] * G * (np.cos(q[0] + q[1]) - np.cos(q[1]))])
     return [
-        Case("planar: sign of joint 2", in_coordinates(right, flip, zero, flip), ALL, "", r"joint 2 turns the other way"),
-        Case("planar: q1 from the vertical", in_coordinates(right, eye, [np.pi / 2, 0], eye), ("gravity",), "G[1]", r"q1 \+ 90°|direction of gravity"),
-        Case("planar: absolute angles", in_coordinates(right, relative, zero, relative), ALL, "", r"absolute angles"),
+        Case(
+            "planar: sign of joint 2",
+            in_coordinates(right, flip, zero, flip),
+            ALL,
+            "",
+            r"joint 2 turns the other way",
+        ),
+        Case(
+            "planar: q1 from the vertical",
+            in_coordinates(right, eye, [np.pi / 2, 0], eye),
+            ("gravity",),
+            "G[1]",
+            r"q1 \+ 90°|direction of gravity",
+        ),
+        Case(
+            "planar: absolute angles",
+            in_coordinates(right, relative, zero, relative),
+            ALL,
+            "",
+            r"absolute angles",
+        ),
         Case("planar: degrees", in_coordinates(right, np.pi / 180 * eye, zero, eye), ALL, "", r"degrees"),
         Case("planar: order", in_coordinates(right, eye[::-1], zero, eye[::-1]), ALL, "", r"another order"),
         Case("planar: factor 2 in q̇1 q̇2", half, ("coriolis_torque",), "q̇1 q̇2 in τ1", r"factor 2 is missing"),
-        Case("planar: coupling missing", coupling, ("mass_matrix",), "D[1,2]", r"terms m l lc of link 2.* missing"),
-        Case("planar: q1 missing in G2", slope, ("gravity",), "G[2]", r"q1 is left out"),
-        Case("planar: parallel axis", planar(1, I2=steiner).model, ("mass_matrix",), "D[2,2]", r"link 2: the parallel-axis"),
-        Case("planar: length", planar(1, l1=1.2 * lengths[0]).model, ALL, "", r"l1 is|length from joint 1 to joint 2"),
-        Case("planar: gravity on the moon", planar(1, g=1.62).model, ("gravity",), "", r"strength of gravity: 1.62"),
-    ]  # fmt: skip
+        Case(
+            "planar: coupling missing",
+            coupling,
+            ("mass_matrix",),
+            "D[1,2]",
+            r"terms m l lc of link 2.* missing",
+        ),
+        Case("planar: q1 missing in G2", slope, ("gravity",), "G[2]", r"absolute angles|q1 is left out"),
+        Case(
+            "planar: parallel axis",
+            planar(1, I2=steiner).model,
+            ("mass_matrix",),
+            "D[2,2]",
+            r"link 2: the parallel-axis",
+        ),
+        Case(
+            "planar: length",
+            planar(1, l1=1.2 * lengths[0]).model,
+            ALL,
+            "",
+            r"l1 is|length from joint 1 to joint 2",
+        ),
+        Case(
+            "planar: gravity on the moon",
+            planar(1, g=1.62).model,
+            ("gravity",),
+            "",
+            r"strength of gravity: 1.62",
+        ),
+    ]
 
 
 def _scara_cases() -> list[Case]:
@@ -257,18 +301,44 @@ def _scara_cases() -> list[Case]:
     eye, zero = np.eye(3), np.zeros(3)
     down = np.diag([1.0, 1.0, -1.0])
     m = _draw(1, 3)[0]
-    unsymmetric = plus(right, "mass_matrix", lambda q: [[0, -right["mass_matrix"](q)[0, 1], 0], [0] * 3, [0] * 3])
+    unsymmetric = plus(
+        right, "mass_matrix", lambda q: [[0, -right["mass_matrix"](q)[0, 1], 0], [0] * 3, [0] * 3]
+    )
     sign = plus(right, "coriolis_torque", lambda q, v: [0.0, -2.0 * right["coriolis_torque"](q, v)[1], 0.0])
     doubled = plus(right, "mass_matrix", lambda q: [[0] * 3, [0] * 3, [0, 0, -0.5 * m[2]]])
     return [
-        Case("scara: quill upwards", in_coordinates(right, down, zero, down), ("gravity",), "G[3]", r"sign of gravity|joint 3 slides the other way"),
-        Case("scara: gravity forgotten", {**right, "gravity": np.zeros_like}, ("gravity",), "G[3]", r"gravity is missing"),
+        Case(
+            "scara: quill upwards",
+            in_coordinates(right, down, zero, down),
+            ("gravity",),
+            "G[3]",
+            r"sign of gravity|joint 3 slides the other way",
+        ),
+        Case(
+            "scara: gravity forgotten",
+            {**right, "gravity": np.zeros_like},
+            ("gravity",),
+            "G[3]",
+            r"gravity is missing",
+        ),
         Case("scara: D12 missing", unsymmetric, ("mass_matrix",), "D[1,2]", r"missing"),
         Case("scara: sign of q̇1²", sign, ("coriolis_torque",), "q̇1² in τ2", r"sign"),
         Case("scara: half a mass", doubled, ("mass_matrix",), "D[3,3]", r"factor 2"),
-        Case("scara: sin for cos", in_coordinates(right, eye, [0, -np.pi / 2, 0], eye), ("mass_matrix",), "D[1,2]", r"q2 - 90°"),
-        Case("scara: no products", {**right, "coriolis_torque": lambda q, v: 0 * v}, ("coriolis_torque",), "q̇1² in τ2", r"Coriolis torque is zero|missing"),
-    ]  # fmt: skip
+        Case(
+            "scara: sin for cos",
+            in_coordinates(right, eye, [0, -np.pi / 2, 0], eye),
+            ("mass_matrix",),
+            "D[1,2]",
+            r"q2 - 90°",
+        ),
+        Case(
+            "scara: no products",
+            {**right, "coriolis_torque": lambda q, v: 0 * v},
+            ("coriolis_torque",),
+            "q̇1² in τ2",
+            r"Coriolis torque is zero|missing",
+        ),
+    ]
 
 
 def _spatial_cases() -> list[Case]:
@@ -287,15 +357,45 @@ def _spatial_cases() -> list[Case]:
     exec(rate, space)
     transposed = {**right, "coriolis_torque": lambda q, v: space["coriolis_matrix"](q, v).T @ v}
     return [
-        Case("spatial: sign of joint 3", in_coordinates(right, flip, zero, flip), ALL, "", r"joint 3 turns the other way"),
+        Case(
+            "spatial: sign of joint 3",
+            in_coordinates(right, flip, zero, flip),
+            ALL,
+            "",
+            r"joint 3 turns the other way",
+        ),
         Case("spatial: mass of link 3", values(m3=1.3 * m[2]), ALL, "", r"m3 is|mass of link 3"),
         Case("spatial: centre of mass", values(c2x=1.4 * lc[1]), ALL, "", r"c2x is|centre of mass of link 2"),
-        Case("spatial: inertia about the joint", values(I2yy=moments[1][1] + term, I2zz=moments[1][2] + term), ("mass_matrix",), "D[2,2]", r"link 2: inertia about the joint"),
-        Case("spatial: l for lc", values(c2x=lengths[1]), ALL, "", r"c2x is|centre of mass of link 2 along x.*which is the length to joint 3"),
+        Case(
+            "spatial: inertia about the joint",
+            values(I2yy=moments[1][1] + term, I2zz=moments[1][2] + term),
+            ("mass_matrix",),
+            "D[2,2]",
+            r"link 2: inertia about the joint",
+        ),
+        Case(
+            "spatial: l for lc",
+            values(c2x=lengths[1]),
+            ALL,
+            "",
+            r"c2x is|centre of mass of link 2 along x.*which is the length to joint 3",
+        ),
         Case("spatial: C transposed", transposed, ("coriolis_torque",), "", r"transposed"),
-        Case("spatial: q2 and q3 mixed up", in_coordinates(right, eye[[0, 2, 1]], zero, eye), ALL, "", r"mixed up"),
-        Case("spatial: point masses", values(**{f"I{i}{a}{a}": 1e-300 for i in (1, 2, 3) for a in "xyz"}), ("mass_matrix",), "", r"point mass"),
-    ]  # fmt: skip
+        Case(
+            "spatial: q2 and q3 mixed up",
+            in_coordinates(right, eye[[0, 2, 1]], zero, eye),
+            ALL,
+            "",
+            r"mixed up",
+        ),
+        Case(
+            "spatial: point masses",
+            values(**{f"I{i}{a}{a}": 1e-300 for i in (1, 2, 3) for a in "xyz"}),
+            ("mass_matrix",),
+            "",
+            r"point mass",
+        ),
+    ]
 
 
 def _stanford_cases() -> list[Case]:
@@ -304,17 +404,43 @@ def _stanford_cases() -> list[Case]:
     eye, zero = np.eye(3), np.zeros(3)
     flip = np.diag([1.0, -1.0, 1.0])
     pull = plus(right, "gravity", lambda q: [0.0, 0.0, -2.0 * right["gravity"](q)[2]])
-    slide = plus(right, "coriolis_torque", lambda q, v: [0.0, 0.0, -right["coriolis_torque"](q, [0, v[1], 0])[2]])
+    slide = plus(
+        right, "coriolis_torque", lambda q, v: [0.0, 0.0, -right["coriolis_torque"](q, [0, v[1], 0])[2]]
+    )
     shifted = in_coordinates(right, eye, [0.0, 0.0, 0.1], eye)
     missing = plus(right, "mass_matrix", lambda q: -moments[2][1] * np.diag([0.0, 1.0, 0.0]))
     return [
-        Case("stanford: sign of joint 2", in_coordinates(right, flip, zero, flip), ("mass_matrix",), "", r"joint 2 turns the other way"),
+        Case(
+            "stanford: sign of joint 2",
+            in_coordinates(right, flip, zero, flip),
+            ("mass_matrix",),
+            "",
+            r"joint 2 turns the other way",
+        ),
         Case("stanford: sign of G3", pull, ("gravity",), "G[3]", r"sign"),
         Case("stanford: centrifugal force", slide, ("coriolis_torque",), "q̇2² in τ3", r"missing"),
-        Case("stanford: slide from elsewhere", shifted, ALL, "", r"offset added to q3: 0\.1|length from joint 2 to joint 3.* 0\.2"),
-        Case("stanford: link 3 does not turn", missing, ("mass_matrix",), "D[2,2]", r"inertia about the centre of mass of link 3|rotation of link 3"),
-        Case("stanford: sign of gravity", {**right, "gravity": lambda q: -right["gravity"](q)}, ("gravity",), "", r"sign of gravity"),
-    ]  # fmt: skip
+        Case(
+            "stanford: slide from elsewhere",
+            shifted,
+            ALL,
+            "",
+            r"offset added to q3: 0\.1|length from joint 2 to joint 3.* 0\.2",
+        ),
+        Case(
+            "stanford: link 3 does not turn",
+            missing,
+            ("mass_matrix",),
+            "D[2,2]",
+            r"inertia about the centre of mass of link 3|rotation of link 3",
+        ),
+        Case(
+            "stanford: sign of gravity",
+            {**right, "gravity": lambda q: -right["gravity"](q)},
+            ("gravity",),
+            "",
+            r"sign of gravity",
+        ),
+    ]
 
 
 def _paper_cases() -> list[Case]:
@@ -329,12 +455,22 @@ def _paper_cases() -> list[Case]:
             return super().kinetic_energy(q, v) + 0.5 * p.m2 * p.lc2**2 * ((1 - s) ** 2 - c**2) * v[0] ** 2
 
     twice = {**right, "gravity": lambda q: G * arm.gravity(q)}
-    fall = plus(right, "coriolis_torque", lambda q, v: [0, 0, -2 * p.m3 * p.l2 * p.lc3 * np.sin(q[2]) * v[1] ** 2])
+    fall = plus(
+        right, "coriolis_torque", lambda q, v: [0, 0, -2 * p.m3 * p.l2 * p.lc3 * np.sin(q[2]) * v[1] ** 2]
+    )
     eye = np.eye(3)
     return [
         Case("paper: K2 as printed", Printed(), ("kinetic_energy",), "D[1,1]", r"\(1 - sin q2\)²"),
-        Case("paper: lc2", PaperArm(ArmParameters(lc2=0.12)), ("gravity",), "G[2]", r"lc2 is 0\.12; with 0\.1"),
+        Case(
+            "paper: lc2", PaperArm(ArmParameters(lc2=0.12)), ("gravity",), "G[2]", r"lc2 is 0\.12; with 0\.1"
+        ),
         Case("paper: g twice", twice, ("gravity",), "G[2]", r"strength of gravity: 96\.2"),
         Case("paper: sign of q̇2² in τ3", fall, ("coriolis_torque",), "q̇2² in τ3", r"sign"),
-        Case("paper: elbow from the vertical", in_coordinates(right, eye, [0, 0, np.pi / 2], eye), ALL, "", r"q3 \+ 90°"),
-    ]  # fmt: skip
+        Case(
+            "paper: elbow from the vertical",
+            in_coordinates(right, eye, [0, 0, np.pi / 2], eye),
+            ALL,
+            "",
+            r"q3 \+ 90°",
+        ),
+    ]

@@ -27,7 +27,7 @@ from armgpi.validation.tree import Tree, evaluate
 #: Other explanations that are as good, at most so many.
 ALTERNATIVES = 4
 #: Pairs of mistakes are tried among those that cost no more than this.
-PAIR_COST = 3.0
+PAIR_COST = 2.0
 #: How far-fetched a wrong value among the model's own numbers is.
 OWN_COST = 2.2
 #: Elements whose posture dependence is shown, at most.
@@ -239,7 +239,9 @@ class _Search:
             away = np.abs(columns - p.reference[: len(columns)]).max(axis=0)
             if (away <= p.tolerance)[scope | p.agreeing].all():
                 text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees"
-                found.append(_Candidate(OWN_COST + 3.0 * odd, "parameter", text, value, best, structural=False))
+                found.append(
+                    _Candidate(OWN_COST + 3.0 * odd, "parameter", text, value, best, structural=False)
+                )
         return found
 
     def _solve_number(self, name: str, value: float, differing: Mask, names: frozenset[str]) -> float | None:
@@ -324,7 +326,7 @@ class _Search:
         for column in np.flatnonzero(mask):
             simple = self.factor(int(column), plain=True)
             if simple is not None:
-                yield self.single(simple, int(column))
+                yield self.cause([simple], _only(int(column), mask), "elements")
                 left[column] = False
         while left.any():
             options = [(fits & left, h) for h, fits in [*self.discrete, *self.maps] if h.post is None]
@@ -334,54 +336,48 @@ class _Search:
             yield self.cause([_Candidate(h.cost, h.kind, h.text)], fits, "elements")
             left &= ~fits
         for column in np.flatnonzero(left):
-            candidate = self.explain_one(int(column))
-            if candidate is None:
-                text = "no usual mistake explains it"
-                yield self.cause([_Candidate(99.0, "unknown", text)], _only(int(column), mask), "elements")
-            else:
-                yield self.single(candidate, int(column))
+            unknown = _Candidate(99.0, "unknown", "no usual mistake explains it")
+            candidates = self.explain_one(int(column)) or [unknown]
+            yield self.cause(candidates, _only(int(column), mask), "elements")
 
-    def explain_one(self, column: int) -> _Candidate | None:
-        """Return the simplest mistake that explains one element."""
-        p = self.problem
+    def explain_one(self, column: int) -> list[_Candidate]:
+        """Return the mistakes that explain one element, the simplest first; none when none does."""
+        p, element = self.problem, self.problem.elements[column]
         fitting = [h for h, fits in [*self.discrete, *self.maps] if fits[column] and h.post is None]
-        fitting.sort(key=lambda h: (h.affine is None, h.cost))
-        if fitting and fitting[0].affine is not None:
-            return _Candidate(fitting[0].cost, fitting[0].kind, fitting[0].text)
+        angles = [h for h in fitting if h.affine is not None]
+        if angles:
+            return [_Candidate(h.cost, h.kind, h.text) for h in sorted(angles, key=lambda h: h.cost)]
+        summands: list[fragments.Match] = []
+        if element.piece in ("D", "H", "G", "V", "Z"):
+            self._fragments = self._fragments or fragments.fragments(p)
+            matches = [fragments.match(p, f, column) for f in self._fragments]
+            summands = sorted((m for m in matches if m is not None), key=lambda m: not m.plain)
+        if summands and summands[0].plain:
+            return [_Candidate(3.0, "summand", m.text) for m in summands if m.plain]
+        if fitting:
+            return [_Candidate(h.cost, h.kind, h.text) for h in sorted(fitting, key=lambda h: h.cost)]
         copied = self.copied(column)
         if copied is not None:
-            return copied
-        if p.elements[column].piece in ("D", "H", "G", "V", "Z"):
-            if not self._fragments:
-                self._fragments = fragments.fragments(p)
-            matches = [m for f in self._fragments if (m := fragments.match(p, f, column)) is not None]
-            matches.sort(key=lambda m: not m.plain)
-            if matches and matches[0].plain:
-                return _Candidate(3.0, "summand", matches[0].text)
-            if fitting:
-                return _Candidate(fitting[0].cost, fitting[0].kind, fitting[0].text)
-            mapped = self.mapped_fragment(column)
-            if mapped is not None:
-                return _Candidate(4.0, "summand", mapped.text)
-            if matches:
-                return _Candidate(5.0, "summand", matches[0].text, matches[0].factor, 1.0)
-        if fitting:
-            return _Candidate(fitting[0].cost, fitting[0].kind, fitting[0].text)
-        slip = harmonics.slip(
-            p.q,
-            p.user[:, column],
-            p.reference[:, column],
-            p.tree.prismatic,
-            float(p.tolerance[column]),
-        )
+            return [copied]
+        tolerance = float(p.tolerance[column])
+        mine, theirs = p.user[:, column], p.reference[:, column]
+        slip = harmonics.trigonometry(p.q, mine - theirs, p.tree.prismatic, tolerance)
         if slip is not None:
-            return _Candidate(4.5, "term", slip)
+            return [_Candidate(3.5, "trigonometry", slip)]
+        mapped = self.mapped_fragment(column) if self._fragments else None
+        if mapped is not None:
+            return [_Candidate(4.0, "summand", mapped.text)]
+        if summands:
+            return [_Candidate(5.0, "summand", m.text, m.factor, 1.0) for m in summands]
+        slip = harmonics.slip(p.q, mine, theirs, p.tree.prismatic, tolerance)
+        if slip is not None:
+            return [_Candidate(4.5, "term", slip)]
         factor = self.factor(column, plain=False)
         if factor is not None:
-            return factor
+            return [factor]
         mask = _only(column, self.differing)
         fitted = [c for family in self.families if (c := family.candidate(mask, mask)) is not None]
-        return min(fitted, key=lambda c: c.cost) if fitted else None
+        return sorted(fitted, key=lambda c: c.cost)
 
     def mapped_fragment(self, column: int) -> fragments.Match | None:
         """Return a summand of the element whose angle is wrong."""
@@ -463,10 +459,6 @@ class _Search:
             tuple(self.evidence(mask)) if scope == "elements" else (),
             first.structural,
         )
-
-    def single(self, candidate: _Candidate, column: int) -> Cause:
-        """Return a candidate for one element as a cause."""
-        return self.cause([candidate], _only(column, self.differing), "elements")
 
     def evidence(self, mask: Mask) -> Iterator[str]:
         """Yield what elements are as functions of the posture, the model's beside the robot's."""

@@ -62,6 +62,15 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
     return None
 
 
+def trigonometry(q: Array, rest: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
+    """Return in words which slip of trigonometry a difference is, None when it is none."""
+    for text, shape in _slips(q, prismatic):
+        share = float(rest @ shape) / float(shape @ shape)
+        if np.abs(rest - share * shape).max() <= tolerance:
+            return f"{text} (times {share:.6g})"
+    return None
+
+
 def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
     """Return in words which one term of a sum is wrong, None when it is more than one.
 
@@ -73,10 +82,6 @@ def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tole
         tolerance: how exact the sum has to be.
     """
     rest = mine - theirs
-    for text, shape in _slips(q, prismatic):
-        share = float(rest @ shape) / float(shape @ shape)
-        if np.abs(rest - share * shape).max() <= tolerance:
-            return f"{text} (times {share:.6g})"
     sums = [expand(q, values, prismatic, tolerance) for values in (rest, theirs, mine)]
     if any(terms is None for terms in sums):
         return None

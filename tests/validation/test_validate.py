@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hand_models import ARMS, Case, cases, planar, scara, spatial, stanford
 
 from armgpi import DynamicsReport, Robot, errors, suggest_urdf, validate
 from armgpi.paper.arm import ArmParameters, PaperArm
-from hand_models import ARMS, Case, cases, planar, scara, spatial, stanford
 
 BATTERY = cases()
 
@@ -140,14 +140,21 @@ def test_gravity_in_the_coriolis_torque_is_named() -> None:
 
 
 def test_a_consequence_is_told_from_its_cause() -> None:
-    robot, _ = planar(1)
-    arm = planar(1, l1=0.5).model
-    report = validate(arm, robot)
-    assert [cause.scope for cause in report.causes] == ["model"]
-    alone = {**planar(1).model, "mass_matrix": arm["mass_matrix"], "coriolis_torque": arm["coriolis_torque"]}
-    wrong = {**alone, "mass_matrix": lambda q: alone["mass_matrix"](q) + np.sin(3 * q[1]) * np.eye(2)}
-    kinds = [cause.kind for cause in validate(wrong, robot).causes]
-    assert "unknown" in kinds
+    robot, model = planar(1)
+
+    def mass_matrix(q: np.ndarray) -> np.ndarray:
+        return model["mass_matrix"](q) + np.diag([np.sin(2.0 * q[1]), 0.0])
+
+    def coriolis_torque(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        slope = 2.0 * np.cos(2.0 * q[1])
+        return model["coriolis_torque"](q, v) + slope * np.array([v[0] * v[1], -0.5 * v[0] ** 2])
+
+    causes = validate({"mass_matrix": mass_matrix, "coriolis_torque": coriolis_torque}, robot).causes
+    assert [(cause.kind, cause.elements[0].term) for cause in causes] == [
+        ("term", "mass_matrix"),
+        ("consequence", "coriolis_torque"),
+    ]
+    assert causes[0].text == "the term 1 sin(2 q2) is too much"
 
 
 # Any of the functions alone.
