@@ -153,33 +153,37 @@ def count_joints(worker: Worker, joints: int | None) -> int:
         return check_whole(joints, "joints", 1, 64)
     if worker.n is not None:
         return int(worker.n)
-    fitting = [n for n in range(1, MOST_JOINTS + 1) if _takes(worker, n)]
+    fitting = [n for n in range(1, MOST_JOINTS + 1) if _refusal(worker, n) is None]
     if len(fitting) == 1:
         return fitting[0]
     found = "no number of joints up to 8 does" if not fitting else f"{fitting} would all do"
     raise ParameterError("joints", None, f"given, as it cannot be found by trying: {found}")
 
 
-def _takes(worker: Worker, n: int) -> bool:
-    """Tell whether a model's functions work with n joints."""
+def _refusal(worker: Worker, n: int) -> ModelError | None:
+    """Return why a model's functions do not work with n joints, None when they do."""
     for name in worker.functions:
         try:
             samples.call(worker, name, *(np.full((1, n), 0.3),) * len(ARGUMENTS[name]))
         except ModelError as error:
             if "took longer" in str(error) or "ended" in str(error):
                 raise
-            return False
-    return True
+            return error
+    return None
 
 
 def _check_count(worker: Worker, robot: Robot) -> None:
     """Refuse a model that has another number of joints than the robot."""
     if worker.n is not None and worker.n != robot.n:
         raise _other_count(worker, worker.n, robot)
-    if _takes(worker, robot.n):
+    refusal = _refusal(worker, robot.n)
+    if refusal is None:
         return
     for n in range(1, MOST_JOINTS + 1):
-        if n != robot.n and _takes(worker, n):
+        if n != robot.n and _refusal(worker, n) is None:
+            if "returns shape" in str(refusal):
+                text = str(refusal).split(f"{refusal.function}: ", 1)[1]
+                raise ModelError(worker.name, refusal.function, f"{text}; is it a model of {n} joints?")
             raise _other_count(worker, n, robot)
 
 
