@@ -186,6 +186,12 @@ class _Search:
                     both = context.and_also(h)
                     if p.explains(both)[scope].all():
                         found.append(_Candidate(both.cost, both.kind, both.text, hypothesis=both))
+        if len(alike) == 1 and not any(c.cost <= 2.5 for c in found):
+            # One entry alone: a summand of it is a better explanation than a value that only it feels.
+            columns = [int(column) for column in np.flatnonzero(differing)]
+            explained = [self.explain_one(column) for column in columns]
+            if explained[0] and all(e and e[0].text == explained[0][0].text for e in explained):
+                found += explained[0]
         if not found:
             found += self.link_parameters(scope, differing)
         return sorted(found, key=lambda c: c.cost)
@@ -345,8 +351,10 @@ class _Search:
         p, element = self.problem, self.problem.elements[column]
         fitting = [h for h, fits in [*self.discrete, *self.maps] if fits[column] and h.post is None]
         angles = [h for h in fitting if h.affine is not None]
-        if angles:
-            return [_Candidate(h.cost, h.kind, h.text) for h in sorted(angles, key=lambda h: h.cost)]
+        # Half a turn is a sign, which a summand's name tells better.
+        turned = [h for h in angles if "180°" not in h.text]
+        if turned:
+            return [_Candidate(h.cost, h.kind, h.text) for h in sorted(turned, key=lambda h: h.cost)]
         summands: list[fragments.Match] = []
         if element.piece in ("D", "H", "G", "V", "Z"):
             self._fragments = self._fragments or fragments.fragments(p)

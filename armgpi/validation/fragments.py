@@ -80,6 +80,8 @@ def match(problem: Problem, fragment: Fragment, column: int) -> Match | None:
     for known, text in _SHARES.items():
         if abs(share - known) < 1e-7:
             return Match(text.format(f"{words} is" if known == -1.0 else words), 1.0 + known, True)
+    if share < -1.0 or np.ptp(part) <= problem.tolerance[column]:
+        return None  # any constant is a multiple of any other
     return Match(f"{words} stands with the factor {1.0 + share:.6g}", 1.0 + share, False)
 
 
