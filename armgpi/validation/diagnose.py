@@ -186,6 +186,10 @@ class _Search:
                     both = context.and_also(h)
                     if p.explains(both)[scope].all():
                         found.append(_Candidate(both.cost, both.kind, both.text, hypothesis=both))
+        factor = self.common_factor(scope)
+        if factor is not None and len(alike) > 1:
+            text = f"it is {factor:.6g} times what it should be, in every entry"
+            found.append(_Candidate(4.5, "factor", text, factor, 1.0))
         if len(alike) == 1 and not any(c.cost <= 2.5 for c in found):
             # One entry alone: a summand of it is a better explanation than a value that only it feels.
             columns = [int(column) for column in np.flatnonzero(differing)]
@@ -437,6 +441,18 @@ class _Search:
         if plain:
             return None
         return _Candidate(6.0, "factor", f"is {factor:.6g} times what it should be", factor, 1.0)
+
+    def common_factor(self, scope: Mask) -> float | None:
+        """Return the factor by which all of `scope` is off, None when there is no common one."""
+        p = self.problem
+        weights = 1.0 / p.tolerance[scope]
+        mine, theirs = p.user[:, scope] * weights, p.reference[:, scope] * weights
+        size = float((theirs * theirs).sum())
+        if size == 0.0:
+            return None
+        factor = float((mine * theirs).sum()) / size
+        fits = abs(factor) > 1e-9 and np.abs(mine - factor * theirs).max() <= 1.0
+        return factor if fits else None  # nothing at all is missing, not scaled
 
     def copied(self, column: int) -> _Candidate | None:
         """Return another element whose value stands in place of this one's."""
