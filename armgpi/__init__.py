@@ -68,6 +68,11 @@ if TYPE_CHECKING:
     from armgpi.rollout import save as save
     from armgpi.simulation import ClosedLoop as ClosedLoop
     from armgpi.simulation import simulate as simulate
+    from armgpi.validation.check import validate as validate
+    from armgpi.validation.derivation import Derivation as Derivation
+    from armgpi.validation.derivation import derive as derive
+    from armgpi.validation.report import DynamicsReport as DynamicsReport
+    from armgpi.validation.skeleton import suggest_urdf as suggest_urdf
 
 _MODULES = ("errors", "health", "metrics", "robots")
 _NAMES = {
@@ -92,6 +97,10 @@ _NAMES = {
     "robot": ("Friction", "Robot", "RobotBatch"),
     "rollout": ("Status", "load", "save"),
     "simulation": ("ClosedLoop", "simulate"),
+    "validation.check": ("validate",),
+    "validation.derivation": ("Derivation", "derive"),
+    "validation.report": ("DynamicsReport",),
+    "validation.skeleton": ("suggest_urdf",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -195,6 +195,21 @@ class ConfigError(ArmgpiError):
         super().__init__(f"{place}: {key}: {message}" if key else f"{place}: {message}")
 
 
+class ModelError(ArmgpiError):
+    """A user's model of an arm (hand-derived dynamics) that cannot be used.
+
+    Attributes:
+        model: the model, as the user named it.
+        function: its function concerned, empty when it is the model as a whole.
+    """
+
+    def __init__(self, model: object, function: str, message: str) -> None:
+        """Describe what the model, or one of its functions, did."""
+        self.model = str(model)
+        self.function = function
+        super().__init__(f"{model}: {function}: {message}" if function else f"{model}: {message}")
+
+
 class RolloutError(ArmgpiError):
     """A rollout that cannot be made, read, or used for what was asked."""
 

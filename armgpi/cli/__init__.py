@@ -1,7 +1,7 @@
 """The command line: parse, call one function, print a table, exit with a code.
 
-Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run), 2 bad input,
-130 interrupted.
+Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run, a model that
+differs), 2 bad input, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import doctor, experiment, inspect, look, paper, robots, zoo
+from armgpi.cli import derive, doctor, experiment, inspect, look, paper, robots, validate, zoo
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -35,6 +35,8 @@ app.command()(paper.reproduce)
 app.command()(paper.scenarios)
 app.command()(look.view)
 app.command()(look.report)
+app.command()(validate.validate)
+app.command()(derive.derive)
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,0 +1,76 @@
+"""The command that derives closed-form equations of motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.words import locks, refusal, split
+
+if TYPE_CHECKING:
+    from armgpi.robot import Robot
+
+RobotName = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
+        show_default=False,
+    ),
+]
+Latex = Annotated[bool, typer.Option("--latex", metavar=opt.FLAG, help="LaTeX instead of a Python module.")]
+Numbers = Annotated[
+    bool,
+    typer.Option("--numbers", metavar=opt.FLAG, help="Values in place of symbols for masses and lengths."),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Where to write it; the screen by default."),
+]
+
+
+def derive(
+    robot: RobotName,
+    latex: Latex = False,
+    numbers: Numbers = False,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    out: Out = None,
+) -> None:
+    """Derive D, C and G of an arm of up to four joints in closed form.
+
+    \b
+    armgpi derive anthropomorphic3 -o arm.py
+    armgpi validate arm.py --robot anthropomorphic3
+    armgpi derive double_pendulum --latex
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.validation.derivation import derive as derived
+
+    arm = load(robot, lock, keep)
+    result = derived(arm, numbers=numbers)
+    text = result.latex() if latex else result.python()
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    write(out, text, "--out")
+
+
+def load(robot: str, lock: list[str] | None, keep: list[str] | None) -> Robot:
+    """Load a robot with the joints that options lock or keep."""
+    from armgpi.robot import Robot
+
+    # A joint without a value is locked where Robot.load would lock it by its name alone.
+    locked: Any = locks(lock or [])
+    return Robot.load(robot, lock=locked, keep=None if keep is None else split(keep))
+
+
+def write(path: Path, text: str, option: str) -> None:
+    """Write a file, or say why not."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise refusal(option, f"cannot write {path}: {error.strerror or error}") from None
+    typer.echo(f"wrote {path}", err=True)

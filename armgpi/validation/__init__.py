@@ -1,0 +1,1 @@
+"""Hand-derived dynamics beside Pinocchio's: what differs, where, and what the mistake is."""

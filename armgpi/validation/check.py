@@ -1,0 +1,318 @@
+"""Validate a model: sample it, compare it, check its laws, and find what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array, check_number, check_whole
+from armgpi.errors import ModelError, ParameterError
+from armgpi.robot import Robot
+from armgpi.validation import laws, samples
+from armgpi.validation.diagnose import Cause, Vary, diagnose
+from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.problem import SOURCE, Mask, Problem
+from armgpi.validation.report import DynamicsReport, TermReport
+from armgpi.validation.samples import Sampled, States
+from armgpi.validation.tree import evaluate, from_robot
+from armgpi.validation.worker import Worker
+
+#: Without a reference, a model may have so many joints.
+MOST_JOINTS = 8
+#: Sliding joints without limits are compared up to here [m].
+_SLIDE = 1.0
+
+
+def validate(
+    model: Any,
+    robot: Robot | str | PathLike[str] | None = None,
+    *,
+    frame: str | None = None,
+    rtol: float = 1e-9,
+    joints: int | None = None,
+    time_limit: float = 5.0,
+    seed: int = 0,
+) -> DynamicsReport:
+    """Compare hand-derived dynamics with a robot's, and say what is wrong with them.
+
+    Args:
+        model: any of: the path of a Python file or the name of a module, followed by ``:Name`` when it
+            has several models; a file of SymPy expressions; ``"paper"``; a module, class, object or
+            mapping with some of the functions ``mass_matrix(q)``, ``coriolis_matrix(q, v)``,
+            ``coriolis_torque(q, v)``, ``gravity(q)``, ``inverse_dynamics(q, v, a)``,
+            ``forward_dynamics(q, v, tau)``, ``kinetic_energy(q, v)``, ``potential_energy(q)``,
+            ``forward_kinematics(q)``, ``jacobian(q)``. It runs in a process of its own.
+        robot: the reference, as a :class:`armgpi.Robot`, a name or a URDF. Without one, the laws that hold
+            for every arm are checked.
+        frame: the robot's frame that the kinematics mean; its tip when not given.
+        rtol: relative error up to which two values agree.
+        joints: number of joints of a model without a reference; found by trying when not given.
+        time_limit: how long one call of the model may take [s].
+        seed: of the random states.
+
+    Returns:
+        What agrees, what differs, where, and why.
+
+    Raises:
+        ModelError: when the model cannot be read, or one of its functions raises, takes too long, changes
+            its arguments, returns another shape, no numbers, NaN, or other values at the second call.
+        ParameterError: when another argument is not as it should be.
+        NameNotFound: when there is no such robot or frame.
+        UrdfError: when the robot's file is no usable URDF.
+    """
+    rtol = check_number(rtol, "rtol", "positive, at most 0.1", 0.0, 0.1, open_=True)
+    time_limit = check_number(time_limit, "time_limit", "positive [s]", open_=True)
+    seed = check_whole(seed, "seed", 0)
+    if robot is not None and not isinstance(robot, Robot):
+        robot = Robot.load(robot)
+    name = str(model) if isinstance(model, str | PathLike) else name_of(model)
+    with Worker(model, name, time_limit) as worker:
+        if robot is None:
+            n = count_joints(worker, joints)
+            states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
+        else:
+            lower, upper = robot.limits.lower, robot.limits.upper
+            prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
+            states = random_states(lower, upper, prismatic, seed)
+            _check_count(worker, robot)
+        sampled = samples.sample(worker, states)
+        own = laws.derive(worker, states, sampled)
+        found = laws.check(worker, states, sampled, own)
+        notes = ["the model prints while it computes; that is not shown"] if worker.printed else []
+        if robot is None:
+            rows = min(len(s.values) for s in sampled.values())
+            names = tuple(f"q{i + 1}" for i in range(n))
+            return DynamicsReport(name, None, names, rows, (), (), tuple(found), tuple(notes))
+        return _compare(worker, robot, frame, rtol, states, sampled, own, found, notes)
+
+
+def _compare(
+    worker: Worker,
+    robot: Robot,
+    frame: str | None,
+    rtol: float,
+    states: States,
+    sampled: Mapping[str, Sampled],
+    own: laws.Derived,
+    found: list[laws.Law],
+    notes: list[str],
+) -> DynamicsReport:
+    """Return the report of a model beside a robot."""
+    tree = from_robot(robot, frame)
+    problem = Problem(tree, states.q, sampled, rtol)
+    follows = dict(_follows(problem, sampled, own))
+    vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
+    causes = diagnose(problem, follows, vary)
+    terms = tuple(
+        _term(
+            robot,
+            problem,
+            states,
+            s,
+            tuple(c for c in causes if any(e.term == s.function for e in c.elements)),
+        )
+        for s in sampled.values()
+    )
+    return DynamicsReport(
+        worker.name,
+        robot.name,
+        robot.joint_names,
+        len(problem.q),
+        terms,
+        tuple(causes),
+        tuple(found),
+        (*notes, *impossible_links(robot)),
+    )
+
+
+def name_of(model: Any) -> str:
+    """Return what to call a model that is no text."""
+    return str(getattr(model, "__name__", None) or type(model).__name__)
+
+
+def random_states(lower: Array, upper: Array, prismatic: Any, seed: int) -> States:
+    """Return random states inside of the joint limits."""
+    rng = np.random.default_rng(seed)
+    widest = np.where(prismatic, _SLIDE, np.pi)
+    # Also limits that leave hardly any room: formulas hold beyond them.
+    low, high = np.maximum(lower, -widest), np.minimum(upper, widest)
+    narrow = ~(high - low > 0.2)
+    low, high = np.where(narrow, -widest, low), np.where(narrow, widest, high)
+    q = rng.uniform(low, high, size=(samples.POSTURES, len(lower)))
+    v, a, tau = (rng.normal(size=q.shape) for _ in range(3))
+    return States(q, v, a, tau)
+
+
+def count_joints(worker: Worker, joints: int | None) -> int:
+    """Return the number of joints of a model: as told, as it states, or the one that its functions take."""
+    if joints is not None:
+        return check_whole(joints, "joints", 1, 64)
+    if worker.n is not None:
+        return int(worker.n)
+    fitting = [n for n in range(1, MOST_JOINTS + 1) if _refusal(worker, n) is None]
+    if len(fitting) == 1:
+        return fitting[0]
+    found = "no number of joints up to 8 does" if not fitting else f"{fitting} would all do"
+    raise ParameterError("joints", None, f"given, as it cannot be found by trying: {found}")
+
+
+def _refusal(worker: Worker, n: int) -> ModelError | None:
+    """Return why a model's functions do not work with n joints, None when they do."""
+    for name in worker.functions:
+        try:
+            samples.call(worker, name, *(np.full((1, n), 0.3),) * len(ARGUMENTS[name]))
+        except ModelError as error:
+            if "took longer" in str(error) or "ended" in str(error):
+                raise
+            return error
+    return None
+
+
+def _check_count(worker: Worker, robot: Robot) -> None:
+    """Refuse a model that has another number of joints than the robot."""
+    if worker.n is not None and worker.n != robot.n:
+        raise _other_count(worker, worker.n, robot)
+    refusal = _refusal(worker, robot.n)
+    if refusal is None:
+        return
+    for n in range(1, MOST_JOINTS + 1):
+        if n != robot.n and _refusal(worker, n) is None:
+            if "returns shape" in str(refusal):
+                text = str(refusal).split(f"{refusal.function}: ", 1)[1]
+                raise ModelError(worker.name, refusal.function, f"{text}; is it a model of {n} joints?")
+            raise _other_count(worker, n, robot)
+
+
+def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
+    joints = ", ".join(robot.joint_names)
+    return ModelError(
+        worker.name,
+        "",
+        f"has {n} joint{'s' if n > 1 else ''}, but the robot {robot.name} has {robot.n} ({joints}); "
+        "give the robot that the model is of, or lock joints of it (--lock, --keep)",
+    )
+
+
+def _term(
+    robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: tuple[Cause, ...]
+) -> TermReport:
+    """Return the report of one function."""
+    name = sampled.function
+    rows = min(len(sampled.values), len(problem.q))
+    v = states.v[:rows]
+    values = sampled.values[:rows]
+    if name == "coriolis_matrix":
+        values = np.einsum("Nij,Nj->Ni", values, v)
+    if name == "potential_energy":
+        values = values - values[0]
+    reference = _reference(robot, problem, name, States(*(x[:rows] for x in states)))
+    away = np.abs(values - reference).reshape(rows, -1).max(axis=1)
+    worst, size = int(np.argmax(away)), float(np.abs(reference).max())
+    mask = problem.term(name)
+    differing = tuple(problem.elements[k].label for k in np.flatnonzero(mask & ~problem.agreeing))
+    relative = float(away[worst]) / size if size > 0.0 else (0.0 if away[worst] == 0.0 else float("inf"))
+    scale = max(float(np.abs(reference).max()), float(np.abs(problem.reference).max()) * 1e-6)
+    curved = sampled.quadratic > 1e-7 * max(scale, 1e-300)
+    note = ""
+    if curved:
+        note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
+    where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}
+    agrees = not differing and not curved
+    return TermReport(name, agrees, float(away[worst]), relative, where, differing, causes, note)
+
+
+def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
+    """Return what a function of the model should give."""
+    pieces = evaluate(problem.tree, s.q, ("V", "F", "J") if name not in SOURCE.values() else ("V",))
+    if name == "mass_matrix":
+        return robot.mass_matrix(s.q)
+    if name == "gravity":
+        return robot.gravity(s.q)
+    if name in ("coriolis_torque", "coriolis_matrix"):
+        return robot.nonlinear_effects(s.q, s.v) - robot.gravity(s.q)
+    if name == "inverse_dynamics":
+        return robot.inverse_dynamics(s.q, s.v, s.a)
+    if name == "forward_dynamics":
+        return robot.forward_dynamics(s.q, s.v, s.tau)
+    if name == "kinetic_energy":
+        return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, robot.mass_matrix(s.q), s.v))
+    seen = problem.seen(pieces)
+    return seen[{"potential_energy": "V", "forward_kinematics": "F", "jacobian": "J"}[name]]
+
+
+def _follows(
+    problem: Problem, sampled: Mapping[str, Sampled], own: laws.Derived
+) -> Iterator[tuple[str, tuple[str, Mask]]]:
+    """Yield functions whose elements are what other functions of the model say."""
+    said: dict[str, tuple[str, Array]] = {}
+    if "mass_matrix" in sampled:
+        said["D"] = ("mass_matrix", sampled["mass_matrix"].pieces["D"])
+    if own.H is not None:
+        said["H"] = ("mass_matrix", own.H)
+    if own.G is not None and "gravity" not in sampled:
+        said["G"] = ("potential_energy", own.G)
+    for name in sampled:
+        mask = np.zeros(len(problem.elements), dtype=np.bool_)
+        sources: list[str] = []
+        for piece, (source, array) in said.items():
+            if piece not in sampled[name].pieces or name == source:
+                continue
+            columns = problem.term(name) & problem.piece(piece)
+            fits = problem.agrees_with({piece: array}, columns)
+            if (fits & ~problem.agreeing).any():
+                mask |= fits & ~problem.agreeing
+                sources.append(source)
+        if sources:
+            yield name, (" and ".join(dict.fromkeys(sources)), mask)
+        for piece, array in sampled[name].pieces.items():
+            if piece in ("H", "G") and name in ("coriolis_torque", "coriolis_matrix", "gravity"):
+                said.setdefault(f"own {piece}", (name, array))
+                if piece == "G" or "H" not in said:
+                    said[piece] = (name, array)
+
+
+def _varied(worker: Worker, states: States, problem: Problem, sampled: Mapping[str, Sampled]) -> Any:
+    """Return a function that gives the model's columns with one number changed."""
+
+    def columns(number: str, value: float, functions: frozenset[str], rows: int | None) -> Array:
+        few = States(*(x[: rows or len(problem.q)] for x in states))
+        with _changed(worker, {number: value}):
+            pieces = {name: samples.pieces(worker, name, few) for name in sampled if name in functions}
+        return problem.user_columns(pieces, len(few.q))
+
+    return columns
+
+
+@contextmanager
+def _changed(worker: Worker, numbers: dict[str, float]) -> Iterator[None]:
+    """Change numbers of the model meanwhile."""
+    worker.changes = numbers
+    try:
+        yield
+    finally:
+        worker.changes = {}
+
+
+def impossible_links(robot: Robot) -> list[str]:
+    """Return a line for every link whose mass and inertia no rigid body has.
+
+    A rigid body has a positive mass, and principal moments of inertia of which none is negative and none
+    exceeds the sum of the other two (the triangle inequality).
+    """
+    tree = from_robot(robot)
+    lines = []
+    for link, body in zip(tree.link_names, tree.bodies, strict=True):
+        low, mid, high = np.linalg.eigvalsh(body.inertia)
+        size = max(abs(high), 1e-300)
+        if body.mass < 0.0 or low < -1e-9 * size:
+            lines.append(f"{link} of the robot has a negative mass or inertia: no rigid body has that")
+        elif high > (low + mid) * (1.0 + 1e-9):
+            lines.append(
+                f"{link} of the robot is no rigid body: principal inertias {low:.4g}, {mid:.4g}, {high:.4g} "
+                f"violate the triangle inequality ({high:.4g} > {low:.4g} + {mid:.4g} kg m²)"
+            )
+    return lines

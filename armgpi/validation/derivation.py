@@ -1,0 +1,483 @@
+"""Closed-form equations of motion of a short arm, by SymPy from its URDF.
+
+The composite-rigid-body algorithm (Featherstone 2008, ch. 6) with symbols: from the tip to the base, mass,
+first moment and inertia of all that moves with a joint are put together in that joint's frame. C is the
+matrix of the Christoffel symbols, G the slope of the potential energy.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import ArmgpiError, ParameterError
+from armgpi.robot import Robot
+from armgpi.validation.tree import Tree, from_robot
+from armgpi.validation.trig import Trig
+
+#: Longer arms have formulas that nobody reads.
+MOST_JOINTS = 4
+#: Numbers below this are rounding, relative to the others of their kind.
+_ROUNDING = 1e-13
+_XYZ = "xyz"
+
+Vector = list[Trig]
+Matrix = list[list[Trig]]
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """The equations of motion D(q) a + C(q, v) v + G(q) = tau in symbols.
+
+    Attributes:
+        robot: name of the robot.
+        joint_names: names of its joints: q1 is the first one's position, and so on.
+        q: symbols of the positions.
+        v: symbols of the velocities.
+        D: inertia matrix, a SymPy matrix.
+        C: Coriolis matrix of the Christoffel symbols.
+        G: gravity torque, a column.
+        V: potential energy.
+        position: position of the tool, a column.
+        parameters: value of every other symbol, by name.
+    """
+
+    robot: str
+    joint_names: tuple[str, ...]
+    q: tuple[Any, ...]
+    v: tuple[Any, ...]
+    D: Any
+    C: Any
+    G: Any
+    V: Any
+    position: Any
+    parameters: dict[str, float]
+
+    def latex(self) -> str:
+        """Return the equations as LaTeX: an `align*` and a table of the parameters."""
+        import sympy
+
+        names = {symbol: rf"\dot q_{{{i + 1}}}" for i, symbol in enumerate(self.v)}
+        names |= {sympy.Symbol(name): _tex_symbol(name) for name in self.parameters}
+
+        def tex(expression: Any) -> str:
+            return str(sympy.latex(expression, symbol_names=names))
+
+        lines = []
+        n = len(self.q)
+        for i in range(n):
+            lines += [f"d_{{{i + 1}{j + 1}}} &= {tex(self.D[i, j])}" for j in range(i, n)]
+        for i in range(n):
+            lines += [f"c_{{{i + 1}{j + 1}}} &= {tex(self.C[i, j])}" for j in range(n)]
+        lines += [f"g_{{{i + 1}}} &= {tex(self.G[i])}" for i in range(n)]
+        joints = ", ".join(f"$q_{{{i + 1}}}$: {_tex_text(name)}" for i, name in enumerate(self.joint_names))
+        text = f"% {self.robot}, by armgpi derive\n{joints}\n"
+        text += "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}\n"
+        if self.parameters:
+            rows = [f"${_tex_symbol(name)}$ & {value:.10g}" for name, value in self.parameters.items()]
+            text += "\\begin{tabular}{ll}\n" + " \\\\\n".join(rows) + "\n\\end{tabular}\n"
+        return text
+
+    def python(self) -> str:
+        """Return a Python module with the equations as functions, which `armgpi validate` accepts."""
+        joints = ", ".join(f"q{i + 1} {name}" for i, name in enumerate(self.joint_names))
+        lines = [
+            f'"""Equations of motion of {_plain(self.robot)}, by `armgpi derive`.',
+            "",
+            "D(q) a + C(q, v) v + G(q) = tau in SI units, C of the Christoffel symbols.",
+            f"Joints: {_plain(joints)}.",
+            '"""',
+            "",
+            "from math import cos, sin",
+            "",
+            "import numpy as np",
+            "",
+            "parameters = {",
+            *(f'    "{name}": {value!r},' for name, value in self.parameters.items()),
+            "}",
+            "",
+        ]
+        words = {
+            "mass_matrix": ("D(q) [kg m^2], shape (n, n)", self.D, ("q",)),
+            "coriolis_matrix": ("C(q, v) [N m s/rad], shape (n, n)", self.C, ("q", "v")),
+            "gravity": ("G(q) [N m], shape (n,)", self.G, ("q",)),
+            "potential_energy": ("the potential energy [J]", self.V, ("q",)),
+            "forward_kinematics": ("the position of the tool [m], shape (3,)", self.position, ("q",)),
+        }
+        for name, (what, expression, arguments) in words.items():
+            lines += ["", *self._function(name, what, expression, arguments), ""]
+        return "\n".join(lines)
+
+    def _function(self, name: str, what: str, expression: Any, arguments: Sequence[str]) -> list[str]:
+        """Return the lines of one function."""
+        import sympy
+        from sympy.printing.pycode import pycode
+
+        def code(x: Any) -> str:
+            return str(pycode(x, fully_qualified_modules=False))
+
+        shared, (reduced,) = sympy.cse([expression], symbols=sympy.numbered_symbols("x"))
+        lines = [f"def {name}({', '.join(arguments)}):", f'    """Return {what}."""']
+        for letter in arguments:
+            used = [f"{letter}{i + 1}" for i in range(len(self.q))]
+            lines.append(f"    {', '.join(used)}{',' if len(used) == 1 else ''} = {letter}")
+        needed = sorted(str(s) for s in expression.free_symbols if str(s) in self.parameters)
+        lines += [f'    {s} = parameters["{s}"]' for s in needed]
+        lines += [f"    {symbol} = {code(value)}" for symbol, value in shared]
+        if name == "potential_energy":
+            return [*lines, f"    return {code(reduced)}"]
+        rows, columns = reduced.shape
+        if columns == 1 and name not in ("mass_matrix", "coriolis_matrix"):
+            body = [f"            {code(x)}," for x in reduced]
+        else:
+            body = [
+                f"            [{', '.join(code(reduced[i, j]) for j in range(columns))}],"
+                for i in range(rows)
+            ]
+        return [*lines, "    return np.array(", "        [", *body, "        ]", "    )"]
+
+
+def derive(
+    robot: Robot | str | PathLike[str], *, numbers: bool = False, frame: str | None = None
+) -> Derivation:
+    """Derive the equations of motion of an arm of up to four joints in closed form.
+
+    Args:
+        robot: the robot, its name or its URDF.
+        numbers: put in the values of masses, lengths and inertias, and not symbols for them.
+        frame: frame whose position is given; the tip when not given.
+
+    Raises:
+        ParameterError: when the robot has more than four joints.
+        ArmgpiError: when SymPy is not installed.
+    """
+    try:
+        import sympy
+    except ImportError:
+        raise ArmgpiError("SymPy is not installed: pip install 'armgpi[derive]'") from None
+    arm = robot if isinstance(robot, Robot) else Robot.load(robot)
+    if arm.n > MOST_JOINTS:
+        raise ParameterError(
+            "robot",
+            f"{arm.name} with {arm.n} joints",
+            f"an arm of at most {MOST_JOINTS} joints; hold others fixed (lock, keep)",
+        )
+    work = _Symbols(from_robot(arm, frame))
+    n = arm.n
+    q = tuple(sympy.Symbol(f"q{i + 1}") for i in range(n))
+    v = tuple(sympy.Symbol(f"v{i + 1}") for i in range(n))
+    D, V, position = work.inertia(), work.potential(), work.position()
+    slope = [[[work.slope(D[i][j], k) for k in range(n)] for j in range(n)] for i in range(n)]
+
+    def expression(x: Trig) -> Any:
+        return work.expression(x, numbers)
+
+    def entry(i: int, j: int) -> Any:
+        half = work.one / 2
+        return sum(
+            (
+                expression((slope[i][j][k] + slope[i][k][j] - slope[j][k][i]).times(half)) * v[k]
+                for k in range(n)
+            ),
+            sympy.S.Zero,
+        )
+
+    C = sympy.Matrix(n, n, entry)
+    G = sympy.Matrix([expression(work.slope(V, i)) for i in range(n)])
+    matrix = sympy.Matrix(n, n, lambda i, j: expression(D[i][j]))
+    place = sympy.Matrix([expression(x) for x in position])
+    energy = expression(V)
+    used = {str(s) for x in (matrix, C, G, energy, place) for s in x.free_symbols}
+    parameters = {name: value for name, value in work.values.items() if name in used}
+    return Derivation(arm.name, arm.joint_names, q, v, matrix, C, G, energy, place, parameters)
+
+
+class _Symbols:
+    """An arm with symbols for its numbers, and its composite bodies."""
+
+    def __init__(self, tree: Tree) -> None:
+        """Give every number of the arm that is not zero a symbol."""
+        import sympy
+
+        self.tree, n = tree, tree.n
+        self.values: dict[str, float] = {}
+        plan = [self._named(i) for i in range(n)]
+        tool = self._symbols("t", tree.tool_position)
+        gravity = self._gravity()
+        sliding = [f"q{i + 1}" for i in range(n) if tree.prismatic[i]]
+        names = [*self.values, *sliding]
+        self.ring, *generators = sympy.ring(names, sympy.QQ)
+        self._at = dict(zip(names, generators, strict=True))
+        self.one = self.ring.one
+        self._bodies = [self._body(*names[:3]) for names in plan]
+        self._lengths = [self._vector(names[3]) for names in plan]
+        self._rotors = [self._coefficient(names[4]) for names in plan]
+        self._tool = self._vector(tool)
+        self._down = self._vector(gravity)
+        self._turns = [self._rotation(i) for i in range(n)]
+        self._shifts = [self._shift(i) for i in range(n)]
+        self._composites = self._put_together()
+
+    def slope(self, x: Trig, i: int) -> Trig:
+        """Return the derivative by q_i."""
+        return x.derivative(i, self._at[f"q{i + 1}"] if self.tree.prismatic[i] else None)
+
+    def inertia(self) -> Matrix:
+        """Return D."""
+        n, tree = self.tree.n, self.tree
+        zero = Trig({})
+        D = [[zero] * n for _ in range(n)]
+        for i in range(n):
+            mass, first, tensor = self._composites[i]
+            axis = self._numbers(tree.axes[i])
+            if tree.prismatic[i]:
+                force, moment = _scaled(axis, mass), _cross(first, axis)
+            else:
+                force, moment = _cross(axis, first), _apply(tensor, axis)
+            j = i
+            while j >= 0:
+                other = self._numbers(tree.axes[j])
+                value = _dot(other, force if tree.prismatic[j] else moment)
+                if i == j:
+                    value = value + self._constant(self._rotors[i])
+                D[i][j] = D[j][i] = value
+                force, moment = _apply(self._turns[j], force), _apply(self._turns[j], moment)
+                moment = _plus(moment, _cross(self._shifts[j], force))
+                j = tree.parents[j]
+        return D
+
+    def potential(self) -> Trig:
+        """Return V = -g . (first moment of everything about the base)."""
+        total = [Trig({})] * 3
+        for i, parent in enumerate(self.tree.parents):
+            if parent < 0:
+                total = _plus(total, self._moved(i)[1])
+        return -_dot(self._down, total)
+
+    def position(self) -> Vector:
+        """Return where the tool is in the base frame."""
+        point, j = self._tool, self.tree.tool_parent
+        while j >= 0:
+            point = _plus(_apply(self._turns[j], point), self._shifts[j])
+            j = self.tree.parents[j]
+        return point
+
+    def expression(self, x: Trig, numbers: bool) -> Any:
+        """Return a sum as a SymPy expression."""
+        import sympy
+
+        total = sympy.S.Zero
+        for (kind, k), coefficient in sorted(x.terms.items(), key=lambda item: (item[0][0], item[0][1])):
+            angle = sum(factor * sympy.Symbol(f"q{i + 1}") for i, factor in enumerate(k))
+            function = {"c": sympy.cos, "s": sympy.sin}[kind](angle)
+            total += self._coefficient_expression(coefficient, numbers) * function
+        return total
+
+    def _coefficient_expression(self, coefficient: Any, numbers: bool) -> Any:
+        """Return a coefficient as an expression; rationals that come from floats as floats again."""
+        import sympy
+
+        if numbers:
+            return self._number(coefficient)
+        expression = coefficient.as_expr()
+        long = {r: sympy.Float(r, 17) for r in expression.atoms(sympy.Rational) if r.q > 1000}
+        return sympy.factor_terms(expression.xreplace(long))
+
+    def _number(self, coefficient: Any) -> Any:
+        """Return a coefficient with the values put in: a polynomial in the sliding positions."""
+        import sympy
+
+        names = [str(generator) for generator in self.ring.gens]
+        sums: dict[tuple[tuple[str, int], ...], float] = {}
+        for powers, factor in coefficient.terms():
+            held = tuple((x, p) for x, p in zip(names, powers, strict=True) if p and x not in self.values)
+            value = float(factor)
+            for x, power in zip(names, powers, strict=True):
+                value *= self.values[x] ** power if power and x in self.values else 1.0
+            sums[held] = sums.get(held, 0.0) + value
+        total = sympy.S.Zero
+        for held, value in sums.items():
+            short = float(f"{value:.15g}")
+            number = (
+                sympy.Integer(int(short)) if short.is_integer() and abs(short) < 1e6 else sympy.Float(short)
+            )
+            total += number * sympy.prod(sympy.Symbol(x) ** p for x, p in held)
+        return total
+
+    def _named(
+        self, i: int
+    ) -> tuple[str | None, list[str | None], list[list[str | None]], list[str | None], str | None]:
+        """Return the names of the numbers of body and joint i; None for a zero."""
+        body, k = self.tree.bodies[i], i + 1
+        mass = self._symbol(f"m{k}", body.mass, 0.0)
+        com = self._symbols(f"c{k}", body.com)
+        size = float(np.abs(body.inertia).max())
+        tensor: list[list[str | None]] = [[None] * 3 for _ in range(3)]
+        for r in range(3):
+            for c in range(r, 3):
+                name = self._symbol(f"I{k}{_XYZ[r]}{_XYZ[c]}", float(body.inertia[r, c]), size)
+                tensor[r][c] = tensor[c][r] = name
+        length = self._symbols(f"l{k}", self.tree.positions[i])
+        return mass, com, tensor, length, self._symbol(f"Ir{k}", float(self.tree.armature[i]), 0.0)
+
+    def _symbol(self, name: str, value: float, size: float) -> str | None:
+        """Keep a value under a name, unless it is zero."""
+        if value == 0.0 or abs(value) <= _ROUNDING * size:
+            return None
+        self.values[name] = float(value)
+        return name
+
+    def _symbols(self, name: str, vector: Array) -> list[str | None]:
+        size = float(np.abs(vector).max())
+        return [self._symbol(f"{name}{_XYZ[k]}", float(vector[k]), size) for k in range(3)]
+
+    def _gravity(self) -> list[str | None]:
+        """Return the names of gravity's components; "-g" where it points down."""
+        g = self.tree.gravity
+        if g[0] == 0.0 and g[1] == 0.0 and g[2] < 0.0:
+            self.values["g"] = float(-g[2])
+            return [None, None, "-g"]
+        return self._symbols("g", g)
+
+    def _coefficient(self, name: str | None) -> Any:
+        if name is None:
+            return self.ring.zero
+        return -self._at[name[1:]] if name.startswith("-") else self._at[name]
+
+    def _constant(self, coefficient: Any) -> Trig:
+        return Trig({("c", (0,) * self.tree.n): coefficient})
+
+    def _vector(self, names: Iterable[str | None]) -> Vector:
+        return [self._constant(self._coefficient(name)) for name in names]
+
+    def _numbers(self, vector: Iterable[float]) -> Vector:
+        """Return plain numbers, exact to 15 decimals."""
+        return [self._constant(self.ring(_exact(float(x)))) for x in vector]
+
+    def _body(
+        self, mass: str | None, com: list[str | None], tensor: list[list[str | None]]
+    ) -> tuple[Trig, Vector, Matrix]:
+        """Return mass, first moment and inertia about the joint of one body."""
+        m, c = self._constant(self._coefficient(mass)), self._vector(com)
+        inertia = [[self._constant(self._coefficient(name)) for name in row] for row in tensor]
+        return m, _scaled(c, m), _sum(inertia, _steiner(c, _scaled(c, m)))
+
+    def _rotation(self, i: int) -> Matrix:
+        """Return the rotation of joint i's frame in its parent's."""
+        fixed = [self._numbers(row) for row in self.tree.rotations[i]]
+        if self.tree.prismatic[i]:
+            return fixed
+        a = self.tree.axes[i]
+        k = tuple(int(j == i) for j in range(self.tree.n))
+        cosine, sine = Trig({("c", k): self.one}), Trig({("s", k): self.one})
+        one = self._constant(self.one)
+        outer, skew = np.outer(a, a), np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+        turn = [
+            [
+                self._numbers([float(r == c)])[0] * cosine
+                + self._numbers([outer[r, c]])[0] * (one - cosine)
+                + self._numbers([skew[r, c]])[0] * sine
+                for c in range(3)
+            ]
+            for r in range(3)
+        ]
+        return _product(fixed, turn)
+
+    def _shift(self, i: int) -> Vector:
+        """Return the origin of joint i's frame in its parent's."""
+        if not self.tree.prismatic[i]:
+            return self._lengths[i]
+        along = self._numbers(self.tree.rotations[i] @ self.tree.axes[i])
+        return _plus(self._lengths[i], _scaled(along, self._constant(self._at[f"q{i + 1}"])))
+
+    def _put_together(self) -> list[tuple[Trig, Vector, Matrix]]:
+        """Return all that moves with each joint, in its frame."""
+        self._composites = list(self._bodies)
+        for i in reversed(range(self.tree.n)):
+            parent = self.tree.parents[i]
+            if parent >= 0:
+                mass, first, tensor = self._moved(i)
+                m, h, inertia = self._composites[parent]
+                self._composites[parent] = (m + mass, _plus(h, first), _sum(inertia, tensor))
+        return self._composites
+
+    def _moved(self, i: int) -> tuple[Trig, Vector, Matrix]:
+        """Return what moves with joint i, in its parent's frame."""
+        mass, first, tensor = self._composites[i]
+        R, p = self._turns[i], self._shifts[i]
+        turned = _apply(R, first)
+        transposed = [list(row) for row in zip(*R, strict=True)]
+        inertia = _product(_product(R, tensor), transposed)
+        # About the parent's origin: I - [p][h] - [h][p] - m [p][p].
+        inertia = _sum(inertia, _steiner(p, turned))
+        inertia = _sum(inertia, _steiner(turned, p))
+        inertia = _sum(inertia, _steiner(p, _scaled(p, mass)))
+        return mass, _plus(turned, _scaled(p, mass)), inertia
+
+
+def _exact(x: float) -> Any:
+    """Return a float as a rational, to 15 decimals."""
+    import sympy
+
+    fraction = Fraction(repr(round(x, 15)))
+    return sympy.QQ(fraction.numerator, fraction.denominator)
+
+
+def _scaled(a: Vector, factor: Trig) -> Vector:
+    return [x * factor for x in a]
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _dot(a: Vector, b: Vector) -> Trig:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _apply(M: Matrix, a: Vector) -> Vector:
+    return [_dot(row, a) for row in M]
+
+
+def _product(A: Matrix, B: Matrix) -> Matrix:
+    columns = [list(column) for column in zip(*B, strict=True)]
+    return [[_dot(row, column) for column in columns] for row in A]
+
+
+def _sum(A: Matrix, B: Matrix) -> Matrix:
+    return [_plus(a, b) for a, b in zip(A, B, strict=True)]
+
+
+def _steiner(a: Vector, b: Vector) -> Matrix:
+    """Return -[a][b], that is a.b 1 - b a'."""
+    along = _dot(a, b)
+    zero = Trig({})
+    return [[(along if r == c else zero) - b[r] * a[c] for c in range(3)] for r in range(3)]
+
+
+def _tex_symbol(name: str) -> str:
+    """Return "I_{2xx}" for "I2xx"."""
+    match = re.fullmatch(r"([A-Za-z])(\w+)", name)
+    return f"{match[1]}_{{{match[2]}}}" if match else name
+
+
+def _tex_text(name: str) -> str:
+    """Return a name with what means something to LaTeX escaped."""
+    marked = "".join(f"\\{c}" if c in "#$%&_{}" else c for c in name)
+    return marked.replace("~", r"\textasciitilde{}").replace("^", r"\textasciicircum{}")
+
+
+def _plain(text: str) -> str:
+    """Return a name that can stand in a docstring."""
+    return text.replace("\\", "/").replace('"', "'")

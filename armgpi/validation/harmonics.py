@@ -1,0 +1,177 @@
+"""Functions of the posture in words: a sum of few harmonics, found from samples.
+
+Every entry of D, every coefficient of a product of velocities and every gravity torque of an arm is a
+trigonometric polynomial of degree two in each angle and a polynomial of degree two in each sliding joint.
+Few of its terms are there, so matching pursuit finds them from some dozens of postures.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+
+#: More terms than this are no explanation.
+MOST_TERMS = 8
+#: More joints than this make too many candidates.
+MOST_JOINTS = 4
+
+
+class Term(NamedTuple):
+    """One term of a sum.
+
+    Attributes:
+        factor: its coefficient.
+        word: its function of the posture, "cos(q2 + q3)", or "" for a constant.
+    """
+
+    factor: float
+    word: str
+
+
+def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[Term] | None:
+    """Return the few terms that make up `y` at the postures `q`, None when there are too many.
+
+    Args:
+        q: postures, shape (N, n).
+        y: values, shape (N,).
+        prismatic: whether each joint slides.
+        tolerance: how exact the sum has to be.
+    """
+    if q.shape[1] > MOST_JOINTS:
+        return None
+    if np.abs(y).max() <= tolerance:
+        return []
+    words, columns = _candidates(q, prismatic)
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    chosen: list[int] = []
+    rest: Array = y
+    weights: Array = np.zeros(0)
+    while len(chosen) < min(MOST_TERMS, len(y) - 2):
+        chosen.append(int(np.argmax(np.abs(rest @ columns) / sizes)))
+        weights = np.asarray(np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0], dtype=np.float64)
+        rest = np.asarray(y - columns[:, chosen] @ weights)
+        if np.abs(rest).max() <= tolerance:
+            floor = 1e-9 * np.abs(weights).max()
+            return [Term(float(w), words[c]) for w, c in zip(weights, chosen, strict=True) if abs(w) > floor]
+    return None
+
+
+def trigonometry(q: Array, rest: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
+    """Return in words which slip of trigonometry a difference is, None when it is none."""
+    for text, shape in _slips(q, prismatic):
+        share = float(rest @ shape) / float(shape @ shape)
+        if np.abs(rest - share * shape).max() <= tolerance:
+            return f"{text} (times {share:.6g})"
+    return None
+
+
+def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
+    """Return in words which one term of a sum is wrong, None when it is more than one.
+
+    Args:
+        q: postures, shape (N, n).
+        mine: values of the model, shape (N,).
+        theirs: those of the robot.
+        prismatic: whether each joint slides.
+        tolerance: how exact the sum has to be.
+    """
+    rest = mine - theirs
+    sums = [expand(q, values, prismatic, tolerance) for values in (rest, theirs, mine)]
+    if any(terms is None for terms in sums):
+        return None
+    away, right, wrong = ({term.word: term.factor for term in terms or []} for terms in sums)
+    if len(away) == 1:
+        word, factor = next(iter(away.items()))
+        if word not in wrong:
+            return f"the term {in_words([Term(right[word], word)])} is missing"
+        if word not in right:
+            return f"the term {in_words([Term(factor, word)])} is too much"
+        ratio = wrong[word] / right[word]
+        usual = {-1.0: ": its sign", 0.5: ": a factor 2 is missing", 2.0: ": a factor 1/2 is missing"}
+        why = next((text for known, text in usual.items() if abs(ratio - known) < 1e-7), "")
+        name = f"coefficient of {word}" if word else "constant"
+        return f"the {name} is {wrong[word]:.6g}, the robot's is {right[word]:.6g}{why}"
+    if len(away) == 2:
+        (one, a), (other, b) = away.items()
+        if abs(a + b) <= 1e-7 * abs(a):
+            belongs, stands = (one, other) if a * right.get(one, 0.0) < 0.0 else (other, one)
+            if belongs in right:
+                return f"{stands or 'a constant'} stands where {belongs or 'a constant'} belongs"
+    return None
+
+
+def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]:
+    """Yield usual slips of trigonometry and what they add, up to a factor."""
+    turning = [i for i, slides in enumerate(prismatic) if not slides]
+    angles = {f"q{i + 1}": q[:, i] for i in turning}
+    angles |= {f"(q{i + 1} + q{j + 1})": q[:, i] + q[:, j] for i, j in itertools.combinations(turning, 2)}
+    for x, value in angles.items():
+        c, s = np.cos(value), np.sin(value)
+        yield f"(1 - sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 - s) ** 2 - c**2
+        yield f"(1 + sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 + s) ** 2 - c**2
+        yield f"(1 - cos {x})² stands for 1 - cos² {x} = sin² {x}", (1.0 - c) ** 2 - s**2
+        yield f"cos² {x} and sin² {x} are mixed up", c**2 - s**2
+        yield f"{x} stands for sin {x} (small angles)", value - s
+        yield f"1 stands for cos {x} (small angles)", 1.0 - c
+        yield f"1 - {x}²/2 stands for cos {x} (small angles)", 1.0 - 0.5 * value**2 - c
+
+
+def in_words(terms: list[Term]) -> str:
+    """Return a sum as text: "0.17 - 0.34 sin(q2)"."""
+    if not terms:
+        return "0"
+    text = ""
+    for term in sorted(terms, key=lambda term: (len(term.word), term.word)):
+        sign = "-" if term.factor < 0.0 else "+"
+        body = f"{abs(term.factor):.6g} {term.word}".strip()
+        if not text:
+            text = f"-{body}" if sign == "-" else body
+        else:
+            text += f" {sign} {body}"
+    return text
+
+
+def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array]:
+    """Return the functions that may take part, in words and at the postures."""
+    turning = [i for i, slides in enumerate(prismatic) if not slides]
+    sliding = [i for i, slides in enumerate(prismatic) if slides]
+    words, columns = [], []
+    for powers in itertools.product(range(3), repeat=len(sliding)):
+        if sum(powers) > 2:
+            continue
+        scale = np.prod([q[:, i] ** p for i, p in zip(sliding, powers, strict=True)], axis=0)
+        before = " ".join(
+            f"q{i + 1}" + ("²" if p == 2 else "") for i, p in zip(sliding, powers, strict=True) if p
+        )
+        for k in itertools.product(range(-2, 3), repeat=len(turning)):
+            leading = next((x for x in k if x), 0)
+            if leading < 0:
+                continue
+            angle = q[:, turning] @ np.array(k, dtype=float) if turning else np.zeros(len(q))
+            inner = _inner(k, turning)
+            for name, function in (("cos", np.cos), ("sin", np.sin)):
+                if leading == 0 and name == "sin":
+                    continue
+                word = f"{name}({inner})" if inner else ""
+                words.append(f"{before} {word}".strip())
+                columns.append(scale * function(angle))
+    return words, np.stack(columns, axis=-1)
+
+
+def _inner(k: tuple[int, ...], turning: list[int]) -> str:
+    """Return "2 q2 + q3" for multiples of angles."""
+    text = ""
+    for factor, i in zip(k, turning, strict=True):
+        if factor:
+            body = f"{abs(factor)} q{i + 1}" if abs(factor) != 1 else f"q{i + 1}"
+            if not text:
+                text = body if factor > 0 else f"-{body}"
+            else:
+                text += f" {'+' if factor > 0 else '-'} {body}"
+    return text

@@ -1,0 +1,310 @@
+"""What holds for every arm: laws that a model must obey, with or without a reference.
+
+Derivatives are central differences of order four, good to some 1e-11, so a law is held to 1e-7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from armgpi.arrays import Array
+from armgpi.errors import ModelError
+from armgpi.validation.samples import Sampled, States, call, slopes
+from armgpi.validation.tree import christoffel
+from armgpi.validation.worker import Worker
+
+#: How far, relative, a law may be off.
+TOLERANCE = 1e-7
+#: The simulated swing: how long [s], how exact, and how many evaluations at most.
+SWING, SWING_RTOL, SWING_CALLS = 1.0, 1e-10, 3000
+#: Energy may drift by this share over the swing.
+DRIFT = 1e-6
+#: Models slower than this [s a call] are not simulated.
+SLOW = 2e-3
+#: Postures at which derivatives are taken.
+_ROWS = 12
+
+
+class Law(NamedTuple):
+    """A law and whether a model obeys it.
+
+    Attributes:
+        name: short name.
+        verdict: "holds", "fails", "note" for something to know that is no mistake, or "skipped".
+        error: largest violation, relative; NaN when it was not measured.
+        text: what was found, in words.
+    """
+
+    name: str
+    verdict: str
+    error: float
+    text: str
+
+
+class Derived(NamedTuple):
+    """What a model's own functions say about each other, arrays over the first postures.
+
+    Attributes:
+        H: products of velocities that follow from its mass matrix, (rows, n, n, n), or None.
+        G: slope of its potential energy, (rows, n), or None.
+        slope: derivatives of its mass matrix, (rows, n, n, n), or None.
+    """
+
+    H: Array | None
+    G: Array | None
+    slope: Array | None
+
+
+def derive(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Derived:
+    """Differentiate a model's mass matrix and potential energy."""
+    slope = G = None
+    if "mass_matrix" in sampled:
+        slope = slopes(worker, "mass_matrix", _first(worker, "mass_matrix", states, sampled))
+    if "potential_energy" in sampled:
+        G = slopes(worker, "potential_energy", _first(worker, "potential_energy", states, sampled))
+    return Derived(None if slope is None else christoffel(slope), G, slope)
+
+
+def _first(worker: Worker, name: str, states: States, sampled: Mapping[str, Sampled]) -> Array:
+    """Return the postures at which a function is differentiated: fewer where it is slow."""
+    rows = min(_ROWS, min(len(s.values) for s in sampled.values()))
+    each = worker.takes.get(name, 0.0) * 4 * states.q.shape[1]
+    if each * rows > 20.0:
+        rows = max(2, int(20.0 / each))
+    return states.q[:rows]
+
+
+def check(worker: Worker, states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
+    """Return every law that can be checked with the functions that a model has."""
+    laws: list[Law] = []
+    if "mass_matrix" in sampled:
+        laws += _mass_matrix(sampled["mass_matrix"].values)
+    laws += _velocities(states, sampled, own)
+    laws += _energies(states, sampled, own)
+    laws += _together(states, sampled)
+    if "forward_kinematics" in sampled and "jacobian" in sampled:
+        laws.append(_kinematics(worker, states, sampled))
+    swing = _swing(worker, states, sampled)
+    return laws + ([swing] if swing else [])
+
+
+def _law(name: str, away: float, size: float, good: str, bad: str) -> Law:
+    """Return a law from its largest violation and the size of what is compared."""
+    error = away / size if size > 0.0 else (0.0 if away == 0.0 else math.inf)
+    holds = error <= TOLERANCE
+    return Law(name, "holds" if holds else "fails", error, good if holds else bad)
+
+
+def _mass_matrix(D: Array) -> list[Law]:
+    """Return the laws of D."""
+    T = np.swapaxes(D, -1, -2)
+    away = np.abs(D - T)
+    row, i, j = np.unravel_index(int(np.argmax(away)), away.shape)
+    bad = f"D[{i + 1},{j + 1}] = {D[row, i, j]:.6g}, but D[{j + 1},{i + 1}] = {D[row, j, i]:.6g}"
+    symmetric = _law("D symmetric", float(away.max()), float(np.abs(D).max()), "D = D'", bad)
+    smallest = np.linalg.eigvalsh(0.5 * (D + T))[:, 0]
+    worst = int(np.argmin(smallest))
+    positive = smallest[worst] > 0.0
+    text = f"smallest eigenvalue {smallest[worst]:.4g}"
+    error = 0.0 if positive else float(-smallest[worst] / np.abs(D).max())
+    return [symmetric, Law("D positive definite", "holds" if positive else "fails", error, text)]
+
+
+def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
+    """Return the laws of the Coriolis torque and matrix."""
+    laws: list[Law] = []
+    product_right = None
+    for name in ("coriolis_torque", "coriolis_matrix"):
+        if name not in sampled or own.H is None:
+            continue
+        rows = len(own.H)
+        H = sampled[name].pieces["H"][:rows]
+        size = max(float(np.abs(own.H).max()), 1e-3 * float(np.abs(sampled["mass_matrix"].values).max()))
+        away = float(np.abs(H - own.H).max())
+        word = "C v" if name == "coriolis_torque" else "C(q, v) v"
+        bad = f"{word} is not the torque that D's Christoffel symbols give"
+        law = _law(f"{word} from D", away, size, f"{word} is what D's Christoffel symbols give", bad)
+        product_right = law.verdict == "holds" if product_right is None else product_right
+        laws.append(law)
+    if "coriolis_matrix" in sampled and own.slope is not None:
+        rows = len(own.slope)
+        C, v = sampled["coriolis_matrix"].values[:rows], states.v[:rows]
+        rate = np.einsum("Nijk,Nk->Nij", own.slope, v)
+        N = rate - 2.0 * C
+        size = max(float(np.abs(C).max()), float(np.abs(rate).max()))
+        law = _law(
+            "Ḋ - 2C skew",
+            float(np.abs(N + np.swapaxes(N, -1, -2)).max()),
+            size,
+            "Ḋ - 2C is skew-symmetric",
+            "Ḋ - 2C is not skew-symmetric",
+        )
+        if law.verdict == "fails" and product_right:
+            text = "C v is right, but C is not the matrix of the Christoffel symbols: Ḋ - 2C is not skew"
+            law = law._replace(verdict="note", text=text)
+        laws.append(law)
+        if "coriolis_torque" in sampled:
+            both = min(len(sampled[x].values) for x in ("coriolis_matrix", "coriolis_torque"))
+            Cv = np.einsum("Nij,Nj->Ni", sampled["coriolis_matrix"].values[:both], states.v[:both])
+            h = sampled["coriolis_torque"].values[:both]
+            good, bad = (
+                "coriolis_matrix times v is coriolis_torque",
+                "coriolis_matrix times v is another torque",
+            )
+            laws.append(
+                _law("C v one torque", float(np.abs(Cv - h).max()), float(np.abs(h).max()), good, bad)
+            )
+    return laws
+
+
+def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
+    """Return the laws of energy and power."""
+    laws: list[Law] = []
+    if own.G is not None and "gravity" in sampled:
+        G = sampled["gravity"].values[: len(own.G)]
+        apart = np.abs(G - own.G)
+        worst = int(np.argmax(apart.max(axis=0)))
+        size = max(float(np.abs(G).max()), float(np.abs(own.G).max()))
+        # The difference quotient loses digits where the energy itself is large.
+        size = max(size, 1e-4 * float(np.abs(sampled["potential_energy"].values).max()))
+        bad = f"the slope of V by q{worst + 1} is not G[{worst + 1}]"
+        laws.append(_law("dV/dq = G", float(apart.max()), size, "G is the slope of V", bad))
+    if "kinetic_energy" in sampled and "mass_matrix" in sampled:
+        rows = min(len(sampled[x].values) for x in ("kinetic_energy", "mass_matrix"))
+        K, D = sampled["kinetic_energy"].values[:rows], sampled["mass_matrix"].values[:rows]
+        v = states.v[:rows]
+        away = float(np.abs(K - 0.5 * np.einsum("Ni,Nij,Nj->N", v, D, v)).max())
+        bad = "K is not ½ v'Dv with the model's own D"
+        laws.append(_law("K = ½ v'Dv", away, float(np.abs(K).max()), "K is ½ v'Dv", bad))
+    torque = next((sampled[x] for x in ("coriolis_torque", "coriolis_matrix") if x in sampled), None)
+    if torque is not None and own.slope is not None:
+        rows = len(own.slope)
+        v = states.v[:rows]
+        h = torque.values[:rows]
+        if h.ndim == 3:
+            h = np.einsum("Nij,Nj->Ni", h, v)
+        rate = 0.5 * np.einsum("Nijk,Ni,Nj,Nk->N", own.slope, v, v, v)
+        power = np.einsum("Ni,Ni->N", h, v)
+        # Each of the torques does work; only their sum has to be the change of K.
+        size = max(float(np.abs(rate).max()), float(np.abs(h * v).max()))
+        bad = "v'C v is not ½ v'Ḋv: the Coriolis torque feeds or drains energy"
+        good = "K changes by the power of the torques"
+        laws.append(_law("dK/dt = power", float(np.abs(power - rate).max()), size, good, bad))
+    return laws
+
+
+def _together(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
+    """Return whether the dynamics are made of the model's own terms, and invert each other."""
+    laws: list[Law] = []
+    if "mass_matrix" not in sampled:
+        return laws
+    torque = next((sampled[x] for x in ("coriolis_torque", "coriolis_matrix") if x in sampled), None)
+    used = [s for s in (torque, sampled.get("gravity")) if s is not None]
+    if len(used) < 2 or torque is None:
+        return laws
+    names = [name for name in ("inverse_dynamics", "forward_dynamics") if name in sampled]
+    rows = min(len(s.values) for s in [*used, sampled["mass_matrix"], *(sampled[x] for x in names)])
+    D, G = sampled["mass_matrix"].values[:rows], sampled["gravity"].values[:rows]
+    h, v = torque.values[:rows], states.v[:rows]
+    if h.ndim == 3:
+        h = np.einsum("Nij,Nj->Ni", h, v)
+    for name in names:
+        value = sampled[name].values[:rows]
+        a = states.a[:rows] if name == "inverse_dynamics" else value
+        tau = np.einsum("Nij,Nj->Ni", D, a) + h + G
+        given = value if name == "inverse_dynamics" else states.tau[:rows]
+        bad = f"{name} is not made of the model's own D, C v and G"
+        size = float(np.abs(tau).max())
+        laws.append(
+            _law(f"{name} = D, C, G", float(np.abs(tau - given).max()), size, f"{name} is D a + C v + G", bad)
+        )
+    return laws
+
+
+def _kinematics(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law:
+    """Return whether the Jacobian is the derivative of the kinematics."""
+    q = _first(worker, "forward_kinematics", states, sampled)
+    slope = slopes(worker, "forward_kinematics", q)
+    J = sampled["jacobian"].values[: len(q)]
+    rows = min(slope.shape[1], J.shape[1])
+    away = np.abs(J[:, :rows] - slope[:, :rows])
+    worst = int(np.argmax(away.max(axis=(0, 1))))
+    bad = f"the derivative of the position by q{worst + 1} is not column {worst + 1} of the Jacobian"
+    return _law(
+        "FK and Jacobian", float(away.max()), float(np.abs(slope).max()), "J is the derivative of FK", bad
+    )
+
+
+def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law | None:
+    """Return whether energy is kept while the arm swings freely for a second."""
+    names = set(sampled)
+    torque = next((x for x in ("coriolis_torque", "coriolis_matrix") if x in names), "")
+    gravity = "gravity" in names
+    own = {"mass_matrix", torque} <= names and bool(torque)
+    kinetic = "kinetic_energy" in names or "mass_matrix" in names
+    if not kinetic or not (own or "forward_dynamics" in names):
+        return None
+    if not gravity and "potential_energy" not in names and not own:
+        return None
+    name = "energy of a swing"
+    if max(worker.takes.values(), default=0.0) > SLOW:
+        return Law(name, "skipped", math.nan, "the model is too slow to be simulated")
+    n = states.q.shape[1]
+
+    def one(function: str, *arguments: Array) -> Array:
+        value: Array = call(worker, function, *(x[np.newaxis] for x in arguments))[0]
+        return value
+
+    def energy(q: Array, v: Array) -> float:
+        K = one("kinetic_energy", q, v) if "kinetic_energy" in names else 0.5 * v @ one("mass_matrix", q) @ v
+        V = one("potential_energy", q) if "potential_energy" in names else 0.0
+        return float(K + V)
+
+    count = 0
+
+    def rate(_: float, x: Array) -> Array:
+        nonlocal count
+        count += 1
+        if count > SWING_CALLS:
+            raise _TooLong
+        q, v = x[:n], x[n : 2 * n]
+        G = one("gravity", q) if gravity else np.zeros(n)
+        if own:
+            h = one(torque, q, v)
+            h = h @ v if h.ndim == 2 else h
+            a = -np.linalg.solve(one("mass_matrix", q), h + G)
+        else:
+            a = one("forward_dynamics", q, v, np.zeros(n))
+        # Without a V of the model: the work done against gravity.
+        work = 0.0 if "potential_energy" in names else float(v @ G)
+        return np.concatenate([v, a, [work]])
+
+    start = np.concatenate([states.q[0], 0.5 * states.v[0], [0.0]])
+    try:
+        with np.errstate(all="ignore"):
+            path = solve_ivp(rate, (0.0, SWING), start, method="DOP853", rtol=SWING_RTOL, atol=1e-12)
+        ends = [path.y[:, k] for k in np.linspace(0, path.y.shape[1] - 1, 9).astype(int)]
+        energies = np.array([energy(x[:n], x[n : 2 * n]) + x[-1] for x in ends])
+        kinetics = [
+            abs(0.5 * float(x[n : 2 * n] @ x[n : 2 * n]))
+            if "mass_matrix" not in names
+            else abs(0.5 * float(x[n : 2 * n] @ one("mass_matrix", x[:n]) @ x[n : 2 * n]))
+            for x in ends
+        ]
+    except (_TooLong, np.linalg.LinAlgError, ValueError, ModelError):
+        return Law(name, "skipped", math.nan, "the swing cannot be simulated: the motion is not a smooth one")
+    error = float(np.abs(energies - energies[0]).max() / max(*kinetics, 1e-300))
+    if not path.success or not math.isfinite(error):
+        return Law(name, "skipped", math.nan, "the swing cannot be simulated: the motion is not a smooth one")
+    holds = error <= DRIFT
+    text = f"energy drifts by {error:.2g} of the kinetic energy in {SWING:g} s without torque"
+    return Law(name, "holds" if holds else "fails", error, text)
+
+
+class _TooLong(Exception):
+    """A swing that takes too many steps."""

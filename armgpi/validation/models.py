@@ -1,0 +1,426 @@
+"""What a user gives as a model, made into functions that can be called.
+
+A model is a Python file or module with functions or a class, a file of SymPy expressions, an object, a
+mapping of functions, or the name of the paper's arm. Whatever it is, the result is a :class:`Functions`:
+functions of the known names, and its numbers, which the diagnosis varies. Everything here runs in the
+worker (:mod:`armgpi.validation.worker`), because reading a file of Python runs it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+import inspect
+import math
+import re
+import sys
+from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+#: Function -> names of its arguments.
+ARGUMENTS: dict[str, tuple[str, ...]] = {
+    "mass_matrix": ("q",),
+    "coriolis_matrix": ("q", "v"),
+    "coriolis_torque": ("q", "v"),
+    "gravity": ("q",),
+    "inverse_dynamics": ("q", "v", "a"),
+    "forward_dynamics": ("q", "v", "tau"),
+    "kinetic_energy": ("q", "v"),
+    "potential_energy": ("q",),
+    "forward_kinematics": ("q",),
+    "jacobian": ("q",),
+}
+#: Names of the paper's arm as a model.
+PAPER = ("paper", "paper-arm", "paper_arm")
+#: Files of bare expressions, read with SymPy's names and the symbols known.
+SYMPY_SUFFIXES = (".sympy", ".txt")
+#: Numbers of a model that are varied, at most.
+MAX_NUMBERS = 40
+#: Names that mean the same everywhere.
+_CONSTANTS = ("pi", "e", "tau", "inf", "nan", "n")
+#: Letters for a joint's position, velocity, acceleration and torque in SymPy files.
+_LETTERS = {
+    "q": r"(?:q|theta|th)_?(\d+)",
+    "v": r"(?:v|dq|qd|qdot|q_dot|dtheta|thetad|omega)_?(\d+)|q_?(\d+)_?(?:d|dot)",
+    "a": r"(?:a|ddq|qdd|qddot|alpha)_?(\d+)|q_?(\d+)_?(?:dd|ddot)",
+    "tau": r"(?:tau|u)_?(\d+)",
+}
+
+
+class Unusable(Exception):
+    """A model that cannot be used; the text says why."""
+
+
+class Functions:
+    """A model's functions and its numbers.
+
+    Attributes:
+        calls: name -> function.
+        numbers: name -> value of every number that can be varied (parameters, attributes, globals).
+        n: number of joints, when the model says so.
+    """
+
+    def __init__(
+        self,
+        rebuild: Callable[[Mapping[str, float]], Mapping[str, Callable[..., Any]]],
+        numbers: Mapping[str, float],
+        n: int | None = None,
+    ) -> None:
+        """Keep a function that returns the model's functions for changed numbers."""
+        self._rebuild = rebuild
+        self.numbers = dict(numbers)
+        self.n = n
+        self.calls = dict(rebuild({}))
+
+    def with_numbers(self, changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+        """Return the functions with some numbers changed; an empty mapping gives them as they were."""
+        return self._rebuild(changes)
+
+
+def resolve(model: Any) -> Functions:
+    """Return the functions of whatever a user calls a model.
+
+    Raises:
+        Unusable: when it is none, saying what was expected.
+    """
+    if isinstance(model, str) and model in PAPER:
+        from armgpi.paper.arm import PaperArm
+
+        return _of_object(PaperArm())
+    if isinstance(model, str | Path):
+        return _of_object(_load(str(model)))
+    return _of_object(model)
+
+
+def _load(text: str) -> Any:
+    """Return what ``file.py``, ``file.py:Name``, ``module`` or ``module:Name`` means."""
+    place, name = text, ""
+    if not Path(text).exists() and ":" in text:
+        place, name = text.rsplit(":", 1)
+    path = Path(place)
+    if path.suffix in SYMPY_SUFFIXES or path.suffix == ".py" or path.exists():
+        if path.is_dir():
+            raise Unusable("this is a folder; give a Python file, a module or 'paper'")
+        if not path.exists():
+            raise Unusable("there is no such file")
+        if path.suffix not in (".py", *SYMPY_SUFFIXES):
+            raise Unusable(
+                f"expected a Python file (.py) or a file of SymPy expressions (.sympy), got {path.suffix!r}"
+            )
+        module = _run(path)
+    else:
+        module = _import(place)
+    if name:
+        if not hasattr(module, name):
+            raise Unusable(f"has no {name!r}")
+        return getattr(module, name)
+    return module
+
+
+def _run(path: Path) -> ModuleType:
+    """Run a file as a module; its own folder is searched for what it imports."""
+    sys.path.insert(0, str(path.resolve().parent))
+    if path.suffix in SYMPY_SUFFIXES:
+        module = ModuleType(path.stem)
+        exec("from sympy import *", module.__dict__)
+        letters = [f"{letter}{i}" for letter in ("q", "v", "a", "tau") for i in range(1, 10)]
+        module.__dict__.update({name: _sympy().Symbol(name, real=True) for name in letters})
+        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), module.__dict__)
+        return module
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise Unusable("is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module  # as dataclasses want it
+    spec.loader.exec_module(module)
+    return module
+
+
+def _import(name: str) -> ModuleType:
+    """Import a module by its name."""
+    sys.path.insert(0, "")
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
+            raise Unusable("there is no such file or module (built in is: paper)") from None
+        raise
+
+
+def _sympy() -> Any:
+    try:
+        import sympy
+    except ImportError:
+        raise Unusable("SymPy is not installed: pip install 'armgpi[derive]'") from None
+    return sympy
+
+
+def _of_object(thing: Any) -> Functions:
+    """Return the functions of a module, class, instance or mapping."""
+    if isinstance(thing, ModuleType):
+        return _of_module(thing)
+    if isinstance(thing, type):
+        thing = _instance(thing)
+    if isinstance(thing, Mapping):
+        return _settable(thing, thing.get, thing.get("n"))
+    if not any(hasattr(thing, name) for name in ARGUMENTS) and callable(thing):
+        thing = thing()
+    return _of_instance(thing)
+
+
+def _of_module(module: ModuleType) -> Functions:
+    """Return the functions of a module: its own, those of its one class, or its SymPy expressions."""
+    if not any(hasattr(module, name) for name in ARGUMENTS):
+        classes = [
+            value
+            for value in vars(module).values()
+            if isinstance(value, type)
+            and value.__module__ == module.__name__
+            and any(hasattr(value, name) for name in ARGUMENTS)
+        ]
+        if len(classes) > 1:
+            names = ", ".join(c.__name__ for c in classes)
+            raise Unusable(
+                f"has several models ({names}); choose one with a colon: FILE:{classes[0].__name__}"
+            )
+        if classes:
+            return _of_instance(_instance(classes[0]))
+        objects = {
+            name: value
+            for name, value in vars(module).items()
+            if type(value).__module__ == module.__name__ and any(hasattr(value, f) for f in ARGUMENTS)
+        }
+        if len(objects) == 1:
+            return _of_instance(next(iter(objects.values())))
+        raise Unusable(_nothing(vars(module)))
+    return _settable(module, lambda name: getattr(module, name, None))
+
+
+def _instance(kind: type) -> Any:
+    """Return an object of a class without arguments."""
+    try:
+        inspect.signature(kind).bind()
+    except TypeError as error:
+        raise Unusable(f"{kind.__name__} cannot be made without arguments: {error}") from None
+    except ValueError:
+        pass  # no signature to look at
+    return kind()
+
+
+def _of_instance(thing: Any) -> Functions:
+    """Return the functions of an object; its parameters may be a dataclass or a mapping."""
+    if not any(hasattr(thing, name) for name in ARGUMENTS):
+        raise Unusable(_nothing(dir(thing)))
+    parameters = getattr(thing, "parameters", None)
+    own = _numbers_of(parameters)
+    if dataclasses.is_dataclass(parameters) and not isinstance(parameters, type):
+        frozen_parameters: Any = parameters
+
+        def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+            changed = thing
+            if changes:
+                other = dataclasses.replace(frozen_parameters, **changes)
+                if dataclasses.is_dataclass(thing):
+                    changed = dataclasses.replace(thing, parameters=other)  # type: ignore[type-var]
+                else:
+                    changed = _copy_with(thing, other)
+            return _functions(lambda name: getattr(changed, name, None))
+
+        return Functions(rebuild, own, _joints(thing))
+    return _settable(thing, lambda name: getattr(thing, name, None))
+
+
+def _copy_with(thing: Any, parameters: Any) -> Any:
+    """Return a shallow copy of an object with other parameters."""
+    import copy
+
+    changed = copy.copy(thing)
+    changed.parameters = parameters
+    return changed
+
+
+def _settable(thing: Any, get: Callable[[str], Any], n: Any = None) -> Functions:
+    """Return the functions of a thing, whose numbers are set where they stand."""
+    parameters = get("parameters")
+    sympy = sys.modules.get("sympy")
+    expressions = {
+        name: get(name)
+        for name in ARGUMENTS
+        if sympy is not None and isinstance(get(name), sympy.MatrixBase | sympy.Basic | list)
+    }
+    if expressions:
+        return _of_expressions(expressions, _numbers_of(parameters), parameters)
+    calls = _functions(get)
+    slots = _slots(thing, parameters, calls.values())
+
+    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+        for name, value in changes.items():
+            slots[name].put(value)
+        return _functions(get) if changes else calls
+
+    return Functions(rebuild, {name: slot.value for name, slot in slots.items()}, _joints(thing))
+
+
+class _Slot(NamedTuple):
+    """Where a number of a model stands: its value, and a function that puts another there."""
+
+    value: float
+    put: Callable[[Any], object]
+
+
+def _slots(thing: Any, parameters: Any, functions: Iterable[Callable[..., Any]]) -> dict[str, _Slot]:
+    """Return the numbers of a model: parameters, attributes, globals and closed-over variables."""
+    slots: dict[str, _Slot] = {}
+
+    def add(name: str, value: Any, put: Callable[[Any], object]) -> None:
+        usable = _is_number(value) and not name.startswith("_") and name not in _CONSTANTS
+        if usable and name not in slots and len(slots) < MAX_NUMBERS:
+            slots[name] = _Slot(float(value), put)
+
+    if isinstance(parameters, MutableMapping):
+        for key, value in parameters.items():
+            add(str(key), value, partial(parameters.__setitem__, key))
+    if not isinstance(thing, ModuleType | Mapping):
+        for name, value in getattr(thing, "__dict__", {}).items():
+            add(name, value, partial(setattr, thing, name))
+        for name, value in vars(type(thing)).items():
+            add(name, value, partial(setattr, type(thing), name))
+    for function in functions:
+        plain = getattr(function, "__func__", function)
+        for name, cell in zip(
+            getattr(getattr(plain, "__code__", None), "co_freevars", ()),
+            getattr(plain, "__closure__", None) or (),
+            strict=False,
+        ):
+            add(name, cell.cell_contents, partial(setattr, cell, "cell_contents"))
+        for name, value in list(getattr(plain, "__globals__", {}).items()):
+            add(name, value, partial(plain.__globals__.__setitem__, name))
+    return slots
+
+
+def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
+    """Return those of the known functions that there are."""
+    found = {}
+    for name in ARGUMENTS:
+        value = get(name)
+        if value is None:
+            continue
+        if not callable(value):
+            raise Unusable(f"{name} must be a function (or a SymPy expression), got {type(value).__name__}")
+        found[name] = value
+    return found
+
+
+def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
+    """Return the functions of SymPy expressions in q1.., v1.., a1.., tau1.. and parameters."""
+    sympy = _sympy()
+    if not all(isinstance(e, sympy.MatrixBase | sympy.Basic | list) for e in expressions.values()):
+        raise Unusable("some of its terms are SymPy expressions and some are not")
+    parameters = parameters if isinstance(parameters, Mapping) else {}
+    fixed = {sympy.Symbol(str(k)): v for k, v in parameters.items() if not _is_number(v)}
+    plain = {name: _plain(sympy, e) for name, e in expressions.items()}
+    joints = 0
+    for name, expression in plain.items():
+        for symbol in expression.free_symbols:
+            joint = _joint_of(symbol.name)
+            if joint is None and symbol.name not in own and symbol.name not in map(str, fixed):
+                raise Unusable(
+                    f"{name} has the symbol {symbol.name}, which is neither q1, v1, a1, tau1 or the like "
+                    "nor in `parameters`; add its value there"
+                )
+            joints = max(joints, joint[1] if joint else 0)
+    n = max(joints, *(max(getattr(e, "shape", (1,))) for e in plain.values()))
+    letters = {
+        letter: [sympy.Symbol(f"{letter}_{i + 1}__") for i in range(n)] for letter in ("q", "v", "a", "tau")
+    }
+    symbols = [sympy.Symbol(name) for name in own]
+    calls: dict[str, Callable[..., Any]] = {}
+    for name, expression in plain.items():
+        swap = dict(fixed)
+        for symbol in expression.free_symbols:
+            joint = _joint_of(symbol.name) if symbol.name not in own else None
+            if joint is not None:
+                swap[symbol] = letters[joint[0]][joint[1] - 1]
+        arguments = [letters[letter] for letter in ARGUMENTS[name]]
+        calls[name] = sympy.lambdify([*arguments, symbols], expression.xreplace(swap), "numpy", cse=True)
+    inputs = dict(own)
+
+    def bound(name: str, values: Sequence[float]) -> Callable[..., Any]:
+        return lambda *state: calls[name](*(x.tolist() for x in state), list(values))
+
+    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+        values = [changes.get(name, value) for name, value in inputs.items()]
+        return {name: bound(name, values) for name in calls}
+
+    return Functions(rebuild, inputs, n)
+
+
+def _plain(sympy: Any, expression: Any) -> Any:
+    """Return an expression in plain symbols: no functions of time, no assumptions."""
+    if isinstance(expression, list):
+        expression = sympy.Matrix(expression)
+    applied = sympy.core.function.AppliedUndef
+    swap: dict[Any, Any] = {}
+    for derivative in sorted(expression.atoms(sympy.Derivative), key=lambda d: -d.derivative_count):
+        letter = {1: "v", 2: "a"}.get(derivative.derivative_count)
+        joint = _joint_of(str(derivative.expr.func)) if isinstance(derivative.expr, applied) else None
+        if letter is None or joint is None:
+            raise Unusable(f"cannot read {derivative} in an expression")
+        swap[derivative] = sympy.Symbol(f"{letter}{joint[1]}")
+    expression = expression.subs(swap) if swap else expression
+    swap = {f: sympy.Symbol(str(f.func)) for f in expression.atoms(applied)}
+    swap |= {symbol: sympy.Symbol(symbol.name) for symbol in expression.free_symbols}
+    return expression.subs({k: v for k, v in swap.items() if isinstance(k, applied)}).xreplace(swap)
+
+
+def _joint_of(name: str) -> tuple[str, int] | None:
+    """Return which quantity of which joint (from 1) a symbol's name means."""
+    for letter, pattern in _LETTERS.items():
+        match = re.fullmatch(pattern, name)
+        if match:
+            return letter, int(next(group for group in match.groups() if group))
+    return None
+
+
+def _numbers_of(parameters: Any) -> dict[str, float]:
+    """Return the numbers among a model's parameters."""
+    if dataclasses.is_dataclass(parameters) and not isinstance(parameters, type):
+        items: Any = {f.name: getattr(parameters, f.name) for f in dataclasses.fields(parameters)}.items()
+    elif isinstance(parameters, Mapping):
+        items = parameters.items()
+    else:
+        return {}
+    return {str(key): float(value) for key, value in items if _is_number(value)}
+
+
+def _is_number(value: Any) -> bool:
+    """Tell whether a value is one finite real number (of NumPy, SymPy or Python)."""
+    if isinstance(value, bool) or callable(value):
+        return False
+    if isinstance(value, int | float | np.integer | np.floating):
+        return math.isfinite(value)
+    return bool(getattr(value, "is_number", False) and getattr(value, "is_real", False))
+
+
+def _joints(thing: Any) -> int | None:
+    """Return the number of joints that a model states."""
+    value = thing.get("n") if isinstance(thing, Mapping) else getattr(thing, "n", None)
+    return int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
+
+
+def _nothing(names: Any) -> str:
+    """Return the message for a model without any known function."""
+    from difflib import get_close_matches
+
+    text = f"has none of the functions {', '.join(ARGUMENTS)}"
+    for name in names:
+        near = get_close_matches(str(name), ARGUMENTS, n=1, cutoff=0.75)
+        if near:
+            return f"{text}; is {name!r} meant to be {near[0]!r}?"
+    return text

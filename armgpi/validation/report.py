@@ -1,0 +1,279 @@
+"""What a validation found: plain data, text and a page."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from armgpi.validation.diagnose import Cause
+from armgpi.validation.laws import Law
+from armgpi.validation.models import ARGUMENTS
+
+#: Elements listed in a line of text, at most.
+_LISTED = 8
+
+
+class TermReport(NamedTuple):
+    """One function of a model beside the reference.
+
+    Attributes:
+        function: its name.
+        agrees: whether it agrees everywhere.
+        max_abs: largest absolute error, in its unit.
+        max_rel: the same, relative to the reference's largest value.
+        worst: the state where it is largest: name -> values.
+        differing: labels of the entries, products or joints that differ: "D[1,2]", "q̇1 q̇2 in τ1", "G[2]".
+        diagnosis: the causes of what differs.
+        note: what else is to be said.
+    """
+
+    function: str
+    agrees: bool
+    max_abs: float
+    max_rel: float
+    worst: dict[str, list[float]]
+    differing: tuple[str, ...]
+    diagnosis: tuple[Cause, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class DynamicsReport:
+    """What a validation found.
+
+    Attributes:
+        model: the model, as it was named.
+        robot: name of the reference; None without one.
+        joint_names: names of its joints.
+        states: at how many states they were compared.
+        terms: one report per function that the model has.
+        causes: the mistakes found, the ones with the largest scope first.
+        laws: what holds for every arm, and whether it does for this model.
+        notes: what else was seen, such as a link of the robot that no rigid body can be.
+    """
+
+    model: str
+    robot: str | None
+    joint_names: tuple[str, ...]
+    states: int
+    terms: tuple[TermReport, ...]
+    causes: tuple[Cause, ...]
+    laws: tuple[Law, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every function agrees and no law fails."""
+        return all(term.agrees for term in self.terms) and all(law.verdict != "fails" for law in self.laws)
+
+    def term(self, function: str) -> TermReport:
+        """Return the report of one function.
+
+        Raises:
+            KeyError: when the model has no such function.
+        """
+        for term in self.terms:
+            if term.function == function:
+                return term
+        raise KeyError(function)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as plain data for JSON; a number that is none is None."""
+        return {
+            "model": self.model,
+            "robot": self.robot,
+            "joints": list(self.joint_names),
+            "states": self.states,
+            "agrees": self.agrees,
+            "terms": [
+                {
+                    "function": t.function,
+                    "agrees": t.agrees,
+                    "max_abs": _finite(t.max_abs),
+                    "max_rel": _finite(t.max_rel),
+                    "worst": t.worst,
+                    "differing": list(t.differing),
+                    "diagnosis": [_plain(cause) for cause in t.diagnosis],
+                    "note": t.note,
+                }
+                for t in self.terms
+            ],
+            "causes": [_plain(cause) for cause in self.causes],
+            "laws": [{**law._asdict(), "error": _finite(law.error)} for law in self.laws],
+            "notes": list(self.notes),
+        }
+
+    def to_json(self) -> str:
+        """Return the report as JSON."""
+        return json.dumps(self.to_dict(), ensure_ascii=False)
+
+    def __str__(self) -> str:
+        """Return the report as text."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
+        beside = f" beside {self.robot}" if self.robot else ""
+        lines = [f"{self.model}{beside}: {self.states} states"]
+        if self.terms:
+            rows = [
+                (
+                    t.function,
+                    "agrees" if t.agrees else "DIFFERS",
+                    f"{t.max_abs:.2g}",
+                    f"{t.max_rel:.2g}",
+                    _few(t.differing),
+                )
+                for t in self.terms
+            ]
+            lines += ["", *_table(("function", "", "largest error", "relative", "where"), rows)]
+            for t in self.terms:
+                if not t.agrees:
+                    at = ", ".join(f"{k} = ({', '.join(f'{x:.4g}' for x in v)})" for k, v in t.worst.items())
+                    lines.append(f"worst {t.function}: at {at}")
+                if t.note:
+                    lines.append(f"{t.function}: {t.note}")
+        if self.causes:
+            lines += ["", "What is wrong"]
+            for cause in self.causes:
+                lines += _told(cause)
+        if self.laws:
+            lines += ["", "Laws"]
+            checked = [
+                (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
+                for law in self.laws
+            ]
+            lines += _table(("", "", "error", ""), checked)[1:]
+        if self.notes:
+            lines += ["", *(f"note: {note}" for note in self.notes)]
+        lines += ["", self.verdict()]
+        return lines
+
+    def verdict(self) -> str:
+        """Return the result in one line."""
+        if self.agrees:
+            return "the model agrees" if self.terms else "the model obeys every law that could be checked"
+        differ = [t.function for t in self.terms if not t.agrees]
+        if differ:
+            return f"the model differs in {', '.join(differ)}"
+        return f"the model violates: {', '.join(law.name for law in self.laws if law.verdict == 'fails')}"
+
+    def html(self) -> str:
+        """Return the report as a page of its own, without scripts and without anything from elsewhere."""
+        title = html.escape(f"{self.model} beside {self.robot}" if self.robot else self.model)
+        parts = [f"<h1>{title}</h1>", f"<p class='{_class(self.agrees)}'>{html.escape(self.verdict())}</p>"]
+        if self.terms:
+            rows = [
+                (
+                    t.function + "(" + ", ".join(ARGUMENTS[t.function]) + ")",
+                    "agrees" if t.agrees else "differs",
+                    f"{t.max_abs:.3g}",
+                    f"{t.max_rel:.3g}",
+                    ", ".join(t.differing),
+                    "; ".join(f"{k} = ({', '.join(f'{x:.5g}' for x in v)})" for k, v in t.worst.items()),
+                )
+                for t in self.terms
+            ]
+            head = ("function", "", "largest error", "relative", "where", "worst at")
+            parts += ["<h2>Terms</h2>", _html_table(head, rows)]
+        if self.causes:
+            parts.append("<h2>What is wrong</h2>")
+            for cause in self.causes:
+                first, *rest = _told(cause)
+                items = "".join(f"<li>{html.escape(line.strip())}</li>" for line in rest)
+                parts.append(f"<p>{html.escape(first)}</p><ul>{items}</ul>")
+        if self.laws:
+            checked = [
+                (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
+                for law in self.laws
+            ]
+            parts += ["<h2>Laws</h2>", _html_table(("law", "", "error", ""), checked)]
+        parts += [f"<p>Note: {html.escape(note)}</p>" for note in self.notes]
+        return _PAGE.format(title=title, body="\n".join(parts))
+
+
+def _told(cause: Cause) -> list[str]:
+    """Return a cause as lines of text."""
+    where = _where(cause)
+    kind = (
+        "" if cause.kind in ("unknown", "consequence") else (" [formula]" if cause.structural else " [value]")
+    )
+    lines = [f"- {where}: {cause.text}{kind}"]
+    lines += [f"    or: {text}" for text in cause.alternatives]
+    lines += [f"    {line}" for line in cause.evidence]
+    return lines
+
+
+def _where(cause: Cause) -> str:
+    """Return where a cause is at work."""
+    functions = list(dict.fromkeys(element.term for element in cause.elements))
+    if cause.scope == "model":
+        return ", ".join(functions)
+    labels = [element.label for element in cause.elements]
+    if len(functions) == 1:
+        return f"{functions[0]}, {_few(tuple(labels))}"
+    return f"{', '.join(functions)}: {_few(tuple(dict.fromkeys(labels)))}"
+
+
+def _few(labels: tuple[str, ...]) -> str:
+    """Join labels, shortening a long list."""
+    more = len(labels) - _LISTED
+    return ", ".join(labels[:_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _plain(cause: Cause) -> dict[str, Any]:
+    """Return a cause as plain data."""
+    return {
+        **cause._asdict(),
+        "elements": [
+            {"function": e.term, "label": e.label, "piece": e.piece, "index": list(e.place)}
+            for e in cause.elements
+        ],
+        "value": None if cause.value is None else _finite(cause.value),
+        "expected": None if cause.expected is None else _finite(cause.expected),
+        "alternatives": list(cause.alternatives),
+        "evidence": list(cause.evidence),
+    }
+
+
+def _finite(value: float) -> float | None:
+    """Return a number, None for NaN and infinity, which JSON does not have."""
+    return value if math.isfinite(value) else None
+
+
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows as lines with aligned columns."""
+    widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+    return ["  ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)).rstrip() for row in [head, *rows]]
+
+
+def _class(good: bool) -> str:
+    return "good" if good else "bad"
+
+
+def _html_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    """Return a table, every cell escaped."""
+    bad = ("differs", "fails")
+    lines = ["<tr>" + "".join(f"<th>{html.escape(x)}</th>" for x in head) + "</tr>"]
+    for row in rows:
+        mark = " class='bad'" if row[1] in bad else ""
+        lines.append(f"<tr{mark}>" + "".join(f"<td>{html.escape(x)}</td>" for x in row) + "</tr>")
+    return "<table>" + "".join(lines) + "</table>"
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<style>
+body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }}
+table {{ border-collapse: collapse; }}
+th, td {{ text-align: left; padding: .25rem .75rem; border-bottom: 1px solid #ccc; vertical-align: top; }}
+.bad {{ color: #a00; }} p.good {{ color: #060; }} p.good, p.bad {{ font-weight: 600; }}
+@media (prefers-color-scheme: dark) {{ body {{ background: #111; color: #ddd; }} .bad {{ color: #f88; }}
+p.good {{ color: #8d8; }} }}
+</style></head><body>
+{body}
+</body></html>
+"""

@@ -1,0 +1,245 @@
+"""A model's functions sampled, and taken apart into the pieces of the equations of motion.
+
+At a fixed posture the Coriolis torque is a polynomial in the velocities, so its products v_j v_k are
+found from a few velocities without any fitting; D is found from an inverse dynamics, an energy or a
+forward dynamics in the same way. The names of the pieces are those of :mod:`armgpi.validation.tree`, and
+"B" (N, n, n), what is linear in v, and "Z" (N, n), what is left at rest: both must be zero in a Coriolis
+torque.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import ModelError
+from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.tree import Pieces
+from armgpi.validation.worker import Worker
+
+#: Postures, and how few at least where calls are slow.
+POSTURES, FEWEST = 40, 6
+#: How long all the sampling of one function may take [s]; slow models get fewer postures.
+BUDGET = 20.0
+#: Two calls at the same state differ by no more than this, relative.
+REPEATABLE = 1e-12
+#: Beyond this, relative, a Coriolis torque is no polynomial of degree two in v.
+QUADRATIC = 1e-8
+
+
+class States(NamedTuple):
+    """States at which models are compared, arrays of shape (N, n).
+
+    Attributes:
+        q: positions [rad or m].
+        v: velocities [rad/s or m/s].
+        a: accelerations [rad/s^2 or m/s^2].
+        tau: torques [N m or N].
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+
+
+class Sampled(NamedTuple):
+    """One function of a model, sampled.
+
+    Attributes:
+        function: its name.
+        values: what it gave at the states, (N, ...).
+        pieces: what it says about the equations of motion.
+        quadratic: largest part [N m or N] that is no polynomial of degree two in v.
+    """
+
+    function: str
+    values: Array
+    pieces: Pieces
+    quadratic: float = 0.0
+
+
+def sample(worker: Worker, states: States) -> dict[str, Sampled]:
+    """Sample every function that a model has.
+
+    Raises:
+        ModelError: when a call goes wrong, gives another shape, NaN or infinity, or other values at the
+            second time.
+    """
+    return {name: _sample(worker, name, states) for name in ARGUMENTS if name in worker.functions}
+
+
+def pieces(worker: Worker, name: str, states: States) -> Pieces:
+    """Return the pieces that a function tells of at some states.
+
+    Raises:
+        ModelError: as :func:`sample`.
+    """
+    values = call(worker, name, *(getattr(states, letter) for letter in ARGUMENTS[name]))
+    return _pieces(worker, name, states, values)[0]
+
+
+def call(worker: Worker, function: str, *arguments: Array, shape: tuple[int, ...] | None = None) -> Array:
+    """Return a function's values at rows of states, shape (rows, ...).
+
+    Args:
+        worker: the model.
+        function: the name of its function.
+        arguments: arrays of shape (rows, n).
+        shape: shape to insist on; that of `expected_shapes` when not given.
+
+    Raises:
+        ModelError: as :func:`sample`.
+    """
+    n = arguments[0].shape[1]
+    rows = list(zip(*arguments, strict=True))
+    answers = worker.call(function, rows)
+    return np.stack([_checked(worker, function, answer, n, shape) for answer in answers])
+
+
+def expected_shapes(function: str, n: int) -> tuple[tuple[int, ...], ...]:
+    """Return the shapes that a function may return for n joints; the first is the one used on."""
+    if function in ("mass_matrix", "coriolis_matrix"):
+        return ((n, n),)
+    if function in ("kinetic_energy", "potential_energy"):
+        return ((), (1,), (1, 1))
+    if function == "forward_kinematics":
+        return ((3,), (2,), (4, 4), (3, 1), (2, 1), (1, 3), (1, 2))
+    if function == "jacobian":
+        return ((3, n), (6, n), (2, n))
+    return ((n,), (n, 1), (1, n))
+
+
+def _checked(worker: Worker, function: str, value: Array, n: int, shape: tuple[int, ...] | None) -> Array:
+    """Return a value in its plain shape, refusing other shapes, NaN and infinity."""
+    allowed = (shape,) if shape is not None else expected_shapes(function, n)
+    if value.shape not in allowed:
+        wanted = " or ".join(str(s) for s in allowed[:3])
+        joints = f"{n} joint{'s' if n > 1 else ''}"
+        raise ModelError(
+            worker.name, function, f"returns shape {value.shape}, expected {wanted} for {joints}"
+        )
+    if not np.isfinite(value).all():
+        kind = "NaN" if np.isnan(value).any() else "infinity"
+        raise ModelError(worker.name, function, f"returns {kind}: {np.array2string(value, precision=4)}")
+    if function == "forward_kinematics":
+        return value[:3, 3] if value.shape == (4, 4) else value.reshape(-1)
+    return value.reshape(allowed[0] if math.prod(allowed[0]) == value.size else value.shape)
+
+
+def _sample(worker: Worker, name: str, states: States) -> Sampled:
+    """Sample one function at the states and at what its pieces need."""
+    arguments = [getattr(states, letter) for letter in ARGUMENTS[name]]
+    first = call(worker, name, *(x[:1] for x in arguments))
+    n = states.q.shape[1]
+    per_posture = {1: 2, 2: 2 + n * (n + 5) // 2, 3: 3 + n * (n + 7) // 2}[len(arguments)]
+    rows = len(states.q)
+    each = worker.takes.get(name, 0.0)
+    if each * per_posture * rows > BUDGET:
+        rows = max(FEWEST, int(BUDGET / (each * per_posture)))
+    few = States(*(x[:rows] for x in states))
+    values = call(worker, name, *(x[:rows] for x in arguments))
+    found, rest = _pieces(worker, name, few, values)
+    again = call(worker, name, *(x[:1] for x in arguments))
+    if np.abs(again - first).max() > REPEATABLE * max(1e-300, np.abs(first).max()):
+        raise ModelError(
+            worker.name,
+            name,
+            f"is not deterministic: two calls at the same state differ by {np.abs(again - first).max():.3g}",
+        )
+    return Sampled(name, values, found, rest)
+
+
+def _pieces(worker: Worker, name: str, s: States, values: Array) -> tuple[Pieces, float]:
+    """Return the pieces that a function tells of, and how far it is from quadratic in v."""
+    rest = np.zeros_like(s.q)
+
+    if name == "mass_matrix":
+        return {"D": values}, 0.0
+    if name == "gravity":
+        return {"G": values}, 0.0
+    if name == "potential_energy":
+        return {"V": values - values[0]}, 0.0
+    if name == "forward_kinematics":
+        return {"F": values}, 0.0
+    if name == "jacobian":
+        return {"J": values}, 0.0
+    if name == "kinetic_energy":
+        D = _polar(lambda v: call(worker, name, s.q, v)[:, np.newaxis], s.q.shape)
+        D = 2.0 * D[:, 0]
+        away = values - 0.5 * np.einsum("Ni,Nij,Nj->N", s.v, D, s.v)
+        return {"D": D}, float(np.abs(away).max())
+    if name in ("coriolis_torque", "coriolis_matrix"):
+
+        def torque(v: Array) -> Array:
+            x = call(worker, name, s.q, v)
+            return np.einsum("Nij,Nj->Ni", x, v) if name == "coriolis_matrix" else x
+
+        at_v = np.einsum("Nij,Nj->Ni", values, s.v) if name == "coriolis_matrix" else values
+        return _velocity_pieces(torque, s, at_v)
+    if name == "inverse_dynamics":
+        G = call(worker, name, s.q, rest, rest)
+        D = np.stack([call(worker, name, s.q, rest, e) - G for e in _units(s.q)], axis=-1)
+        found, away = _velocity_pieces(
+            lambda v: call(worker, name, s.q, v, rest) - G, s, values - G - np.einsum("Nij,Nj->Ni", D, s.a)
+        )
+        return {"D": D, "G": G, **found}, away
+    a0 = call(worker, name, s.q, rest, rest)
+    inverse = np.stack([call(worker, name, s.q, rest, e) - a0 for e in _units(s.q)], axis=-1)
+    try:
+        D = np.asarray(np.linalg.inv(inverse), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return {}, 0.0
+    G = -np.einsum("Nij,Nj->Ni", D, a0)
+    found, away = _velocity_pieces(
+        lambda v: -np.einsum("Nij,Nj->Ni", D, call(worker, name, s.q, v, rest)) - G,
+        s,
+        s.tau - np.einsum("Nij,Nj->Ni", D, values) - G,
+    )
+    return {"D": D, "G": G, **found}, away
+
+
+def _units(q: Array) -> list[Array]:
+    """Return for every joint the rows of its unit vector."""
+    return [np.broadcast_to(e, q.shape) for e in np.eye(q.shape[1])]
+
+
+def _velocity_pieces(torque: object, s: States, at_v: Array) -> tuple[Pieces, float]:
+    """Return H, B and Z of a torque that depends on v, and how far it is from such a polynomial."""
+    function = torque
+    assert callable(function)
+    Z = function(np.zeros_like(s.q))
+    H = _polar(lambda v: 0.5 * (function(v) + function(-v)) - Z, s.q.shape)
+    B = np.stack([0.5 * (function(e) - function(-e)) for e in _units(s.q)], axis=-1)
+    away = at_v - Z - np.einsum("Nij,Nj->Ni", B, s.v) - np.einsum("Nijk,Nj,Nk->Ni", H, s.v, s.v)
+    return {"H": H, "B": B, "Z": Z}, float(np.abs(away).max())
+
+
+def _polar(form: object, shape: tuple[int, ...]) -> Array:
+    """Return the symmetric matrices of a quadratic form (N, m) of velocities: (N, m, n, n)."""
+    assert callable(form)
+    n = shape[1]
+    units = [np.broadcast_to(e, shape) for e in np.eye(n)]
+    own = [form(e) for e in units]
+    H = np.empty((*own[0].shape, n, n))
+    for j in range(n):
+        H[..., j, j] = own[j]
+        for k in range(j):
+            H[..., j, k] = H[..., k, j] = 0.5 * (form(units[j] + units[k]) - own[j] - own[k])
+    return H
+
+
+def slopes(worker: Worker, function: str, q: Array, step: float = 1e-3) -> Array:
+    """Return derivatives of a function of q alone, by central differences of order four, (N, ..., n)."""
+
+    def at(offset: Array) -> Array:
+        return call(worker, function, q + offset)
+
+    columns = []
+    for e in np.eye(q.shape[1]):
+        near, far = (at(step * k * e) - at(-step * k * e) for k in (1, 2))
+        columns.append((8.0 * near - far) / (12.0 * step))
+    return np.stack(columns, axis=-1)

@@ -1,0 +1,363 @@
+"""A URDF for a model that has none: the chain and the parameters that fit it best.
+
+Which axes the joints have is tried, the lengths are found by nonlinear and the inertial parameters by
+linear least squares. Then each link becomes a body that can exist: its pseudo-inertia is L L' (Rucker and
+Wensing 2022), so mass, principal inertias and the triangle inequality come out right by construction.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from os import PathLike
+from typing import Any, NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from armgpi.arrays import Array
+from armgpi.errors import ModelError
+from armgpi.robot import Robot
+from armgpi.validation import check, samples
+from armgpi.validation.samples import States
+from armgpi.validation.tree import Body, Tree, evaluate, from_robot
+from armgpi.validation.worker import Worker
+
+#: Longer chains have too many axes to try.
+MOST_JOINTS = 4
+#: Postures that the fit uses.
+_ROWS = 8
+#: How long axes are tried [s].
+SEARCH = 60.0
+#: A fit is exact when the rest is below this share.
+EXACT = 1e-6
+_XYZ = "xyz"
+
+
+class Suggestion(NamedTuple):
+    """A URDF for a model.
+
+    Attributes:
+        urdf: its text.
+        rest: largest difference that is left, relative to the largest value of D or G.
+        text: how well it fits, in words.
+    """
+
+    urdf: str
+    rest: float
+    text: str
+
+
+def suggest_urdf(
+    model: Any,
+    robot: Robot | str | PathLike[str] | None = None,
+    *,
+    joints: int | None = None,
+    time_limit: float = 5.0,
+) -> Suggestion:
+    """Return a URDF skeleton whose inertia matrix and gravity are those of a model.
+
+    With a robot, its chain is kept and only masses, centres of mass and inertias are fitted. Without one,
+    axes along x, y and z at the zero posture are tried, and lengths are fitted too. Gravity points along
+    -z. What no joint feels (such as the place of a mass along a vertical axis) is chosen small.
+
+    Args:
+        model: as in :func:`armgpi.validate`; it needs a mass matrix or what contains one.
+        robot: the chain, if there is one.
+        joints: number of joints, when it cannot be found by trying.
+        time_limit: how long one call may take [s].
+
+    Raises:
+        ModelError: when the model cannot be used, tells of no mass matrix, or has more than four joints and
+            no robot is given.
+    """
+    name = str(model) if isinstance(model, str | PathLike) else check.name_of(model)
+    arm = Robot.load(robot) if robot is not None and not isinstance(robot, Robot) else robot
+    with Worker(model, name, time_limit) as worker:
+        n = arm.n if arm is not None else check.count_joints(worker, joints)
+        lower, upper = np.full(n, -1.5), np.full(n, 1.5)
+        states = States(*(x[:_ROWS] for x in check.random_states(lower, upper, np.zeros(n, dtype=bool), 1)))
+        sampled = samples.sample(worker, states)
+        target = {
+            piece: next(s.pieces[piece] for s in sampled.values() if piece in s.pieces)
+            for piece in ("D", "G", "F")
+            if any(piece in s.pieces for s in sampled.values())
+        }
+        if "D" not in target:
+            raise ModelError(name, "", "tells of no mass matrix, so no URDF can be suggested")
+        if target.get("F", np.zeros((1, 3))).shape[1] != 3:
+            del target["F"]
+        turning = _turning(worker, states) if arm is None else []
+    fit = _Fit(states.q[: len(target["D"])], target)
+    if arm is not None:
+        tree, rest = fit.with_bodies(from_robot(arm))
+    elif n > MOST_JOINTS:
+        raise ModelError(name, "", f"has {n} joints; without a robot at most {MOST_JOINTS} can be tried")
+    else:
+        tree, rest = _searched(fit, n, turning, target)
+    text = f"fits D{' and G' if 'G' in target else ''} to {rest:.2g}, every link is a possible rigid body"
+    if rest > EXACT:
+        text = (
+            f"no chain with axes along x, y, z was found that is the model: the best one is {rest:.2g} off"
+            if arm is None
+            else f"no rigid bodies on this chain give the model: the best ones are {rest:.2g} off"
+        )
+    return Suggestion(_written(tree, text, "F" in target), rest, text)
+
+
+def _turning(worker: Worker, states: States) -> list[bool | None]:
+    """Return for every joint whether it turns: the model repeats after 2 pi; None when it never changes."""
+    found: list[bool | None] = []
+    names = [x for x in ("mass_matrix", "gravity", "forward_kinematics") if x in worker.functions]
+    for e in np.eye(states.q.shape[1]):
+        same = changes = True
+        changes = False
+        for name in names:
+            here, far, near = (
+                samples.call(worker, name, states.q[:3] + step * e) for step in (0.0, 2.0 * np.pi, 0.7)
+            )
+            size = max(float(np.abs(here).max()), 1e-12)
+            same = same and float(np.abs(far - here).max()) < 1e-9 * size
+            changes = changes or float(np.abs(near - here).max()) > 1e-9 * size
+        found.append(same if changes else None)
+    return found
+
+
+def _searched(
+    fit: _Fit, n: int, turning: list[bool | None], target: Mapping[str, Array]
+) -> tuple[Tree, float]:
+    """Return the first chain that gives the model exactly, else the best one found in the time there is."""
+    end = time.monotonic() + SEARCH
+    best: tuple[Tree, float] | None = None
+    for chain in _chains(n, turning, target):
+        tree = fit.with_lengths(chain)
+        if fit.distance(tree) < EXACT:
+            tree, rest = fit.with_bodies(tree)
+        else:
+            rest = max(fit.distance(tree), EXACT * 1.01)
+        if best is None or rest < best[1]:
+            best = tree, rest
+        if rest < EXACT or time.monotonic() > end:
+            break
+    assert best is not None
+    return best if best[1] < EXACT else fit.with_bodies(best[0])
+
+
+def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> Iterator[Tree]:
+    """Yield chains with axes along x, y and z, those with fewer minus signs first.
+
+    Without tool positions, x and y are alike for the first joint, and so are its two directions.
+    """
+    G = target.get("G")
+    constant = [G is not None and np.ptp(G[:, i]) < 1e-9 * max(1.0, np.abs(G).max()) for i in range(n)]
+    kinds_of = []
+    for i, turns in enumerate(turning):
+        if turns is not None:
+            kinds_of.append([not turns])
+        elif G is not None and constant[i] and np.abs(G[:, i]).max() > 1e-9:
+            kinds_of.append([True])  # a weight that never changes slides along the vertical
+        else:
+            kinds_of.append([False, True])
+    letters = ["z", "y", "x", "-z", "-y", "-x"]
+    first = letters if "F" in target else ["z", "y"]
+    level = G is not None and constant[0] and not np.abs(G[:, 0]).max() > 1e-9
+    if turning[0] is not False and G is not None:  # no weight to carry: it turns about the vertical
+        first = [x for x in first if ("z" in x) == level]
+    ordered = sorted(
+        itertools.product(first, *[letters] * (n - 1)), key=lambda axes: sum("-" in a for a in axes)
+    )
+    for axes in ordered:
+        for kinds in itertools.product(*kinds_of):
+            yield Tree(
+                tuple(f"q{i + 1}" for i in range(n)),
+                tuple(f"link{i + 1}" for i in range(n)),
+                tuple(range(-1, n - 1)),
+                tuple(np.eye(3) for _ in range(n)),
+                tuple(np.zeros(3) for _ in range(n)),
+                tuple((-1.0 if "-" in a else 1.0) * np.eye(3)[_XYZ.index(a[-1])] for a in axes),
+                kinds,
+                tuple(Body(1.0, np.zeros(3), 0.01 * np.eye(3)) for _ in range(n)),
+                np.zeros(n),
+                np.array([0.0, 0.0, -9.81]),
+                n - 1,
+                np.eye(3),
+                np.zeros(3),
+            )
+
+
+class _Fit:
+    """Least squares of chains to a model's D, G and tool positions."""
+
+    def __init__(self, q: Array, target: dict[str, Array]) -> None:
+        """Keep the samples, each piece divided by its size."""
+        self._q = q
+        self._sizes = {piece: max(float(np.abs(x).max()), 1e-12) for piece, x in target.items()}
+        self._target = target
+        self._inertial = [piece for piece in ("D", "G") if piece in target]
+
+    def distance(self, tree: Tree) -> float:
+        """Return how far the best inertial parameters, possible or not, leave a chain from the model."""
+        rest = np.abs(self._rest(tree)).max()
+        if "F" in self._target:
+            position = evaluate(tree, self._q, "F")["F"]
+            rest = max(rest, np.abs(position - self._target["F"]).max() / self._sizes["F"])
+        return float(rest)
+
+    def with_lengths(self, tree: Tree) -> Tree:
+        """Return a chain with the lengths that fit best."""
+        if "F" in self._target:
+            tree = self._from_positions(tree)
+            if np.abs(evaluate(tree, self._q, "F")["F"] - self._target["F"]).max() > 1e-7 * self._sizes["F"]:
+                return tree
+        free = [(j, k) for j in range(1, tree.n) for k in range(3)]
+        if not free or np.abs(self._rest(tree)).max() < EXACT:
+            return tree
+
+        def placed(x: Array) -> Tree:
+            positions = [p.copy() for p in tree.positions]
+            for (j, k), value in zip(free, x, strict=True):
+                positions[j][k] = value
+            return replace(tree, positions=tuple(positions))
+
+        rng, best = np.random.default_rng(0), tree
+        for _ in range(2):
+            start = np.array([tree.positions[j][k] for j, k in free]) + rng.normal(scale=0.3, size=len(free))
+            found = least_squares(
+                lambda x: np.append(self._rest(placed(x)), 1e-7 * x),
+                start,
+                max_nfev=40,
+                xtol=1e-14,
+                ftol=1e-14,
+            )
+            best = min(best, placed(found.x), key=lambda t: float(np.abs(self._rest(t)).max()))
+            if np.abs(self._rest(best)).max() < EXACT:
+                break
+        tidy = [np.where(np.abs(p) < 1e-6, 0.0, p) for p in best.positions]
+        return replace(best, positions=tuple(tidy))
+
+    def with_bodies(self, tree: Tree) -> tuple[Tree, float]:
+        """Return a chain with possible bodies that fit best, and how far it is off."""
+        n = tree.n
+
+        def bodied(x: Array) -> Tree:
+            return replace(tree, bodies=tuple(_body(part) for part in x.reshape(n, 10)))
+
+        def rest(x: Array) -> Array:
+            pieces = evaluate(bodied(x), self._q, self._inertial)
+            return np.concatenate(
+                [((pieces[p] - self._target[p]) / self._sizes[p]).ravel() for p in self._inertial]
+            )
+
+        start = np.tile([np.log(0.1), np.log(0.1), np.log(0.1), 0, 0, 0, 0, 0, 0, 0.0], n)
+        # A weak pull keeps what no joint feels where it was.
+        pull = 1e-5
+        for _ in range(2):
+            found = least_squares(
+                lambda x, s=start, w=pull: np.append(rest(x), w * (x - s)), start, max_nfev=400
+            )
+            start, pull = found.x, 1e-9
+        return bodied(start), float(np.abs(rest(start)).max())
+
+    def _from_positions(self, tree: Tree) -> Tree:
+        """Return a chain with the lengths that put its tool where the model has it: they are linear in it."""
+        blank = replace(tree, positions=tuple(np.zeros(3) for _ in range(tree.n)), tool_position=np.zeros(3))
+        fixed = evaluate(blank, self._q, "F")["F"]
+        columns = []
+        for j in range(tree.n + 1):
+            for unit in np.eye(3):
+                one = (
+                    replace(blank, tool_position=unit)
+                    if j == tree.n
+                    else blank.with_item("positions", j, unit)
+                )
+                columns.append((evaluate(one, self._q, "F")["F"] - fixed).ravel())
+        x = np.linalg.lstsq(np.stack(columns, axis=-1), (self._target["F"] - fixed).ravel(), rcond=1e-10)[0]
+        x = np.where(np.abs(x) < 1e-9, 0.0, x).reshape(-1, 3)
+        return replace(tree, positions=tuple(x[:-1]), tool_position=x[-1])
+
+    def _rest(self, tree: Tree) -> Array:
+        """Return what is left of D and G with the best inertial parameters."""
+        from armgpi.validation.diagnose import regressor
+
+        parts = [
+            np.concatenate([(pieces[p] / self._sizes[p]).ravel() for p in self._inertial])
+            for i in range(tree.n)
+            for h in regressor(tree, i)
+            for pieces in [h.pieces(tree, self._q, self._inertial)]
+        ]
+        A = np.stack(parts, axis=-1)
+        b = np.concatenate([(self._target[p] / self._sizes[p]).ravel() for p in self._inertial])
+        return np.asarray(A @ np.linalg.lstsq(A, b, rcond=1e-9)[0] - b)
+
+
+def _body(x: Array) -> Body:
+    """Return a possible body from any ten numbers: pseudo-inertia L L' with L lower triangular."""
+    L = np.zeros((4, 4))
+    L[np.diag_indices(4)] = np.exp(np.array([x[0], x[1], x[2], x[3]]))
+    L[1, 0], L[2, 0], L[2, 1], L[3, 0], L[3, 1], L[3, 2] = x[4:]
+    J = L @ L.T
+    mass = float(J[3, 3])
+    com = J[:3, 3] / mass
+    spread = J[:3, :3] - mass * np.outer(com, com)
+    return Body(mass, com, np.trace(spread) * np.eye(3) - spread)
+
+
+def _written(tree: Tree, text: str, tool: bool) -> str:
+    """Return a tree as URDF."""
+    lines = [
+        "<!--",
+        f"  Suggested by armgpi validate, not measured: {text.replace('--', '- -')}.",
+        "  Limits are placeholders.",
+        "-->",
+        '<robot name="suggested">',
+        '  <link name="base"/>',
+    ]
+    for i in range(tree.n):
+        name, joint = quoteattr(tree.link_names[i]), quoteattr(tree.joint_names[i])
+        parent = quoteattr(tree.link_names[tree.parents[i]] if tree.parents[i] >= 0 else "base")
+        body, tensor = tree.bodies[i], tree.bodies[i].inertia
+        kind = "prismatic" if tree.prismatic[i] else "revolute"
+        moments = " ".join(
+            f'i{_XYZ[r]}{_XYZ[c]}="{tensor[r, c]:.12g}"' for r in range(3) for c in range(r, 3)
+        )
+        lines += [
+            f"  <link name={name}>",
+            "    <inertial>",
+            f'      <origin xyz="{_row(body.com)}"/>',
+            f'      <mass value="{body.mass:.12g}"/>',
+            f"      <inertia {moments}/>",
+            "    </inertial>",
+            "  </link>",
+            f'  <joint name={joint} type="{kind}">',
+            f"    <parent link={parent}/>",
+            f"    <child link={name}/>",
+            f'    <origin xyz="{_row(tree.positions[i])}" rpy="{_row(_rpy(tree.rotations[i]))}"/>',
+            f'    <axis xyz="{_row(tree.axes[i])}"/>',
+            '    <limit lower="-3.14159" upper="3.14159" effort="100" velocity="10"/>',
+            "  </joint>",
+        ]
+    if tool or tree.tool_position.any():
+        last = quoteattr(tree.link_names[tree.tool_parent] if tree.tool_parent >= 0 else "base")
+        lines += [
+            '  <link name="suggested_tool"/>',
+            '  <joint name="suggested_tool_joint" type="fixed">',
+            f"    <parent link={last}/>",
+            '    <child link="suggested_tool"/>',
+            f'    <origin xyz="{_row(tree.tool_position)}" rpy="{_row(_rpy(tree.tool_rotation))}"/>',
+            "  </joint>",
+        ]
+    return "\n".join([*lines, "</robot>", ""])
+
+
+def _row(x: Array) -> str:
+    return " ".join(f"{value:.12g}" for value in np.where(np.abs(x) < 1e-12, 0.0, x))
+
+
+def _rpy(R: Array) -> Array:
+    """Return roll, pitch and yaw of a rotation."""
+    import pinocchio as pin
+
+    return np.array(pin.rpy.matrixToRpy(R))

@@ -1,0 +1,264 @@
+"""A process of its own for the user's model, so that nothing it does can harm or hang ours.
+
+A model may raise, hang, print, call ``sys.exit``, change its arguments or end the process. It runs in a
+forked child, which takes lists of calls and sends back one answer per call; the parent waits for each
+one no longer than a limit. What went wrong becomes a :class:`armgpi.errors.ModelError`.
+"""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+import os
+import signal
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import ModelError
+from armgpi.validation import models
+
+#: How long reading a model may take [s]: it may have to derive something first.
+LOADING = 60.0
+
+
+class Worker:
+    """The model in its own process; a context manager, which ends it.
+
+    Attributes:
+        name: what the model is called in messages.
+        functions: names of the functions that it has.
+        numbers: its numbers that can be varied, name -> value.
+        n: number of joints that it states, None when it does not.
+        time_limit: how long one call may take [s].
+        printed: whether it has printed something.
+        takes: how long a call takes [s], per function: the least so far.
+        changes: numbers of the model to change in the calls that follow.
+    """
+
+    def __init__(self, model: Any, name: str, time_limit: float) -> None:
+        """Start the process and read the model in it.
+
+        Raises:
+            ModelError: when the model cannot be read.
+        """
+        self.name = name
+        self.time_limit = time_limit
+        self.takes: dict[str, float] = {}
+        self.changes: Mapping[str, float] = {}
+        context = multiprocessing.get_context("fork")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(self._pipe, theirs, model), daemon=True)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        with warnings.catch_warnings():
+            # Newer Pythons warn of forks beside threads; the child uses none of ours.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            self._process.start()
+        theirs.close()
+        try:
+            answer: tuple[list[str], dict[str, float], int | None, bool] = self._receive(
+                "", LOADING, "reading it"
+            )
+            self.functions, self.numbers, self.n, self.printed = answer
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Worker:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the process."""
+        self.close()
+
+    def close(self) -> None:
+        """End the process, whatever it is doing."""
+        if self._process.is_alive():
+            self._process.kill()
+        self._process.join()
+        self._pipe.close()
+
+    def call(self, function: str, states: Sequence[Sequence[Array]]) -> list[Array]:
+        """Return what a function of the model gives at some states, as float arrays of any shape.
+
+        Args:
+            function: its name.
+            states: for every call its arguments.
+
+        Raises:
+            ModelError: when a call raises, gives something that is no numbers, takes too long, changes its
+                arguments, or ends the process.
+        """
+        try:
+            self._pipe.send((function, states, dict(self.changes)))
+        except OSError:
+            raise self._died(function) from None
+        answers = []
+        for state in states:
+            value, printed, took = self._receive(function, self.time_limit, _at(function, state))
+            self.takes[function] = min(self.takes.get(function, took), took)
+            self.printed = self.printed or printed
+            answers.append(value)
+        return answers
+
+    def _receive(self, function: str, limit: float, where: str) -> Any:
+        """Return the next answer, or raise what it says."""
+        try:
+            if not self._pipe.poll(limit):
+                self.close()
+                text = f"took longer than {limit:g} s" + (f" {where}" if function else "")
+                raise ModelError(
+                    self.name, function, text + ("; --time-limit allows more" if function else " to read")
+                )
+            good, answer = self._pipe.recv()
+        except (EOFError, OSError):
+            raise self._died(function) from None
+        if not good:
+            text = f"{answer} {where}" if function else answer
+            raise ModelError(self.name, function, text)
+        return answer
+
+    def _died(self, function: str) -> ModelError:
+        """Return the error of a process that is no more."""
+        self._process.join(1.0)
+        code = self._process.exitcode
+        how = f"with exit code {code}"
+        if code is not None and code < 0:
+            how = f"by {signal.Signals(-code).name}"
+        return ModelError(self.name, function, f"ended its Python process {how}")
+
+
+def _at(function: str, state: Sequence[Array]) -> str:
+    """Return "at q = ..., v = ..."."""
+    named = zip(models.ARGUMENTS[function], state, strict=True)
+    return "at " + ", ".join(f"{name} = ({', '.join(f'{x:.4g}' for x in value)})" for name, value in named)
+
+
+class _Silent(io.TextIOBase):
+    """Takes what a model prints and remembers that it did."""
+
+    used = False
+
+    def write(self, text: str) -> int:
+        self.used = True
+        return len(text)
+
+
+def _serve(parents: Any, pipe: Any, model: Any) -> None:
+    """Read the model, then answer calls until the parent goes away."""
+    parents.close()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
+    silent = _Silent()
+    for stream in ("stdout", "stderr", "__stdout__", "__stderr__"):
+        setattr(sys, stream, silent)
+    with suppress(OSError):
+        null = os.open(os.devnull, os.O_RDWR)
+        for descriptor in (0, 1, 2):
+            os.dup2(null, descriptor)
+        sys.stdin = open(os.devnull)  # noqa: SIM115 (input() then raises instead of waiting)
+    warnings.simplefilter("ignore")  # those of the model are its own business
+    sys.argv = [str(model)]
+    try:
+        functions = models.resolve(model)
+        pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used)))
+    except BaseException as error:
+        _answer(pipe, False, _told(error))
+        os._exit(0)
+    with suppress(EOFError, OSError):
+        while True:
+            name, states, numbers = pipe.recv()
+            _answer_calls(pipe, functions, name, states, numbers, silent)
+    os._exit(0)
+
+
+def _answer_calls(
+    pipe: Any,
+    functions: models.Functions,
+    name: str,
+    states: Sequence[Sequence[Array]],
+    numbers: Mapping[str, float],
+    silent: _Silent,
+) -> None:
+    """Answer one list of calls."""
+    try:
+        function = functions.with_numbers(numbers)[name]
+    except BaseException as error:
+        for _ in states:
+            _answer(pipe, False, _told(error))
+        return
+    for state in states:
+        given = [np.array(x) for x in state]
+        start = time.perf_counter()
+        try:
+            value = _numbers(function(*given))
+            for label, x, before in zip(models.ARGUMENTS[name], given, state, strict=True):
+                if not np.array_equal(x, before):
+                    raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
+        except BaseException as error:
+            _answer(pipe, False, _told(error))
+        else:
+            _answer(pipe, True, (value, silent.used, time.perf_counter() - start))
+    if numbers:
+        functions.with_numbers({name: functions.numbers[name] for name in numbers})
+
+
+def _answer(pipe: Any, good: bool, answer: Any) -> None:
+    with suppress(OSError):
+        pipe.send((good, answer))
+
+
+def _numbers(value: Any) -> Array:
+    """Return what a function gave as an array of float64.
+
+    Raises:
+        Unusable: when it is nothing that can be one.
+    """
+    if value is None:
+        raise models.Unusable("returns nothing (None)")
+    try:
+        if hasattr(value, "tolist") and not isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()  # a SymPy matrix
+        array = np.asarray(value)
+        if array.dtype.kind == "O":
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise models.Unusable(f"returns no array of numbers ({type(value).__name__}: {error})") from None
+    if array.dtype.kind not in "iuf":
+        raise models.Unusable(f"returns no real numbers (dtype {array.dtype})")
+    return np.array(array, dtype=np.float64)
+
+
+def _told(error: BaseException) -> str:
+    """Return what a model's error was and where in the model."""
+    if isinstance(error, models.Unusable):
+        return str(error)
+    if isinstance(error, SystemExit):
+        return f"calls sys.exit({error.code!r})"
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = Path(__file__).parent
+    theirs = [frame for frame in frames if ours not in Path(frame.filename).parents]
+    place = ""
+    if isinstance(error, SyntaxError) and error.lineno is not None:
+        place = f" ({Path(error.filename or '').name}, line {error.lineno})"
+        error = SyntaxError(error.msg)
+    else:
+        theirs = [frame for frame in theirs if "importlib" not in frame.filename]
+        if theirs:
+            place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})"
+    text = " ".join(str(error).split())[:300]
+    return (
+        f"raises {type(error).__name__}: {text}{place}" if text else f"raises {type(error).__name__}{place}"
+    )

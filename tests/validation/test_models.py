@@ -1,0 +1,106 @@
+"""Whatever form a model has, it is read alike."""
+
+from __future__ import annotations
+
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hand_models import planar
+
+from armgpi import validate
+
+NUMBERS = planar(1).model
+
+TEXT = """
+import numpy as np
+m1, m2, l1, lc1, lc2, I1, I2, g = {values}
+{head}
+def gravity({me}q):
+    g2 = m2 * lc2 * g * np.cos(q[0] + q[1])
+    return np.array([(m1 * lc1 + m2 * l1) * g * np.cos(q[0]) + g2, g2])
+"""
+
+SYMPY = """
+from sympy import Matrix, cos, sin, symbols
+{symbols}
+m1, m2, l1, lc1, lc2, I1, I2, g = symbols("m1 m2 l1 lc1 lc2 I1 I2 g")
+d22 = I2 + m2 * lc2**2
+d12 = d22 + m2 * l1 * lc2 * cos(q2)
+mass_matrix = Matrix([[I1 + m1 * lc1**2 + m2 * l1**2 + 2 * d12 - d22, d12], [d12, d22]])
+h = -m2 * l1 * lc2 * sin(q2)
+coriolis_torque = Matrix([h * (2 * v1 * v2 + v2**2), -h * v1**2])
+g2 = m2 * lc2 * g * cos(q1 + q2)
+gravity = Matrix([(m1 * lc1 + m2 * l1) * g * cos(q1) + g2, g2])
+parameters = {parameters!r}
+"""
+
+
+def parameters(**wrong: float) -> dict[str, float]:
+    closure = NUMBERS["gravity"].__closure__
+    assert closure is not None
+    names = NUMBERS["gravity"].__code__.co_freevars
+    known = dict(zip(names, (cell.cell_contents for cell in closure), strict=True))
+    inner = NUMBERS["mass_matrix"]
+    assert inner.__closure__ is not None
+    known |= dict(zip(inner.__code__.co_freevars, (c.cell_contents for c in inner.__closure__), strict=True))
+    return {**known, **wrong}
+
+
+def values(**wrong: float) -> str:
+    p = parameters(**wrong)
+    return ", ".join(repr(p[k]) for k in ("m1", "m2", "l1", "lc1", "lc2", "I1", "I2", "g"))
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "mine.py"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_functions_of_a_file_and_its_own_numbers(tmp_path: Path) -> None:
+    robot = planar(1).robot
+    right = written(tmp_path, TEXT.format(values=values(), head="", me=""))
+    assert validate(right, robot).agrees
+    wrong = written(tmp_path, TEXT.format(values=values(lc2=0.3), head="", me=""))
+    (cause,) = validate(wrong, robot).causes
+    told = " ".join((cause.text, *cause.alternatives))
+    assert "the model's lc2 is 0.3" in told
+
+
+def test_a_class_in_a_file(tmp_path: Path) -> None:
+    text = TEXT.format(values=values(), head="class Arm:", me="self, ").replace("\ndef", "\n  def")
+    text = text.replace("\n    g2", "\n      g2").replace("\n    return", "\n      return")
+    path = written(tmp_path, text)
+    assert validate(path, planar(1).robot).agrees
+    assert validate(f"{path}:Arm", planar(1).robot).agrees
+
+
+def test_a_module_an_instance_and_a_class() -> None:
+    robot, model = planar(1)
+    module = types.ModuleType("mine")
+    vars(module).update(model)
+    assert validate(module, robot).agrees
+    holder: Any = type("Holder", (), {name: staticmethod(f) for name, f in model.items()})
+    assert validate(holder, robot).agrees
+    assert validate(holder(), robot).agrees
+
+
+@pytest.mark.parametrize(
+    "symbols",
+    [
+        'q1, q2, v1, v2 = symbols("q1 q2 v1 v2")',
+        'q1, q2, v1, v2 = symbols("theta_1 theta_2 dq1 dq2", real=True)',
+        'import sympy; t = symbols("t"); q1, q2 = (sympy.Function(f"q{i}")(t) for i in (1, 2))\n'
+        "v1, v2 = q1.diff(t), q2.diff(t)",
+    ],
+    ids=["plain", "greek", "functions of time"],
+)
+def test_sympy_expressions(tmp_path: Path, symbols: str) -> None:
+    robot = planar(1).robot
+    right = written(tmp_path, SYMPY.format(symbols=symbols, parameters=parameters()))
+    assert validate(right, robot).agrees
+    wrong = written(tmp_path, SYMPY.format(symbols=symbols, parameters=parameters(l1=0.5)))
+    (cause,) = validate(wrong, robot).causes
+    assert "l1 is 0.5" in " ".join((cause.text, *cause.alternatives))
