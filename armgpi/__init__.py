@@ -13,6 +13,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 if TYPE_CHECKING:
     from armgpi import errors as errors
+    from armgpi import health as health
     from armgpi import metrics as metrics
     from armgpi import robots as robots
     from armgpi.control.controller import Controller as Controller
@@ -25,9 +26,16 @@ if TYPE_CHECKING:
     from armgpi.control.gains import default_omega as default_omega
     from armgpi.control.gpi import GPI as GPI
     from armgpi.control.network import BSplineNetwork as BSplineNetwork
+    from armgpi.control.payload import LargestPayload as LargestPayload
+    from armgpi.control.payload import PayloadRange as PayloadRange
+    from armgpi.control.payload import largest_payload as largest_payload
+    from armgpi.control.payload import payload_range as payload_range
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
+    from armgpi.kinematics import InverseSolution as InverseSolution
+    from armgpi.kinematics import TrackingInverse as TrackingInverse
+    from armgpi.kinematics import inverse_kinematics as inverse_kinematics
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.loads import Load as Load
@@ -43,6 +51,8 @@ if TYPE_CHECKING:
     from armgpi.plants.sensors import DropOut as DropOut
     from armgpi.plants.sensors import Encoder as Encoder
     from armgpi.plants.sensors import Noisy as Noisy
+    from armgpi.plants.turns import SingleTurn as SingleTurn
+    from armgpi.plants.turns import Unwrapped as Unwrapped
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
     from armgpi.references.reference import Hold as Hold
@@ -59,19 +69,22 @@ if TYPE_CHECKING:
     from armgpi.simulation import ClosedLoop as ClosedLoop
     from armgpi.simulation import simulate as simulate
 
-_MODULES = ("errors", "metrics", "robots")
+_MODULES = ("errors", "health", "metrics", "robots")
 _NAMES = {
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
     "control.gpi": ("GPI",),
     "control.network": ("BSplineNetwork",),
+    "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
     "control.pid": ("PIDInversion",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
+    "kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.plant": ("Plant", "Wrapper"),
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
+    "plants.turns": ("SingleTurn", "Unwrapped"),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
     "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),

@@ -15,6 +15,9 @@ import pinocchio as pin
 
 from armgpi.arrays import Array
 
+if not hasattr(pin, "aba"):  # PyPI's `pinocchio` is a plug-in for nose
+    raise ImportError(f"{pin.__file__} is another package named pinocchio; armgpi needs the one of `pin`")
+
 #: Below this many states one thread is faster than waking others.
 _SERIAL_BELOW = 16
 #: Looked up once: these are called five times a sample. WORLD is the convention of the batch kernels.
@@ -129,13 +132,68 @@ class PinocchioDynamics:
         return out
 
 
+class CoupledDynamics:
+    """Equations of motion of joints that others follow: all coordinates are ``ratio @ q + offset``.
+
+    The ratio J is constant, so the equations are those of the whole model projected on the free joints:
+    D = J' D_whole J, and a torque is J' of the whole model's.
+    """
+
+    def __init__(self, whole: PinocchioDynamics, ratio: Array, offset: Array) -> None:
+        """Project the `whole` model of m coordinates by `ratio` (m, n) and `offset` (m,)."""
+        self._whole, self._ratio, self._offset = whole, ratio, offset
+
+    def forward(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration, by solving with D(q)."""
+        return self._solved(q, tau - self.bias(q, v))
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque, by the whole model's Newton-Euler recursion."""
+        tau = self._whole.inverse(self._all(q), *self._rates(v, a))
+        return np.ascontiguousarray(tau @ self._ratio)
+
+    def inertia_times(self, q: Array, a: Array) -> Array:
+        """Return D(q) a."""
+        return np.ascontiguousarray(self._whole.inertia_times(self._all(q), *self._rates(a)) @ self._ratio)
+
+    def inertia_solve(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau."""
+        return self._solved(q, tau) if np.count_nonzero(tau) else tau
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q)."""
+        return self.inverse(q, v, np.zeros_like(q))
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q)."""
+        return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
+
+    def inertia(self, q: Array) -> Array:
+        """Return D(q)."""
+        matrix: Array = self._ratio.T @ self._whole.inertia(self._all(q)) @ self._ratio
+        return matrix
+
+    def _all(self, q: Array) -> Array:
+        """Return all coordinates of the whole model."""
+        return np.ascontiguousarray(q @ self._ratio.T + self._offset)
+
+    def _rates(self, *rates: Array) -> list[Array]:
+        """Return velocities or accelerations of all coordinates."""
+        return [np.ascontiguousarray(rate @ self._ratio.T) for rate in rates]
+
+    def _solved(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau by a dense solve, n being small."""
+        x = np.linalg.solve(self.inertia(q), tau[..., np.newaxis])[..., 0]
+        return np.ascontiguousarray(x, dtype=np.float64)
+
+
 class ScaledDynamics:
     """A robot whose masses and inertias are all multiplied by one factor: D, C and G scale with it.
 
     Rollouts that differ by the factor alone go through the kernels of `base` together.
     """
 
-    def __init__(self, base: PinocchioDynamics, scale: float | Array) -> None:
+    def __init__(self, base: Dynamics, scale: float | Array) -> None:
         """Scale `base` by a number, or by one per rollout: an array (batch, 1)."""
         self.base = base
         self.scale = scale
@@ -172,7 +230,7 @@ class ScaledDynamics:
         return scale * self.base.inertia(q)
 
 
-def stacked(parts: Sequence[PinocchioDynamics | ScaledDynamics]) -> Dynamics:
+def stacked(parts: Sequence[Dynamics]) -> Dynamics:
     """Return the dynamics of a batch of which row i belongs to `parts[i]`."""
     scaled = [part if isinstance(part, ScaledDynamics) else ScaledDynamics(part, 1.0) for part in parts]
     rows: dict[int, list[int]] = {}

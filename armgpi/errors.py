@@ -140,6 +140,43 @@ class ReachError(ArmgpiError):
         super().__init__(message)
 
 
+class PayloadError(ArmgpiError):
+    """A range of loads that no bandwidth serves.
+
+    Attributes:
+        asked: lightest and heaviest load asked for [kg].
+        delta: largest eigenvalue of D^-1 D^ when the lightest load is on and the heaviest believed in.
+        omega_c: bandwidth that this leaves [rad/s].
+        heaviest: heaviest load that a range from the same lightest one may have [kg].
+        lightest: lightest load that a range up to the same heaviest one may have [kg].
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        frame: str,
+        asked: tuple[float, float],
+        delta: float,
+        omega_c: float,
+        slowest: float,
+        heaviest: float,
+        lightest: float,
+    ) -> None:
+        """Describe the range asked for, what it leaves, and the ranges that would do."""
+        self.asked = asked
+        self.delta = float(delta)
+        self.omega_c = float(omega_c)
+        self.heaviest = float(heaviest)
+        self.lightest = float(lightest)
+        super().__init__(
+            f"no bandwidth serves {asked[0]:g} to {asked[1]:g} kg at {frame!r} of {robot!r}: a controller "
+            f"that believes in {asked[1]:g} kg has {delta:.3g} times too much inertia when it carries "
+            f"{asked[0]:g} kg, which leaves omega_c = {omega_c:.3g} rad/s, below {slowest:g}; "
+            f"{asked[0]:g} to {heaviest:.3g} kg or {lightest:.3g} to {asked[1]:g} kg would do, and so may a "
+            "shorter sample time, or rotor inertia that the URDF leaves out (robot.with_armature)"
+        )
+
+
 class ConfigError(ArmgpiError):
     """An experiment file, or an option of the command line, that cannot be used.
 

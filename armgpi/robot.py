@@ -13,10 +13,16 @@ import pinocchio as pin
 
 from armgpi import robots, urdf
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
-from armgpi.dynamics import Dynamics, PinocchioDynamics, ScaledDynamics, stacked
+from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
 
 PerJoint = ArrayLike | Mapping[str, float]
+#: Smallest eigenvalue of D(q), of the largest one and alone, below which a model is singular.
+_SINGULAR, _WEIGHTLESS = 1e-14, 1e-15
+#: Postures at which D(q) is looked at when a robot is loaded.
+_SAMPLES = 16
+#: Width of the range from which postures are drawn where a joint has none or a huge one [rad, m].
+_WIDEST_TURN, _WIDEST_SLIDE = 4.0 * math.pi, 4.0
 
 
 class Limits(NamedTuple):
@@ -183,10 +189,9 @@ class Robot(_Checked):
         limits: position, velocity and effort limits.
         friction: joint friction that the URDF states; the equations of motion here leave it out.
         dynamics: the same equations without checks, for loops of one's own.
+        coupling: how joints that follow others (``mimic="follow"``) depend on the n; None when none does.
         provenance: where the model came from and what was done to it, as plain data.
     """
-
-    dynamics: PinocchioDynamics | ScaledDynamics
 
     def __init__(
         self,
@@ -196,16 +201,20 @@ class Robot(_Checked):
         limits: Limits,
         friction: Friction,
         provenance: Mapping[str, Any],
+        coupling: urdf.Coupling | None = None,
+        joint_names: Sequence[str] | None = None,
     ) -> None:
         """Take over a `pin.Model` with nq = nv; users call :meth:`load` or :meth:`from_xml`."""
         self._model = model
         self.name = name
-        self.joint_names = tuple(list(model.names)[1:])
+        self.joint_names = tuple(list(model.names)[1:] if joint_names is None else joint_names)
+        self.coupling = coupling
         self.joint_types = tuple(joint_types)
         self.limits = Limits(*map(frozen, limits))
         self.friction = Friction(*map(frozen, friction))
         self.provenance = dict(provenance)
-        self.dynamics = PinocchioDynamics(model)
+        whole = PinocchioDynamics(model)
+        self.dynamics: Dynamics = whole if coupling is None else CoupledDynamics(whole, *coupling)
         self._frames: dict[str, int] = {}
         for index, frame in enumerate(model.frames):
             # Where a link and a joint share a name, the link's frame is the one people mean.
@@ -219,14 +228,18 @@ class Robot(_Checked):
         path_or_name: str | PathLike[str],
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
+        mimic: urdf.Mimic = "lock",
     ) -> Robot:
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
         Args:
             path_or_name: path of a URDF, or a name from :func:`armgpi.robots.names`.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
-                name -> value [rad or m]. Joints that mimic another are always locked.
-            keep: when given, every joint that is not named here is locked.
+                name -> value [rad or m].
+            keep: when given, every joint that is not named here is locked. A name that means an arm of a
+                larger robot (``baxter_left_arm``) keeps that arm by itself.
+            mimic: joints that mimic another are locked where its zero (or lock) puts them; with "follow"
+                they move with it, and their inertia and weight are felt by it.
 
         Raises:
             NameNotFound: for a robot or joint name that does not exist.
@@ -234,7 +247,9 @@ class Robot(_Checked):
         """
         path, name = robots.locate(path_or_name)
         document = urdf.parse(urdf.read_file(path), str(path))
-        return cls._from_document(document, name or document.name, lock, keep)
+        if name is not None and keep is None:
+            keep = robots.kept(name, (j.name for j in document.joints.values() if j.moves), lock)
+        return cls._from_document(document, name or document.name, lock, keep, mimic)
 
     @classmethod
     def from_xml(
@@ -242,10 +257,11 @@ class Robot(_Checked):
         text: str,
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
+        mimic: urdf.Mimic = "lock",
     ) -> Robot:
         """Load a robot from the text of a URDF; arguments and errors as :meth:`load`."""
         document = urdf.parse(text, "URDF text")
-        return cls._from_document(document, document.name, lock, keep)
+        return cls._from_document(document, document.name, lock, keep, mimic)
 
     @classmethod
     def _from_document(
@@ -254,21 +270,40 @@ class Robot(_Checked):
         name: str,
         lock: Sequence[str] | Mapping[str, float],
         keep: Sequence[str] | None,
+        mimic: urdf.Mimic,
     ) -> Robot:
-        built = urdf.build(document, lock, keep)
-        joints = built.joints
+        built = urdf.build(document, lock, keep, mimic)
         limits = Limits(
-            *(np.array([getattr(j, k) for j in joints]) for k in ("lower", "upper", "velocity", "effort"))
+            *(
+                np.array([getattr(j, k) for j in built.joints])
+                for k in ("lower", "upper", "velocity", "effort")
+            )
         )
-        friction = Friction(np.array([j.damping for j in joints]), np.array([j.friction for j in joints]))
+        friction = Friction(
+            np.array([j.damping for j in built.joints]), np.array([j.friction for j in built.joints])
+        )
+        joints = built.joints
+        if built.coupling is not None:
+            limits, friction = _coupled(limits, friction, built.coupling, document.source, joints)
+            joints = tuple(j for j in joints if j.mimic is None)
         provenance = {
             "source": document.source,
             "sha256": document.sha256,
             "locked": dict(built.locked),
             "changes": [],
         }
-        types = [j.type for j in joints]
-        robot = cls(built.model, name, types, limits, friction, provenance)
+        if built.coupling is not None:
+            provenance["mimic"] = "follow"
+        robot = cls(
+            built.model,
+            name,
+            [j.type for j in joints],
+            limits,
+            friction,
+            provenance,
+            built.coupling,
+            [j.name for j in joints],
+        )
         robot._check_inertia(document.source)
         return robot
 
@@ -280,7 +315,7 @@ class Robot(_Checked):
     @property
     def armature(self) -> Array:
         """Rotor inertia seen at every joint [kg m^2 or kg], shape (n,)."""
-        return np.array(self._model.armature)
+        return np.array(self._model.armature)[self._own]
 
     @property
     def total_mass(self) -> float:
@@ -292,30 +327,25 @@ class Robot(_Checked):
         """Name of the link at the end, the one farthest from the last joint over fixed joints."""
         model = self._model
         last = max(range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
-        bodies = [
-            index
-            for index, frame in enumerate(model.frames)
-            if frame.type == pin.FrameType.BODY and int(frame.parentJoint) == last
-        ]
-
-        def depth(index: int) -> int:
-            """Count the fixed joints up to the last joint; a locked one ends the arm before it."""
-            count = 0
-            while int(model.frames[index].parentJoint) == last:
-                frame = model.frames[index]
-                if frame.type == pin.FrameType.FIXED_JOINT:
-                    if frame.name in self.provenance["locked"]:
-                        return -1
-                    count += 1
-                elif frame.type == pin.FrameType.JOINT:
-                    break
-                index = int(frame.parentFrame)
-            return count
-
-        return str(model.frames[max(bodies, key=depth)].name)
+        locked = self.provenance["locked"]
+        depth: dict[int, float] = {}  # frames on the last joint -> fixed joints up to it; parents come first
+        tip, farthest = 0, -math.inf
+        for index, frame in enumerate(model.frames):
+            if int(frame.parentJoint) != last:
+                continue
+            count = 0.0 if frame.type == pin.FrameType.JOINT else depth.get(int(frame.parentFrame), 0.0)
+            if frame.type == pin.FrameType.FIXED_JOINT:
+                count += -math.inf if frame.name in locked else 1.0  # a locked joint ends the arm before it
+            depth[index] = count
+            if frame.type == pin.FrameType.BODY and count > farthest:
+                tip, farthest = index, count
+        return str(model.frames[tip].name)
 
     def pinocchio_model(self) -> Any:
-        """Return a copy of the `pin.Model`, for what this class does not offer."""
+        """Return a copy of the `pin.Model`, for what this class does not offer.
+
+        With joints that follow others it has their coordinates too: ``coupling.ratio @ q + coupling.offset``.
+        """
         return self._model.copy()
 
     def frame_pose(self, name: str, q: ArrayLike) -> Pose:
@@ -336,7 +366,7 @@ class Robot(_Checked):
         (q_,) = self._states(q=q)
 
         def pose(row: Array) -> Array:
-            pin.framesForwardKinematics(self._model, self._kinematics, row)
+            pin.framesForwardKinematics(self._model, self._kinematics, self._whole(row))
             matrix: Array = self._kinematics.oMf[index].homogeneous.copy()
             return matrix
 
@@ -362,9 +392,10 @@ class Robot(_Checked):
 
         def jacobian(row: Array) -> Array:
             J = pin.computeFrameJacobian(
-                self._model, self._kinematics, row, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                self._model, self._kinematics, self._whole(row), index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             )
-            return np.array(J).reshape(6, self.n)  # for a single joint Pinocchio drops an axis
+            matrix: Array = np.array(J).reshape(6, -1)  # for a single joint Pinocchio drops an axis
+            return matrix if self.coupling is None else matrix @ self.coupling.ratio
 
         return _rowwise(jacobian, q_)
 
@@ -385,11 +416,14 @@ class Robot(_Checked):
         """
         index = self._frame(name)
         q_, v_ = self._states(q=q, v=v)
-        still = np.zeros(self.n)
+        still = np.zeros(self._model.nv)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
         def drift(both: Array) -> Array:
-            pin.forwardKinematics(self._model, self._kinematics, *np.split(both, 2), still)
+            row, speed = np.split(both, 2)
+            if self.coupling is not None:
+                speed = self.coupling.ratio @ speed
+            pin.forwardKinematics(self._model, self._kinematics, self._whole(row), speed, still)
             moved = pin.getFrameClassicalAcceleration(self._model, self._kinematics, index, axes)
             return np.array(moved.vector)
 
@@ -437,8 +471,11 @@ class Robot(_Checked):
             armature: [kg m^2 or kg], a number, shape (n,), or name -> value (the others keep theirs).
         """
         model = self._model.copy()
-        model.armature = self._per_joint(armature, "armature", self.armature, 0.0, sys.float_info.max)
-        return self._changed({"armature": model.armature.tolist()}, model=model)
+        values = self._per_joint(armature, "armature", self.armature, 0.0, sys.float_info.max)
+        whole = np.array(model.armature)
+        whole[self._own] = values
+        model.armature = whole
+        return self._changed({"armature": values.tolist()}, model=model)
 
     def scaled_inertia(self, factor: float) -> Robot:
         """Return the robot with every mass and inertia multiplied by `factor`.
@@ -510,7 +547,65 @@ class Robot(_Checked):
         bounded = np.isfinite(lower) & np.isfinite(upper)
         nearest_zero = np.clip(0.0, lower, upper)
         centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
-        return np.where(bounded, centre, nearest_zero)
+        return np.where(bounded, np.clip(centre, lower, upper), nearest_zero)
+
+    def check_holding(self, q: ArrayLike, what: str) -> None:
+        """Refuse postures at which gravity exceeds a joint's effort limit: nothing holds the arm there.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            what: what they are, for the message ("the start").
+
+        Raises:
+            ArrayError: when `q` is not as it should be.
+            LimitError: when a joint cannot hold the arm.
+        """
+        holding = np.atleast_2d(self.gravity(q))
+        beyond = np.argwhere(np.abs(holding) > self.limits.effort * (1.0 + 1e-9))
+        if beyond.size:
+            row, j = (int(i) for i in beyond[0])
+            name, effort = self.joint_names[j], float(self.limits.effort[j])
+            raise LimitError(
+                f"the torque that holds the arm at {what}",
+                name,
+                holding[row, j],
+                -effort,
+                effort,
+                f"begin elsewhere, or give the joint more: --effort {name}={1.5 * abs(holding[row, j]):.3g}",
+            )
+
+    def random_positions(self, count: int, seed: int = 0) -> Array:
+        """Return postures drawn evenly from the joint ranges [rad or m], shape (count, n).
+
+        Where a range is infinite or huge they are from two turns, or 2 m, to either side of its middle.
+
+        Args:
+            count: how many.
+            seed: the same seed gives the same postures.
+        """
+        lower, upper, middle = self.limits.lower, self.limits.upper, self.middle()
+        turns = np.array([kind != "prismatic" for kind in self.joint_types])
+        half = 0.5 * np.where(turns, _WIDEST_TURN, _WIDEST_SLIDE)
+        lower, upper = np.maximum(lower, middle - half), np.minimum(upper, middle + half)
+        # Adding 0 makes -0 to 0: NumPy takes a range from 0 to -0 for a negative one.
+        return np.random.default_rng(seed).uniform(lower + 0.0, upper + 0.0, (count, self.n))
+
+    def wrap(self, q: ArrayLike, near: ArrayLike | None = None) -> Array:
+        """Return positions with every continuous joint moved by whole turns to within half a turn of `near`.
+
+        Nothing here wraps by itself: a continuous joint is an unbounded angle, and a goal of 6 pi is three
+        turns away. This is the choice of the short way.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            near: positions, same shape; zero when not given.
+        """
+        arguments = {"q": q} if near is None else {"q": q, "near": near}
+        q_, *given = self._states(**arguments)
+        centre = given[0] if given else np.zeros_like(q_)
+        continuous = np.array([kind == "continuous" for kind in self.joint_types])
+        turns = np.round((q_ - centre) / (2.0 * math.pi))
+        return np.where(continuous, q_ - 2.0 * math.pi * turns, q_)
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -552,31 +647,50 @@ class Robot(_Checked):
             self.limits if limits is None else limits,
             self.friction,
             provenance,
+            self.coupling,
+            self.joint_names,
         )
         if model is None:  # the same kernels, which a batch of both calls once
             robot.dynamics = self.dynamics
         return robot
 
+    @property
+    def _own(self) -> list[int]:
+        """Where the n joints stand among the model's coordinates."""
+        return [int(self._model.joints[self._model.getJointId(name)].idx_v) for name in self.joint_names]
+
+    def _whole(self, q: Array) -> Array:
+        """Return all coordinates of the model for one posture (n,), those of following joints included."""
+        return q if self.coupling is None else self.coupling.ratio @ q + self.coupling.offset
+
     def _check_inertia(self, source: str) -> None:
         """Refuse a model whose inertia matrix is not positive definite, naming a joint without inertia."""
-        matrix = self.dynamics.inertia(self.middle())
-        eigenvalues, vectors = np.linalg.eigh(matrix) if np.isfinite(matrix).all() else (np.zeros(1), None)
-        if eigenvalues[0] > 1e-14 * max(1e-300, eigenvalues[-1]):
+        postures = np.vstack([self.middle(), self.random_positions(_SAMPLES)])
+        matrices = self.dynamics.inertia(postures)
+        if not np.isfinite(matrices).all():
+            raise UrdfError(source, "has masses and lengths so large that D(q) overflows; check their units")
+        eigenvalues, vectors = np.linalg.eigh(matrices)
+        bad = eigenvalues[:, 0] <= np.maximum(_SINGULAR * eigenvalues[:, -1], _WEIGHTLESS)
+        if not bad.any():
             return
-        joint = self.joint_names[-1]
-        if vectors is not None:
-            joint = self.joint_names[int(np.argmax(np.abs(vectors[:, 0])))]
+        first = int(np.argmax(bad))
+        joint = self.joint_names[int(np.argmax(np.abs(vectors[first, :, 0])))]
         links = self._links_moved_by(joint)
+        where = (
+            ""
+            if first == 0
+            else f" at q = {np.array2string(postures[first], precision=3, max_line_width=10_000)}"
+        )
         raise UrdfError(
             source,
             f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so D(q) is "
-            f"singular; give them mass and inertia, lock the joint, or check its axis",
+            f"singular{where}; give them mass and inertia, lock the joint, or check its axis",
             joint,
         )
 
     def _links_moved_by(self, joint: str) -> list[str]:
         """Return the links that a joint carries directly."""
-        index = self.joint_names.index(joint) + 1
+        index = self._model.getJointId(joint)
         return [f.name for f in self._model.frames if f.type == pin.FrameType.BODY and f.parentJoint == index]
 
 
@@ -646,6 +760,34 @@ def _rowwise(function: Callable[[Array], Array], q: Array) -> Array:
     if not len(q):
         return function(np.zeros(q.shape[-1]))[np.newaxis][:0]
     return np.stack([function(row) for row in q])
+
+
+def _coupled(
+    limits: Limits, friction: Friction, coupling: urdf.Coupling, source: str, joints: Sequence[urdf.Joint]
+) -> tuple[Limits, Friction]:
+    """Return limits and friction of the free joints, with those of the joints that follow them.
+
+    A follower's range and speed bound its leader; its effort does not, as the leader's motor moves both.
+    """
+    ratio, offset = coupling
+    own = [row for row, joint in enumerate(joints) if joint.mimic is None]
+    lower, upper, velocity, effort = (limit[own] for limit in limits)
+    for row, column in zip(*np.nonzero(ratio), strict=True):
+        factor = ratio[row, column]
+        ends = np.sort((np.array([limits.lower[row], limits.upper[row]]) - offset[row]) / factor)
+        lower[column] = max(lower[column], ends[0])
+        upper[column] = min(upper[column], ends[1])
+        velocity[column] = min(velocity[column], limits.velocity[row] / abs(factor))
+        if lower[column] > upper[column]:
+            leader, follower = joints[own[column]].name, joints[row].name
+            raise UrdfError(
+                source,
+                f"joint {follower!r} follows {leader!r}, and no position of that is inside both their "
+                "limits; lock it or correct its limits",
+                follower,
+            )
+    viscous, coulomb = ratio.T**2 @ friction.viscous, np.abs(ratio.T) @ friction.coulomb
+    return Limits(lower, upper, velocity, effort), Friction(viscous, coulomb)
 
 
 def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

@@ -1,40 +1,137 @@
-"""Robots that can be loaded by name: ours, and arms of an installed example-robot-data."""
+"""Robots that can be loaded by name: ours, arms of an installed example-robot-data, robot_descriptions.
+
+example-robot-data 6 is data without a Python module, so its files are found by path. The names of
+robot_descriptions (``ur5_description``) work where that package is installed; it fetches a robot at its
+first use.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
+from importlib import import_module
+from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 from armgpi.errors import NameNotFound, UrdfError
 
-#: Name -> file below example-robot-data's `robots` folder (version 6, data only).
-EXAMPLE_ROBOT_DATA = {
-    "double_pendulum": "double_pendulum_description/urdf/double_pendulum.urdf",
-    "finger_edu": "finger_edu_description/robots/finger_edu.urdf",
-    "kinova": "kinova_description/robots/kinova.urdf",
-    "panda": "panda_description/urdf/panda.urdf",
-    "so100": "so_arm_description/urdf/so100.urdf",
-    "so101": "so_arm_description/urdf/so101.urdf",
-    "talos_left_arm": "talos_data/robots/talos_left_arm.urdf",
-    "twodof": "asr_twodof_description/urdf/TwoDofs.urdf",
+
+class Example(NamedTuple):
+    """Where an arm is in example-robot-data.
+
+    Attributes:
+        file: the URDF, below its `robots` folder (version 6).
+        keep: patterns of the arm's joints in a larger robot, whose other joints are locked; None for all.
+        remark: what to know of the data.
+    """
+
+    file: str
+    keep: tuple[str, ...] | None = None
+    remark: str = ""
+
+
+def _sides(
+    name: str, file: str, *keep: str, sides: tuple[str, str] = ("left", "right")
+) -> dict[str, Example]:
+    """Return a robot's left and right arm; `{}` in the patterns of joints stands for the side."""
+    return {
+        f"{name}_{side}_arm": Example(file, tuple(pattern.format(word) for pattern in keep))
+        for side, word in zip(("left", "right"), sides, strict=True)
+    }
+
+
+_TALOS = "talos_data/robots/talos_full_v2.urdf"
+_UR3 = "effort limits are ur10's"
+_ARM_1_TO_7 = "arm_{}_[1-7]_joint"
+#: Name -> arm of example-robot-data: those with a file of their own, then those of larger robots.
+EXAMPLE_ROBOT_DATA: dict[str, Example] = {
+    "double_pendulum": Example("double_pendulum_description/urdf/double_pendulum.urdf"),
+    "finger_edu": Example("finger_edu_description/robots/finger_edu.urdf"),
+    "kinova": Example("kinova_description/robots/kinova.urdf"),
+    "panda": Example("panda_description/urdf/panda.urdf"),
+    "so100": Example("so_arm_description/urdf/so100.urdf"),
+    "so101": Example("so_arm_description/urdf/so101.urdf"),
+    "talos_left_arm": Example("talos_data/robots/talos_left_arm.urdf", remark="without joint 1"),
+    "twodof": Example("asr_twodof_description/urdf/TwoDofs.urdf"),
     # "ur3.urdf" in the data is an empty stub; this is the robot.
-    "ur3": "ur_description/urdf/ur3_robot.urdf",
-    "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "ur10": "ur_description/urdf/ur10_robot.urdf",
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
+    "ur3": Example("ur_description/urdf/ur3_robot.urdf", remark=_UR3),
+    "ur5": Example("ur_description/urdf/ur5_robot.urdf"),
+    "ur10": Example("ur_description/urdf/ur10_robot.urdf"),
+    "xarm7": Example("xarm_description/urdf/xarm7.urdf"),
+    "z1": Example("z1_description/urdf/z1.urdf"),
+    "borinot_arm": Example("borinot_description/urdf/borinot_flying_arm_2.urdf"),
+    "double_pendulum_continuous": Example("double_pendulum_description/urdf/double_pendulum_continuous.urdf"),
+    "double_pendulum_simple": Example("double_pendulum_description/urdf/double_pendulum_simple.urdf"),
+    "hextilt_arm": Example("hextilt_description/urdf/hextilt_flying_arm_5.urdf"),
+    "ur3_gripper": Example("ur_description/urdf/ur3_gripper.urdf", remark=_UR3),
+    "ur3_limited": Example("ur_description/urdf/ur3_joint_limited_robot.urdf", remark=_UR3),
+    "ur5_gripper": Example("ur_description/urdf/ur5_gripper.urdf"),
+    "ur5_limited": Example("ur_description/urdf/ur5_joint_limited_robot.urdf"),
+    "ur10_limited": Example("ur_description/urdf/ur10_joint_limited_robot.urdf"),
+    **_sides(
+        "alex",
+        "alex_description/urdf/alex_nub_hands.urdf",
+        *("{}Shoulder*", "{}Elbow*", "{}Wrist*", "{}Gripper*"),
+        sides=("Left", "Right"),
+    ),
+    "anymal_kinova_arm": Example(
+        "anymal_b_simple_description/robots/anymal-kinova.urdf", ("j2s6s200_joint_[1-6]",)
+    ),
+    "b1_z1_arm": Example("b1_description/urdf/b1-z1.urdf", ("joint[1-6]",)),
+    **_sides("baxter", "baxter_description/urdf/baxter.urdf", "{}_[sew][0-2]"),
+    **_sides("centauro", "centauro_description/urdf/centauro.urdf", "j_arm{}_[1-6]", sides=("1", "2")),
+    **_sides("g1", "g1_description/urdf/g1_29dof_rev_1_0.urdf", "{}_shoulder_*", "{}_elbow_*", "{}_wrist_*"),
+    **_sides(
+        "icub",
+        "icub_description/robots/icub.urdf",
+        "{}_shoulder_*",
+        "{}_elbow",
+        "{}_wrist_*",
+        sides=("l", "r"),
+    ),
+    **_sides(
+        "pr2",
+        "pr2_description/urdf/pr2.urdf",
+        *("{}_shoulder_*", "{}_upper_arm_roll_joint", "{}_elbow_flex_joint", "{}_forearm_roll_joint"),
+        "{}_wrist_*",
+        sides=("l", "r"),
+    ),
+    **_sides(
+        "romeo",
+        "romeo_description/urdf/romeo_small.urdf",
+        *("{}Shoulder*", "{}Elbow*", "{}Wrist*"),
+        sides=("L", "R"),
+    ),
+    "talos_left_arm_7": Example(_TALOS, ("arm_left_[1-7]_joint",)),
+    "talos_right_arm": Example(_TALOS, ("arm_right_[1-7]_joint",)),
+    "tiago_arm": Example("tiago_description/robots/tiago.urdf", ("arm_[1-7]_joint",)),
+    **_sides("tiago_dual", "tiago_description/robots/tiago_dual.urdf", _ARM_1_TO_7),
+    **_sides("tiago_pro", "tiago_pro_description/robots/tiago_pro.urdf", _ARM_1_TO_7),
 }
 
 
 def names() -> tuple[str, ...]:
-    """Return the names that :meth:`armgpi.Robot.load` finds on this machine."""
+    """Return the names that :meth:`armgpi.Robot.load` finds on this machine without fetching anything."""
     ours = tuple(sorted(path.stem for path in _own_folder().glob("*.urdf")))
-    folder = _example_folder()
+    folder = example_folder()
     if folder is None:
         return ours
-    return ours + tuple(name for name, file in EXAMPLE_ROBOT_DATA.items() if (folder / file).is_file())
+    return ours + tuple(name for name, arm in EXAMPLE_ROBOT_DATA.items() if (folder / arm.file).is_file())
+
+
+def description_names() -> tuple[str, ...]:
+    """Return the names of an installed robot_descriptions that have a URDF; none when it is not installed."""
+    if find_spec("robot_descriptions") is None:
+        return ()
+    with contextlib.suppress(Exception):  # a package of others, whose inside may change
+        found = import_module("robot_descriptions._descriptions").DESCRIPTIONS
+        return tuple(name for name, description in found.items() if description.has_urdf)
+    return ()
 
 
 def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
@@ -50,21 +147,50 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
         raise NameNotFound("robot", path_or_name, names()) from None
     path = Path(text)
     if path.suffix or len(path.parts) != 1 or path.is_absolute():
+        if "://" in text:
+            raise UrdfError(text, "is an address: download the file first, and what it names beside it")
         if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
             raise UrdfError(path, "there is no such file")
         return path, None
     own = _own_folder() / f"{text}.urdf"
     if os.path.isfile(own):
         return own, text
-    folder = _example_folder()
-    if folder is not None and text in EXAMPLE_ROBOT_DATA and (folder / EXAMPLE_ROBOT_DATA[text]).is_file():
-        return folder / EXAMPLE_ROBOT_DATA[text], text
+    folder = example_folder()
+    if folder is not None and text in EXAMPLE_ROBOT_DATA:
+        file = folder / EXAMPLE_ROBOT_DATA[text].file
+        if file.is_file():
+            return file, text
     if os.path.isfile(path):
         return path, None
-    remedy = ""
+    described = description_names()
+    if text in described:
+        return _described(text), text
+    remedy = "or give the path of a URDF file"
     if text in EXAMPLE_ROBOT_DATA and folder is None:
         remedy = "it comes with the example-robot-data package: pip install 'armgpi[robots]'"
-    raise NameNotFound("robot", text, names(), remedy or "or give the path of a URDF file")
+    raise NameNotFound("robot", text, (*names(), *described), remedy)
+
+
+def kept(
+    name: str, joints: Iterable[str], lock: str | Iterable[str] | Mapping[str, float]
+) -> list[str] | None:
+    """Return the joints that a robot's name keeps, without those to `lock`; None when it keeps all."""
+    patterns = EXAMPLE_ROBOT_DATA[name].keep if name in EXAMPLE_ROBOT_DATA else None
+    if patterns is None:
+        return None
+    locked = {lock} if isinstance(lock, str) else set(lock)
+    return [j for j in joints if j not in locked and any(fnmatchcase(j, p) for p in patterns)]
+
+
+def _described(name: str) -> Path:
+    """Return the URDF of a robot of robot_descriptions, which may fetch it first."""
+    try:
+        module = import_module(f"robot_descriptions.{name}")
+        return Path(module.URDF_PATH)
+    except AttributeError:
+        raise UrdfError(name, "has no URDF in robot_descriptions but a xacro: expand it first") from None
+    except Exception as error:  # git, the network, its folder: none of them ours
+        raise UrdfError(name, f"robot_descriptions cannot bring it: {error}") from None
 
 
 def _own_folder() -> Path:
@@ -73,7 +199,7 @@ def _own_folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[1] / "urdf"
 
 
-def _example_folder() -> Path | None:
+def example_folder() -> Path | None:
     """Return example-robot-data's folder of robots, found on the import path; None when not installed."""
     for entry in sys.path:
         folder = Path(entry) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"

@@ -117,8 +117,114 @@ def test_the_version_is_shown(cli: Callable[..., Answer]) -> None:
     assert cli("--version") == Answer(0, f"armgpi {armgpi.__version__}\n", "")
 
 
-def test_robots_are_listed_one_a_line(cli: Callable[..., Answer]) -> None:
-    assert cli("robots") == Answer(0, "".join(f"{name}\n" for name in names()), "")
+def test_robots_are_listed_with_what_to_know_of_them(cli: Callable[..., Answer]) -> None:
+    code, out, err = cli("robots")
+    assert (code, err) == (0, "")
+    first = [line.split()[0] for line in out.splitlines() if line[0] != " "]
+    assert first == ["name", *names()]
+    code, out, _ = cli("robots", "--json")
+    rows = {row["name"]: row for row in json.loads(out)}
+    assert code == 0
+    assert tuple(rows) == names()
+    assert (rows["ur5"]["n"], rows["ur5"]["effort"], rows["ur5"]["remarks"]) == (6, [28.0, 150.0], [])
+    assert "gripper: --lock jointGripper" in rows["z1"]["remarks"]
+    assert "effort limit 0: --effort" in rows["double_pendulum"]["remarks"]
+    assert "0 outside limits" in rows["kinova"]["remarks"]
+    assert any("ur10" in remark for remark in rows["ur3"]["remarks"])
+    assert len(rows["kinova"]["continuous"]) == 3
+    assert "head_pan" in rows["baxter_left_arm"]["locked"]
+
+
+# --- Looking at robots and at the installation ---------------------------------------------------
+
+
+def test_inspect_says_what_a_robot_is_and_exits_by_what_it_finds(cli: Callable[..., Answer]) -> None:
+    code, out, err = cli("inspect", "ur5", "--cross-check")
+    assert (code, err) == (0, "")
+    assert out.startswith("ur5: 6 joints, ")
+    assert "cross-check: yourdfpy sees the same" in out
+    assert "0 findings stop a run, 0 are probably wrong" in out
+    code, out, _ = cli("inspect", "double_pendulum")
+    assert code == 1
+    assert "stop: joint 'joint1': has effort limit 0" in out
+    assert "--effort joint1=10" in out
+    assert cli("inspect", "double_pendulum", "--effort", "10").code == 0
+    code, out, err = cli("inspect", "pandas")
+    assert (code, out) == (2, "")
+    assert "did you mean 'panda'" in err
+
+
+def test_inspect_takes_locks_as_run_does(cli: Callable[..., Answer]) -> None:
+    code, out, _ = cli("inspect", "panda", "--lock", "panda_finger_joint1=0.01", "--json")
+    report = json.loads(out)
+    assert (code, report["n"]) == (0, 7)
+    assert report["locked"] == {"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.01}
+    assert not [f for f in report["findings"] if f["level"] != "note"]
+    assert json.loads(cli("inspect", "panda", "--mimic", "follow", "--json").out)["n"] == 8
+    assert json.loads(cli("inspect", "panda", "--keep", "panda_joint1", "--json").out)["n"] == 1
+    code, _, err = cli("inspect", "panda", "--mimic", "free")
+    assert (code, "'lock' or 'follow'" in err) == (2, True)
+    code, _, err = cli("inspect", "panda", "--package-dir", "nowhere")
+    assert (code, "there is no folder 'nowhere'" in err) == (2, True)
+
+
+def test_an_arm_that_cannot_hold_itself_where_it_starts_is_not_run(cli: Callable[..., Answer]) -> None:
+    code, _, err = cli("run", "pr2_left_arm", *SHORT)
+    assert code == 2
+    assert "the torque that holds the arm at the start of joint 'l_shoulder_lift_joint' is -39.7" in err
+    assert "--effort l_shoulder_lift_joint=59.6" in err
+    assert cli("run", "pr2_left_arm", *SHORT, "--effort", "l_shoulder_lift_joint=60").code == 0
+
+
+def test_mimic_joints_follow_when_asked(cli: Callable[..., Answer]) -> None:
+    code, out, err = cli("run", "panda", *SHORT, "--mimic", "follow", "--json")
+    assert code == 0
+    assert "warning" not in err
+    assert len(json.loads(out)[0]["joints"]) == 8
+
+
+def test_doctor_finds_this_installation_healthy(
+    cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    code, out, err = cli("doctor")
+    assert (code, err) == (0, "")
+    assert "loads our arm" in out
+    checks = {check["what"]: check for check in json.loads(cli("doctor", "--json").out)}
+    assert {check["level"] for check in checks.values()} <= {"ok", "note"}
+    assert checks["example-robot-data"]["found"].startswith("6.")
+
+
+def test_another_pinocchio_is_named_without_a_traceback(tmp_path: Path) -> None:
+    # PyPI's `pinocchio` is a plug-in for nose; a broken one does not import.
+    (tmp_path / "pinocchio").mkdir()
+    for content, said in (
+        ("", "another package named pinocchio"),
+        ("raise ImportError('libx.so')", "libx.so"),
+    ):
+        (tmp_path / "pinocchio" / "__init__.py").write_text(content)
+        path = os.pathsep.join((str(tmp_path), str(ROOT)))
+        for command, code in (("inspect ur5", 2), ("doctor", 1)):
+            done = subprocess.run(
+                [sys.executable, "-m", "armgpi.cli", *command.split()],
+                env={**os.environ, "PYTHONPATH": path},
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert done.returncode == code
+            assert said.split()[0] in done.stdout + done.stderr
+            assert "Traceback" not in done.stderr
+
+
+def test_doctor_sees_what_shadows_an_installed_package(
+    cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "pinocchio").mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    code, out, _ = cli("doctor")
+    assert code == 1
+    assert f"bad  PYTHONPATH: hides installed packages by pinocchio in {tmp_path}" in out
 
 
 # Runs.
@@ -686,3 +792,45 @@ def test_reproduce_says_that_it_cannot_write(cli: Callable[..., Answer], tmp_pat
     refused = cli("reproduce", "--quick", "--out", tmp_path / "taken")
     assert refused.code == 2
     assert "cannot be written to" in refused.err
+
+
+@pytest.mark.parametrize("path", ["lissajous", "circle", "polyline"])
+def test_any_arm_follows_a_path_that_is_chosen_for_it(
+    cli: Callable[..., Answer], tmp_path: Path, path: str
+) -> None:
+    done = cli("run", "ur5", "--path", path, "--t-final", "1", "--out", tmp_path, "--json")
+    assert done.code == 0, done.err
+    assert max(json.loads(done.out)[0]["metrics"]["peak_error"]) < 1e-3
+    # The file that was written says where the path is, and is run again to the same end.
+    assert written(tmp_path).reference.path.type == path
+    again = cli("run", "--config", tmp_path / "experiment.yaml", "--json")
+    assert json.loads(again.out) == json.loads(done.out)
+
+
+def test_a_range_of_payloads_is_believed_in(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    done = cli(
+        "run", "ur10", "--payload-range", "0,0.5", "--payload", "0.5", "--t-final", "1.5", "--out", tmp_path
+    )
+    assert done.code == 0, done.err
+    first = written(tmp_path).controllers[0]
+    assert (first.payload_range.lightest, first.payload_range.heaviest) == (0.0, 0.5)
+    assert first.omega == 30.0  # 2.3 times too much inertia leaves 30 rad/s
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("--path", "spiral"), "did you mean 'circle'"),
+        (("--path", "circle", "--to", "0"), "cannot stand beside"),
+        (("--payload-range", "0.5"), "two masses"),
+        (("--payload-range", "1,0.5"), "--payload-range"),
+        (("--payload-range", "0,500"), "no bandwidth serves"),
+        (("--controller", "pid", "--payload-range", "0,1"), "is for gpi"),
+    ],
+)
+def test_paths_and_ranges_that_cannot_be_are_refused(
+    cli: Callable[..., Answer], arguments: tuple[str, ...], named: str
+) -> None:
+    refused = cli("run", "ur5", *arguments)
+    assert refused.code == 2
+    assert named in refused.err

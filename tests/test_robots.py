@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from pathlib import Path
 from typing import NamedTuple
@@ -39,6 +40,41 @@ ARMS = {
     "ur10": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
     "xarm7": Arm(7, (), "joint1", "joint7"),
     "z1": Arm(6, ("jointGripper",), "joint1", "joint6"),
+    "borinot_arm": Arm(2, (), "flying_arm_2__j_bl_link1", "flying_arm_2__j_link1_link2"),
+    "double_pendulum_continuous": Arm(2, (), "joint1", "joint2"),
+    "double_pendulum_simple": Arm(2, (), "joint1", "joint2"),
+    "hextilt_arm": Arm(5, (), "flying_arm_5__j_base_link_link_1", "flying_arm_5__j_link_4_link_5"),
+    "ur3_gripper": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "ur3_limited": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "ur5_gripper": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "ur5_limited": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+    "ur10_limited": Arm(6, (), "shoulder_pan_joint", "wrist_3_joint"),
+}
+#: Arms of larger robots, whose other joints are locked by the name alone.
+PARTS = {
+    "alex_left_arm": Arm(7, (), "LeftShoulderPitch", "LeftGripperYaw"),
+    "alex_right_arm": Arm(7, (), "RightShoulderPitch", "RightGripperYaw"),
+    "anymal_kinova_arm": Arm(6, (), "j2s6s200_joint_1", "j2s6s200_joint_6"),
+    "b1_z1_arm": Arm(6, (), "joint1", "joint6"),
+    "baxter_left_arm": Arm(7, (), "left_s0", "left_w2"),
+    "baxter_right_arm": Arm(7, (), "right_s0", "right_w2"),
+    "centauro_left_arm": Arm(6, (), "j_arm1_1", "j_arm1_6"),
+    "centauro_right_arm": Arm(6, (), "j_arm2_1", "j_arm2_6"),
+    "g1_left_arm": Arm(7, (), "left_shoulder_pitch_joint", "left_wrist_yaw_joint"),
+    "g1_right_arm": Arm(7, (), "right_shoulder_pitch_joint", "right_wrist_yaw_joint"),
+    "icub_left_arm": Arm(7, (), "l_shoulder_pitch", "l_wrist_yaw"),
+    "icub_right_arm": Arm(7, (), "r_shoulder_pitch", "r_wrist_yaw"),
+    "pr2_left_arm": Arm(7, (), "l_shoulder_pan_joint", "l_wrist_roll_joint"),
+    "pr2_right_arm": Arm(7, (), "r_shoulder_pan_joint", "r_wrist_roll_joint"),
+    "romeo_left_arm": Arm(7, (), "LShoulderPitch", "LWristPitch"),
+    "romeo_right_arm": Arm(7, (), "RShoulderPitch", "RWristPitch"),
+    "talos_left_arm_7": Arm(7, (), "arm_left_1_joint", "arm_left_7_joint"),
+    "talos_right_arm": Arm(7, (), "arm_right_1_joint", "arm_right_7_joint"),
+    "tiago_arm": Arm(7, (), "arm_1_joint", "arm_7_joint"),
+    "tiago_dual_left_arm": Arm(7, (), "arm_left_1_joint", "arm_left_7_joint"),
+    "tiago_dual_right_arm": Arm(7, (), "arm_right_1_joint", "arm_right_7_joint"),
+    "tiago_pro_left_arm": Arm(7, (), "arm_left_1_joint", "arm_left_7_joint"),
+    "tiago_pro_right_arm": Arm(7, (), "arm_right_1_joint", "arm_right_7_joint"),
 }
 
 
@@ -59,6 +95,37 @@ def test_an_arm_loads_by_name_with_its_joints_in_order_and_its_gripper_locked(na
     assert set(robot.provenance["locked"]) == set(arm.lock)
     model = robot.pinocchio_model()
     assert model.nq == model.nv == robot.n
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_the_name_of_an_arm_of_a_larger_robot_keeps_that_arm_alone(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # what follows a locked joint is locked without a word
+        robot = Robot.load(name)
+    arm = PARTS[name]
+    assert (robot.n, robot.joint_names[0], robot.joint_names[-1]) == (arm.n, arm.first, arm.last)
+    # They stand one after the other: each moves all that come after it.
+    model = robot.pinocchio_model()
+    assert [int(model.parents[j]) for j in range(1, robot.n + 1)] == list(range(robot.n))
+    assert np.linalg.eigvalsh(robot.mass_matrix(robot.random_positions(50))).min() > 0.0
+
+
+def test_a_part_may_be_locked_further_and_kept_otherwise() -> None:
+    assert Robot.load("baxter_left_arm", lock={"left_w2": 0.5}).joint_names[-1] == "left_w1"
+    assert Robot.load("baxter_left_arm", lock="left_w2").n == 6
+    assert Robot.load("baxter_left_arm", keep=["right_s0", "head_pan"]).joint_names == (
+        "head_pan",
+        "right_s0",
+    )
+
+
+def test_an_arm_in_a_larger_robot_is_the_arm_alone() -> None:
+    # B1 carries a Z1, ANYmal a Kinova: the same arm, seen from its shoulder.
+    for name, alone in (("b1_z1_arm", load("z1")), ("anymal_kinova_arm", load("kinova"))):
+        carried = Robot.load(name)
+        q = alone.random_positions(10)
+        difference = carried.mass_matrix(q) - alone.mass_matrix(q)
+        assert np.abs(difference).max() < 5e-3 * np.abs(alone.mass_matrix(q)).max()
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -162,15 +229,46 @@ def test_the_empty_stub_that_is_named_like_a_ur3_is_refused() -> None:
 
 def data_folder() -> Path:
     """Return the folder of example-robot-data's robots, found from one of them."""
-    file = Path(robots.EXAMPLE_ROBOT_DATA["panda"])
+    file = Path(robots.EXAMPLE_ROBOT_DATA["panda"].file)
     return robots.locate("panda")[0].parents[len(file.parts) - 1]
+
+
+def test_names_of_robot_descriptions_work_where_it_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A stand-in with its layout; the real one fetches robots from the network.
+    package = tmp_path / "robot_descriptions"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "_descriptions.py").write_text(
+        "class D:\n    has_urdf = True\nclass M:\n    has_urdf = False\n"
+        'DESCRIPTIONS = {"mine_description": D(), "broken_description": D(), "xacro_description": D(),'
+        ' "mine_mj_description": M()}\n'
+    )
+    urdf = robots.locate("twodof")[0]
+    (package / "mine_description.py").write_text(f"URDF_PATH = {str(urdf)!r}\n")
+    (package / "broken_description.py").write_text("raise OSError('no network')\n")
+    (package / "xacro_description.py").write_text("XACRO_PATH = 'x'\n")
+    assert robots.description_names() == ()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert robots.description_names() == ("mine_description", "broken_description", "xacro_description")
+    robot = Robot.load("mine_description")
+    assert (robot.n, robot.name) == (2, "mine_description")
+    with pytest.raises(UrdfError, match="cannot bring it: no network"):
+        Robot.load("broken_description")
+    with pytest.raises(UrdfError, match="expand it first"):
+        Robot.load("xacro_description")
+    with pytest.raises(NameNotFound, match="did you mean 'mine_description'"):
+        Robot.load("mine_descripton")
+    for module in [name for name in sys.modules if name.partition(".")[0] == "robot_descriptions"]:
+        del sys.modules[module]
 
 
 # --- Finding them --------------------------------------------------------------------------------
 
 
 def test_every_name_that_is_listed_is_found_and_tested_here() -> None:
-    assert set(robots.names()) == set(ARMS)
+    assert set(robots.names()) == set(ARMS) | set(PARTS)
     for name in robots.names():
         path, found = robots.locate(name)
         assert path.is_file()
@@ -184,6 +282,11 @@ def test_a_name_that_does_not_exist_is_refused_and_the_near_one_offered(typo: st
     assert caught.value.valid == robots.names()
 
 
+def test_an_address_is_no_file() -> None:
+    with pytest.raises(UrdfError, match="download the file first"):
+        Robot.load("https://example.org/arm.urdf")
+
+
 @pytest.mark.parametrize("name", [None, 3, ["panda"], "", "a\0b", "a" * 5000])
 def test_what_is_no_name_at_all_is_refused_by_our_error(name: object) -> None:
     with pytest.raises((NameNotFound, UrdfError)):
@@ -193,7 +296,7 @@ def test_what_is_no_name_at_all_is_refused_by_our_error(name: object) -> None:
 def test_without_example_robot_data_its_arms_are_refused_with_the_way_to_get_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(robots, "_example_folder", lambda: None)
+    monkeypatch.setattr(robots, "example_folder", lambda: None)
     assert "anthropomorphic3" in robots.names()
     assert not set(robots.names()) & set(robots.EXAMPLE_ROBOT_DATA)
     with pytest.raises(NameNotFound, match=r"pip install 'armgpi\[robots\]'"):

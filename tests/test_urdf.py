@@ -118,6 +118,20 @@ def test_a_robot_without_a_name_a_comment_and_foreign_elements_are_no_obstacle()
     )
 
 
+def test_namespaces_and_the_word_xacro_alone_are_no_obstacle() -> None:
+    # Drake's files have a namespace, expanded ones keep xacro's, old ones have prefixes without any.
+    for attributes in ('xmlns="http://drake.mit.edu"', 'xmlns:xacro="http://www.ros.org/wiki/xacro"'):
+        text = changed(('<robot name="arm">', f'<robot name="arm" {attributes}><sensor:camera a="1"/>'))
+        assert Robot.from_xml(text).n == 2
+
+
+def test_a_joint_that_does_not_move_may_say_what_it_likes() -> None:
+    weld = '<joint name="weld" type="fixed"><parent link="fore"/><child link="tool"/><axis xyz="0 0 0"/>'
+    weld += '<limit lower="x"/><mimic joint="nobody"/><dynamics/></joint>'
+    robot = Robot.from_xml(GOOD.replace("</robot>", f'<link name="tool"/>{weld}</robot>'))
+    assert robot.n == 2
+
+
 def test_names_may_be_in_any_script() -> None:
     robot = Robot.from_xml(GOOD.replace("elbow", "côté 肘"))
     assert robot.joint_names == ("shoulder", "côté 肘")
@@ -282,6 +296,22 @@ def test_a_huge_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (gzip.compress(GOOD.encode()), "compressed by gzip: unpack it first (gunzip)"),
+        (b"PK\x03\x04", "a zip archive"),
+        (GOOD.encode("utf-16"), "UTF-16: save it as UTF-8"),
+        (GOOD.encode() + b"\0", "a binary file"),
+        (GOOD.replace("arm", "Bähr").encode("latin-1"), "iconv -f LATIN1"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_with_the_way_on(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(content)
+    assert said in file_refusal(path)
+
+
+@pytest.mark.parametrize(
     "content",
     [GOOD.replace("arm", "Bähr").encode("latin-1"), gzip.compress(GOOD.encode()), b"\x00\xff\xfe"],
     ids=["latin-1", "gzip", "binary"],
@@ -304,7 +334,23 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         (GOOD[:-30], "not well-formed XML"),
         ('<robot name="\ud800"/>', "not well-formed XML"),
         ("<mujoco/>", "expected the root element <robot>, got <mujoco>"),
-        (f"<html>{GOOD}</html>", "got <html>"),
+        ("<mujoco/>", "MuJoCo model (MJCF)"),
+        ('<?xml version="1.0"?><!-- by hand --><sdf version="1.7"/>', "an SDF model (Gazebo)"),
+        ("<COLLADA/>", "a mesh (COLLADA)"),
+        ("<launch/>", "a ROS launch file"),
+        ("<!DOCTYPE html><html><body><p>404</html>", "a web page (HTML): download the file itself"),
+        ("<HTML><br></HTML>", "a web page (HTML)"),
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:0", "git lfs pull"),
+        ("robot:\n  name: panda\n", "YAML: an experiment file goes with --config"),
+        ('{"robot": 1}', "JSON"),
+        ("solid link\n", "a mesh (STL)"),
+        ('<robot name="r"><group name="arm"/></robot>', "an SRDF"),
+        (GOOD.replace("<link", '<xacro:property name="m" value="1"/><link', 1), "xacro FILE > robot.urdf"),
+        (
+            GOOD.replace("<robot", '<robot xmlns:xacro="http://x"').replace("<link", "<xacro:arm/><link", 1),
+            "xacro",
+        ),
+        (f"<html>{GOOD}</html>", "a web page (HTML)"),
         ('<robot name="r"/>', "no <link>"),
         (f'<!DOCTYPE robot [<!ENTITY a "b">]>{GOOD}', "document type declaration"),
         (f'<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/hostname">]>{GOOD}', "document type"),
@@ -342,6 +388,8 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("elbow", 'type="revolute"', "", "type ''"),
     ("elbow", 'type="revolute"', 'type="floating"', "is floating"),
     ("elbow", 'type="revolute"', 'type="planar"', "is planar"),
+    ("elbow", 'type="revolute"', 'type="ball"', "type 'ball', which URDF does not know"),
+    ("a\nb", 'name="elbow"', 'name="a&#10;b"', "cannot be printed"),
     ("elbow", 'xyz="0 1 0"', 'xyz="0 0 0"', "axis 0 0 0"),
     ("elbow", 'xyz="0 1 0"', "", "axis 0 0 0"),
     ("elbow", 'xyz="0 1 0"', 'xyz="0 1"', "2 numbers, expected 3"),
@@ -350,6 +398,13 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("elbow", 'xyz="0.2 0 0"', 'xyz="${l} 0 0"', "'${l} 0 0' is not a number"),
     ("elbow", 'rpy="0 0 0"/><axis', 'rpy="inf 0 0"/><axis', "not finite"),
     ("elbow", LIMIT, "", "no <limit>"),
+    ("elbow", 'effort="20"', "", "<limit> has no effort"),
+    ("elbow", 'velocity="3"', "", "<limit> has no velocity"),
+    ("elbow", 'xyz="0.2 0 0"', 'xyz="1e16 0 0"', "larger than any robot"),
+    ("elbow", 'damping="0.5"', 'damping="1e300"', "larger than any robot"),
+    ("fore", 'value="1.0"', 'value="1e16"', "larger than any robot"),
+    ("fore", 'value="1.0"', 'value="1,5"', "write 1.5, not 1,5"),
+    ("fore", 'value="1.0"', 'value="${m}"', "expand it first"),
     ("elbow", 'lower="-1.5"', 'lower="3"', "lower limit 3 above its upper 2.5"),
     ("elbow", 'lower="-1.5"', 'lower="nan"', "lower='nan' is not finite"),
     ("elbow", 'lower="-1.5"', 'lower="-1,5"', "'-1,5' is not a number"),
@@ -409,6 +464,26 @@ def test_a_moving_link_without_inertia_is_refused_naming_joint_and_link() -> Non
 def test_a_point_mass_on_its_own_axis_is_refused_because_nothing_resists_the_joint() -> None:
     error = refusal(changed((BODY, BODY.replace("0.01", "0").replace('xyz="0.1', 'xyz="0'))))
     assert error.element == "elbow"
+
+
+@pytest.mark.parametrize("size", ["1e15", "1e-4", "1e-17", "1e-200"])
+def test_robots_of_any_size_have_dynamics_that_are_numbers_or_none(size: str) -> None:
+    # Masses, inertias and lengths alike; below 1e-15 kg m^2 accelerations would overflow.
+    text = GOOD.replace("0.01", size).replace('"1.0"', f'"{size}"').replace('"0.2 ', f'"{size} ')
+    text = text.replace('"0.1 0 0"', f'"{size} 0 0"')
+    if float(size) < 1e-15:
+        assert "singular" in str(refusal(text))
+        return
+    robot, q = Robot.from_xml(text), [0.3, -0.4]
+    assert np.isfinite(robot.mass_matrix(q)).all()
+    assert np.isfinite(robot.forward_dynamics(q, [1.0, 1.0], [1.0, 1.0])).all()
+
+
+def test_an_axis_of_any_length_is_a_direction() -> None:
+    q = [0.3, -0.4]
+    for axis in ("0 1e-200 0", "0 1e200 0", "0 5e-324 0"):
+        robot = Robot.from_xml(changed(('xyz="0 1 0"', f'xyz="{axis}"')))
+        np.testing.assert_array_equal(robot.mass_matrix(q), Robot.from_xml(GOOD).mass_matrix(q))
 
 
 def test_a_massless_link_between_two_joints_is_no_obstacle() -> None:

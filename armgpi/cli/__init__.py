@@ -1,6 +1,7 @@
 """The command line: parse, call one function, print a table, exit with a code.
 
-Exit codes: 0 fine, 1 a rollout diverged, 2 bad input, 130 interrupted.
+Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run), 2 bad input,
+130 interrupted.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import experiment, look, paper, robots
+from armgpi.cli import doctor, experiment, inspect, look, paper, robots, zoo
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -27,6 +28,9 @@ app = typer.Typer(
 app.command()(experiment.run)
 app.command()(experiment.compare)
 app.command()(robots.robots)
+app.command()(inspect.inspect)
+app.command()(doctor.doctor)
+app.command()(zoo.zoo)
 app.command()(paper.reproduce)
 app.command()(paper.scenarios)
 app.command()(look.view)
@@ -79,6 +83,10 @@ def main() -> None:
             app()
         except ArmgpiError as error:
             typer.secho(f"error: {error}", err=True, fg="red")
+            sys.exit(BAD_INPUT)
+        except ImportError as error:  # a broken installation
+            text = f"error: {error}; `armgpi doctor` looks at what is installed"
+            typer.secho(text, err=True, fg="red")
             sys.exit(BAD_INPUT)
         except OSError as error:  # the output: files have errors of their own
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)

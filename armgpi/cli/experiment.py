@@ -10,26 +10,30 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED, INTERRUPTED, OK, refusal
+from armgpi.cli.words import FAILED, INTERRUPTED, OK, refusal, stoppable
 
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
     from armgpi.config import Experiment
 
 
+@stoppable
 def run(
     robot: opt.RobotName = None,
     controller: opt.Controller = None,
     config: opt.ConfigFile = None,
     to: opt.To = None,
     start: opt.Start = None,
+    path: opt.PathName = None,
     duration: opt.Duration = None,
     omega: opt.Omega = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
     effort: opt.Effort = None,
     inertia_scale: opt.InertiaScale = None,
     payload: opt.Payload = None,
+    payload_range: opt.PayloadRange = None,
     encoder_bits: opt.Bits = None,
     delay: opt.Delay = None,
     friction: opt.Friction = None,
@@ -51,22 +55,26 @@ def run(
     """  # noqa: D301 (\b keeps the lines apart)
     options = dict(locals())
     options["controllers"] = options.pop("controller")
-    _experiment(options, compare=False)
+    sys.exit(_run(options, compare=False))
 
 
+@stoppable
 def compare(
     robot: opt.RobotName = None,
     controllers: opt.Controllers = None,
     config: opt.ConfigFile = None,
     to: opt.To = None,
     start: opt.Start = None,
+    path: opt.PathName = None,
     duration: opt.Duration = None,
     omega: opt.Omega = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
     effort: opt.Effort = None,
     inertia_scale: opt.InertiaScale = None,
     payload: opt.Payload = None,
+    payload_range: opt.PayloadRange = None,
     encoder_bits: opt.Bits = None,
     delay: opt.Delay = None,
     friction: opt.Friction = None,
@@ -86,20 +94,13 @@ def compare(
     armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
     armgpi compare --config experiment.yaml --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    _experiment(dict(locals()), compare=True)
-
-
-def _experiment(options: dict[str, Any], compare: bool) -> None:
-    """Run what the options describe, print it, save it, and exit."""
-    try:
-        sys.exit(_run(options, compare))
-    except KeyboardInterrupt:  # before or after the simulation, which keeps what is there itself
-        typer.secho("interrupted", err=True, fg="yellow")
-        sys.exit(INTERRUPTED)
+    sys.exit(_run(dict(locals()), compare=True))
 
 
 def _run(options: dict[str, Any], compare: bool) -> int:
     """Run what the options describe, print it, save it, and return the exit code."""
+    import numpy as np
+
     from armgpi import config as configuration
     from armgpi import experiment as experiments
     from armgpi.cli import pictures
@@ -108,6 +109,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi.rollout import Status
 
     experiment = configuration.build(*settings(options, compare))
+    experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     _check_out(options)
     pictures.check(options)
     _note_early_end(experiment)

@@ -49,6 +49,21 @@ Start = Annotated[
         "--from", metavar="POSTURE", help="Start, given as --to; the middle of the joint ranges by default."
     ),
 ]
+PathName = Annotated[
+    str | None,
+    typer.Option(
+        "--path",
+        metavar="NAME",
+        help="Instead of --to, a path of the tool in space: laser (eq. 28), lissajous, circle or polyline.",
+    ),
+]
+PayloadRange = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KG,KG",
+        help="Lightest and heaviest load at the tip that the gpi controllers shall stand: '0,0.5'.",
+    ),
+]
 Duration = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Time of each move [s]; gentle by default.")
 ]
@@ -66,6 +81,18 @@ Lock = Annotated[
 Keep = Annotated[
     list[str] | None,
     typer.Option(metavar="JOINT", help="Joint to keep, all others are locked; may be repeated."),
+]
+Mimic = Annotated[
+    str | None,
+    typer.Option(metavar="HOW", help="Joints that mimic another: 'lock' (default), or 'follow' it exactly."),
+]
+PackageDir = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--package-dir",
+        metavar="FOLDER",
+        help="Folder of a package, or of packages, in which meshes are looked for; may be repeated.",
+    ),
 ]
 Effort = Annotated[
     str | None,

@@ -8,8 +8,10 @@ from typing import Annotated
 import typer
 
 from armgpi.cli.options import FLAG, Report
+from armgpi.cli.words import refusal, stoppable
 
 
+@stoppable
 def reproduce(
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to put tables and figures.")
@@ -31,8 +33,6 @@ def reproduce(
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        from armgpi.cli.words import refusal
-
         raise refusal("", "reproduce draws with Matplotlib: pip install 'armgpi[viz]'") from None
     from armgpi.cli import pictures
     from armgpi.paper.reproduction import reproduce as run

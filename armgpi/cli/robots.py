@@ -2,15 +2,124 @@
 
 from __future__ import annotations
 
+import json
+import math
+import os
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
 import typer
 
+from armgpi.cli import options as opt
 
-def robots() -> None:
-    """List the robots that can be loaded by name."""
-    from armgpi.robots import EXAMPLE_ROBOT_DATA, names
+if TYPE_CHECKING:
+    from armgpi.health import Finding
+
+#: Kind of a finding -> what to say of it in a few words.
+_REMARKS = {
+    "effort": "effort limit 0: --effort",
+    "gravity": "gravity beyond effort",
+    "limits": "no range",
+    "degrees": "degrees?",
+    "velocity": "speed limits?",
+    "triangle": "an inertia no body has",
+    "friction": "strong damping",
+    "condition": "ill-conditioned",
+    "neutral": "0 outside limits",
+}
+
+
+def robots(as_json: opt.Json = False) -> None:
+    """List the robots that can be loaded by name, with what to know of them."""
+    from armgpi.robots import EXAMPLE_ROBOT_DATA, description_names, names
 
     found = names()
-    for name in found:
-        typer.echo(name)
+    rows = [_row(name) for name in found]
+    if as_json:
+        typer.echo(json.dumps(rows))
+    else:
+        _show(rows)
     if not set(EXAMPLE_ROBOT_DATA) & set(found):
         typer.echo("more come with: pip install 'armgpi[robots]'", err=True)
+    described = description_names()
+    if described:
+        text = f"and {len(described)} names of robot_descriptions, fetched at first use: {described[0]}, ..."
+        typer.echo(text, err=True)
+
+
+def _row(name: str) -> dict[str, Any]:
+    """Return what to know of a robot."""
+    from armgpi import health
+    from armgpi.errors import ArmgpiError
+    from armgpi.robots import EXAMPLE_ROBOT_DATA
+
+    try:
+        report = health.inspect(name)
+    except ArmgpiError as error:  # data of another version
+        return {"name": name, "n": None, "remarks": [str(error)]}
+    known = EXAMPLE_ROBOT_DATA.get(name)
+    facts, joints = report.facts, report.as_dict()["joints"]
+    return {
+        "name": name,
+        "n": facts["n"],
+        "mass": round(facts["moving_mass"], 6),
+        "reach": round(facts["reach"], 6),
+        "effort": _range(joint["effort"] for joint in joints),
+        "velocity": _range(joint["velocity"] for joint in joints),
+        "continuous": [joint["name"] for joint in joints if joint["type"] == "continuous"],
+        "locked": list(facts["locked"]),
+        "remarks": [*_remarks(report.findings), *filter(None, [known.remark if known else ""])],
+        "source": facts["source"],
+    }
+
+
+def _range(values: Iterable[float | None]) -> list[float | None]:
+    """Return the smallest and largest of some limits; None for one that is infinite."""
+    numbers = [math.inf if value is None else value for value in values]
+    return [x if math.isfinite(x) else None for x in (min(numbers), max(numbers))]
+
+
+def _remarks(findings: Iterable[Finding]) -> list[str]:
+    """Return the findings in a few words each."""
+    remarks: dict[str, None] = {}
+    for finding in findings:
+        if finding.kind == "gripper":
+            remarks[f"gripper: {finding.option}"] = None
+        elif finding.kind in _REMARKS and (finding.level != "note" or finding.kind == "neutral"):
+            remarks[_REMARKS[finding.kind]] = None
+    return list(remarks)
+
+
+def _show(rows: list[dict[str, Any]]) -> None:
+    """Print a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
+    console = Console(width=width, markup=False, emoji=False, highlight=False)
+    table = Table(box=None, pad_edge=False)
+    table.add_column("name", no_wrap=True)
+    for heading in ("n", "kg", "reach m", "effort N m, N", "speed rad/s, m/s"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("remarks", overflow="fold")
+    for row in rows:
+        if row["n"] is None:
+            table.add_row(row["name"], "-", "-", "-", "-", "-", row["remarks"][0])
+            continue
+        table.add_row(
+            row["name"],
+            str(row["n"]),
+            f"{row['mass']:.3g}",
+            f"{row['reach']:.2f}",
+            _words(row["effort"]),
+            _words(row["velocity"]),
+            "; ".join(row["remarks"]),
+        )
+    console.print(table)
+
+
+def _words(limits: list[float | None]) -> str:
+    """Return a range of limits in words."""
+    low, high = ("-" if x is None else f"{x:.3g}" for x in limits)
+    return low if low == high else f"{low}..{high}"

@@ -40,6 +40,8 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
         override("--lock", locks(options["lock"]), "robot", "lock")
     if given("keep"):
         override("--keep", split(options["keep"]), "robot", "keep")
+    if given("mimic"):
+        override("--mimic", options["mimic"], "robot", "mimic")
     if given("effort"):
         override("--effort", per_joint(options["effort"], "--effort"), "robot", "effort")
     if given("payload"):
@@ -58,8 +60,17 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
             override("--omega", per_joint(options["omega"], "--omega"), "controllers", index, "omega")
         if given("inertia_scale"):
             override("--inertia-scale", options["inertia_scale"], "controllers", index, "inertia_scale")
-    if given("omega") and "--omega" not in sources.values():
-        raise refusal("--omega", "is for gpi, which is not among the controllers")
+        if given("payload_range") and section["type"] != "pid":
+            span = _span(options["payload_range"])
+            override("--payload-range", span, "controllers", index, "payload_range")
+    for option, name in (("--omega", "omega"), ("--payload-range", "payload_range")):
+        if given(name) and option not in sources.values():
+            raise refusal(option, "is for gpi, which is not among the controllers")
+    if given("path"):
+        if given("to") or given("start"):
+            raise refusal("--path", "cannot stand beside --to or --from")
+        data["reference"] = {}
+        override("--path", {"type": options["path"]}, "reference", "path")
     if given("to"):
         begin = per_joint(options["start"], "--from") if given("start") else {}
         data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}
@@ -72,6 +83,14 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(sources.items(), key=lambda item: -len(item[0]))))
     return Loaded(configuration.check(data, origin), origin)
+
+
+def _span(text: str) -> dict[str, float]:
+    """Read '0,0.5'."""
+    numbers = per_joint(text, "--payload-range")
+    if not isinstance(numbers, list) or len(numbers) != 2:
+        raise refusal("--payload-range", f"expected two masses such as '0,0.5', got {text!r}")
+    return {"lightest": numbers[0], "heaviest": numbers[1]}
 
 
 def _file(path: Path) -> Path:

@@ -2,11 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar, cast
+
+import typer
 
 from armgpi.errors import ConfigError
 
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def stoppable(command: _Command) -> _Command:
+    """Make a command say so and exit with 130 on Ctrl-C, which Typer would take for an abort of its own."""
+
+    @wraps(command)
+    def run(*arguments: Any, **options: Any) -> Any:
+        try:
+            return command(*arguments, **options)
+        except KeyboardInterrupt:
+            typer.secho("interrupted", err=True, fg="yellow")
+            raise typer.Exit(INTERRUPTED) from None
+
+    return cast(_Command, run)
 
 
 def refusal(option: str, message: str) -> ConfigError:

@@ -15,9 +15,12 @@ from armgpi.arrays import Array
 from armgpi.config.reading import Origin, Path_
 from armgpi.config.schema import (
     BoxSection,
+    CircleSection,
     ControllerSection,
     ExperimentConfig,
     GPISection,
+    LaserSection,
+    LissajousSection,
     NetworkSection,
     PaperLoad,
     PathSection,
@@ -30,15 +33,17 @@ from armgpi.control.controller import Controller
 from armgpi.control.gains import FixedGains, Gains, default_omega
 from armgpi.control.gpi import GPI
 from armgpi.control.network import BSplineNetwork
+from armgpi.control.payload import payload_range
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiError, ConfigError, EffortError, NameNotFound
+from armgpi.kinematics import TrackingInverse, postures
 from armgpi.paper.arm import PaperArm
 from armgpi.plants import actuators, loads, sensors
 from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.references import paths
 from armgpi.references.bezier import minimum_duration
-from armgpi.references.cartesian import CartesianReference
+from armgpi.references.cartesian import CartesianReference, Inverse
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.robot import Robot
@@ -52,6 +57,9 @@ _MOVE_ACCELERATION = 5.0
 _SETTLE = 2.0
 #: Time for a path without an end, when nothing is said [s].
 _PATH_TIME = 18.0
+#: Size of a path that is chosen for an arm, as a share of how far from the base it is; and the number of
+#: postures among which the roomiest is looked for.
+_PATH_SIZE, _CANDIDATES = 0.1, 256
 #: Ends of a network's box when nothing is said, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
 _CALM, _ALERT = 22.0 / 30.0, 2.0
 #: Resolution that stands for the scale of errors where there is no encoder.
@@ -145,7 +153,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
     # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.
     lock: Any = section.lock
     try:
-        robot = Robot.load(section.name, lock=lock, keep=section.keep)
+        robot = Robot.load(section.name, lock=lock, keep=section.keep, mimic=section.mimic)
     except NameNotFound as error:
         # Robots and joints are looked up: say whose key it is.
         key = next((k for k in ("lock", "keep") if error.name in (getattr(section, k) or ())), "name")
@@ -231,14 +239,21 @@ def _controller(
         }
         return section, PIDInversion(believed, dt, **gains, bias_robot=robot)
     delay = config.plant.delay * dt
+    omega = default_omega(dt, delay)
+    law: dict[str, Any] = {"realisation": section.realisation, "start": section.start, "delay": delay}
+    if section.payload_range is not None:
+        span = section.payload_range
+        frame = span.frame or robot.tip
+        with place.at("payload_range").blamed():
+            found = payload_range(robot, span.lightest, span.heaviest, frame, span.com, dt=dt, delay=delay)
+        omega = found.omega_c
+        law |= {"payload": (span.lightest, span.heaviest), "frame": frame, "com": span.com}
     adapted: Gains
     if isinstance(section, NetworkSection):
-        section, adapted = _network(section, robot, default_omega(dt, delay), config.plant, place)
+        section, adapted = _network(section, robot, omega, config.plant, place)
     else:
-        section, adapted = _fixed_gains(section, robot, default_omega(dt, delay), place)
-    return section, GPI(
-        believed, dt, adapted, realisation=section.realisation, start=section.start, delay=delay
-    )
+        section, adapted = _fixed_gains(section, robot, omega, place)
+    return section, GPI(believed, dt, adapted, **law)
 
 
 def _fixed_gains(
@@ -312,11 +327,50 @@ def _reference(
     frame = section.frame or robot.tip
     with place.at("frame").blamed():
         robot.frame_pose(frame, robot.middle())
+    axis = section.tool_axis or [0.0, 0.0, 1.0]
+    inverse: Inverse = PaperArm().inverse_kinematics
+    if section.direction is not None or not _is_paper_arm(robot, frame):
+        with place.blamed():
+            inverse = TrackingInverse(robot, frame, direction=section.direction, tool_axis=axis)
+    elif section.tool_axis is not None:
+        raise place.at("tool_axis").error("goes with direction")
     with place.at("path").blamed():
-        path = _path(section.path)
-        reference = CartesianReference(robot, frame, path, PaperArm().inverse_kinematics)
+        drawn = _fitted(section.path, robot, frame)
+        path = _path(drawn)
+        reference = CartesianReference(robot, frame, path, inverse)
     end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
-    return reference, end, section.model_copy(update={"frame": frame})
+    return reference, end, section.model_copy(update={"frame": frame, "path": drawn})
+
+
+def _is_paper_arm(robot: Robot, frame: str) -> bool:
+    """Tell whether a frame moves as the paper's tool does: then eq. 2 is its inverse kinematics."""
+    if robot.n != 3:
+        return False
+    q = np.array([[0.0, 0.0, 0.0], [0.3, 0.5, -0.7], [-1.1, 0.2, 0.9]])
+    there = robot.frame_pose(frame, q).translation
+    return bool(np.abs(there - PaperArm().forward_kinematics(q)).max() < 1e-9)
+
+
+def _fitted(section: PathSection, robot: Robot, frame: str) -> PathSection:
+    """Return a path with what was left out chosen for the arm: around a point where it has room."""
+    if isinstance(section, LaserSection):
+        return section
+    inverse = TrackingInverse(robot, frame)
+    candidates = postures(robot, _CANDIDATES, seed=0)
+    point = robot.frame_pose(frame, candidates[np.argmax(inverse.room(candidates))]).translation
+    size = _PATH_SIZE * float(np.linalg.norm(point))
+    chosen: dict[str, Any]
+    if isinstance(section, LissajousSection):
+        chosen = {"centre": point, "amplitude": np.array([0.0, size, 0.5 * size])}
+    elif isinstance(section, CircleSection):
+        chosen = {"centre": point, "radius": size}
+    else:
+        square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], dtype=np.float64)
+        chosen = {"corners": point + size * (square - [0.5, 0.5, 0.0])}
+    missing = {
+        key: np.asarray(value).tolist() for key, value in chosen.items() if getattr(section, key) is None
+    }
+    return section.model_copy(update=missing)
 
 
 def _path(section: PathSection) -> paths.Path:
@@ -328,8 +382,9 @@ def _path(section: PathSection) -> paths.Path:
         "polyline": paths.Polyline,
     }
     given = section.model_dump()
+    ease = given.pop("ease", 0.0)
     path: paths.Path = kinds[given.pop("type")](**given)
-    return path
+    return paths.Eased(path, ease) if ease else path
 
 
 def _moves(

@@ -119,12 +119,14 @@ class RobotSection(_Section):
         name: a name from ``armgpi.robots.names()`` or the path of a URDF, relative to the file.
         lock: joints to hold fixed: names, or name -> value [rad or m].
         keep: when given, every other joint is locked.
+        mimic: whether joints that mimic another are locked or follow it.
         effort: effort limits that replace the URDF's [N m or N].
     """
 
     name: str
     lock: Locks = []
     keep: Names | None = None
+    mimic: Literal["lock", "follow"] = "lock"
     effort: PerJointNotNegative | None = None
 
 
@@ -221,8 +223,20 @@ class PlantSection(_Section):
     velocity_bandwidth: Positive | None = None
 
 
+class RangeSection(_Section):
+    """Loads that a controller shall stand: masses [kg] at com [m] in a frame (the tip when not given)."""
+
+    lightest: NotNegative = 0.0
+    heaviest: NotNegative
+    frame: str | None = None
+    com: Annotated[list[Number], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+
+
 class GPISection(_Section):
-    """A GPI controller; see :class:`armgpi.GPI`. `inertia_scale` multiplies the D(q) that it believes in."""
+    """A GPI controller; see :class:`armgpi.GPI`. `inertia_scale` multiplies the D(q) that it believes in.
+
+    `payload_range` are loads that it shall stand: it believes in the heaviest.
+    """
 
     type: Literal["gpi"]
     label: str | None = None
@@ -232,6 +246,7 @@ class GPISection(_Section):
     realisation: Literal["bumpless", "paper"] = "bumpless"
     start: Literal["hold", "zero"] = "hold"
     inertia_scale: Positive = 1.0
+    payload_range: RangeSection | None = None
 
 
 class NetworkSection(_Section):
@@ -257,6 +272,7 @@ class NetworkSection(_Section):
         realisation: "bumpless" or "paper".
         start: "hold" or "zero".
         inertia_scale: multiplies the D(q) that it believes in.
+        payload_range: loads that it shall stand: it believes in the heaviest.
     """
 
     type: Literal["network"]
@@ -277,6 +293,7 @@ class NetworkSection(_Section):
     realisation: Literal["bumpless", "paper"] = "bumpless"
     start: Literal["hold", "zero"] = "hold"
     inertia_scale: Positive = 1.0
+    payload_range: RangeSection | None = None
 
 
 class PIDSection(_Section):
@@ -304,31 +321,36 @@ class LaserSection(_Section):
 
 
 class LissajousSection(_Section):
-    """A Lissajous curve; see :class:`armgpi.references.paths.Lissajous`."""
+    """A Lissajous curve; see :class:`armgpi.references.paths.Lissajous`.
+
+    What is not given is chosen for the arm: an eight around a point where it has room.
+    """
 
     type: Literal["lissajous"]
-    centre: Vector
-    amplitude: Vector
-    omega: Vector
+    centre: Vector | None = None
+    amplitude: Vector | None = None
+    omega: Vector = [1.0, 1.0, 2.0]
     phase: Vector = [0.0, 0.0, 0.0]
+    ease: NotNegative = 1.0
 
 
 class CircleSection(_Section):
-    """A circle; see :class:`armgpi.references.paths.Circle`."""
+    """A circle; see :class:`armgpi.references.paths.Circle`; chosen for the arm where nothing is given."""
 
     type: Literal["circle"]
-    centre: Vector
-    radius: Positive
-    period: Positive
+    centre: Vector | None = None
+    radius: Positive | None = None
+    period: Positive = 6.0
     normal: Vector = [0.0, 0.0, 1.0]
+    ease: NotNegative = 1.0
 
 
 class PolylineSection(_Section):
-    """Straight lines from corner to corner; see :class:`armgpi.references.paths.Polyline`."""
+    """Straight lines; see :class:`armgpi.references.paths.Polyline`; a square for the arm by default."""
 
     type: Literal["polyline"]
-    corners: list[Vector] = Field(min_length=2)
-    durations: Times
+    corners: Annotated[list[Vector], Field(min_length=2)] | None = None
+    durations: Times = 2.0
     holds: NotNegative = 0.0
 
 
@@ -348,6 +370,8 @@ class ReferenceSection(_Section):
         holds: at each posture [s]; 0 when not given, 1 when there are no points either.
         path: instead of all these, where a frame shall go in space.
         frame: which frame follows the path; the tip when not given.
+        direction: where the frame's `tool_axis` points to all along; anywhere when not given.
+        tool_axis: an axis in the frame.
     """
 
     points: list[PerJoint] | None = Field(default=None, min_length=1)
@@ -355,6 +379,8 @@ class ReferenceSection(_Section):
     holds: Stands | None = None
     path: PathSection | None = None
     frame: str | None = None
+    direction: Vector | None = None
+    tool_axis: Vector | None = None
 
 
 class ExperimentConfig(_Section):
@@ -397,12 +423,13 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "box": BoxSection,
     "pid": PIDSection,
     "reference": ReferenceSection,
+    "payload_range": RangeSection,
     "laser": LaserSection,
     "lissajous": LissajousSection,
     "circle": CircleSection,
     "polyline": PolylineSection,
 }
 #: Of these, the ones that are keys.
-_KEYS = {"robot", "plant", "payload", "noise", "reference"}
+_KEYS = {"robot", "plant", "payload", "payload_range", "noise", "reference"}
 #: Steps of pydantic's locations that are tags and no keys.
 TAGS = {"number", "list", "mapping", "[key]", "box", *(tag for tag in SECTIONS if tag not in _KEYS)}

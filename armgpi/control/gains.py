@@ -184,14 +184,20 @@ def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float
     return min(_DEFAULT_PHASE / (1.5 * dt + delay), highest)
 
 
-def delay_margin(tuning: Tuning) -> Array:
-    """Return the delay [s] that the continuous loop L(s) = C(s) / s^2 stands, elementwise.
+def delay_margin(tuning: Tuning, delta: float = 1.0) -> Array:
+    """Return the delay [s] that the continuous loop L(s) = delta C(s) / s^2 stands, elementwise.
 
     At the crossover ``|L(j w)| = 1`` the phase left above -180 degrees, divided by w. The crossover is the
-    largest root of ``|N(jw)|^2 = w^8 (w^2 + beta4^2)`` with N = beta3 s^3 + beta2 s^2 + beta1 s + beta0.
+    largest root of ``delta^2 |N(jw)|^2 = w^8 (w^2 + beta4^2)`` with
+    N = beta3 s^3 + beta2 s^2 + beta1 s + beta0.
+
+    Args:
+        tuning: arrays that broadcast.
+        delta: factor by which the inertia that the controller believes in is too large.
     """
     shape = np.broadcast_shapes(*(np.shape(x) for x in tuning))
     rows = np.stack([np.broadcast_to(x, shape).ravel() for x in betas(tuning)], axis=-1)
+    rows[:, :4] *= delta  # beta4 is the pole of C(s), the others its numerator
     unique, back = np.unique(rows, axis=0, return_inverse=True)
     margins = np.array([_delay_margin(*row) for row in unique])
     return margins[np.ravel(back)].reshape(shape)

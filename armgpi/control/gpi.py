@@ -8,13 +8,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_number, new
+from armgpi.arrays import Array, ArrayLike, PerJointInput, check_number, new
 from armgpi.control.controller import Controller, ControlStep, Measurement, common_batch
 from armgpi.control.gains import FixedGains, Gains, default_omega, delay_margin
+from armgpi.control.payload import PayloadRange, payload_range
 from armgpi.control.realisation import REALISATIONS
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.references.reference import Target
-from armgpi.robot import AnyRobot
+from armgpi.robot import AnyRobot, Robot
 
 
 class GPIState(NamedTuple):
@@ -42,6 +43,7 @@ class GPI(Controller):
         realisation: "bumpless" or "paper".
         start: "hold" or "zero".
         delay: transport delay that it was told of [s].
+        payload: the range of loads that it was told of, None for none.
     """
 
     sees: ClassVar[type[Measurement]] = Measurement
@@ -55,6 +57,9 @@ class GPI(Controller):
         effort: PerJointInput | None = None,
         start: str = "hold",
         delay: float = 0.0,
+        payload: tuple[float, float] | None = None,
+        frame: str | None = None,
+        com: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Define the controller.
 
@@ -67,20 +72,32 @@ class GPI(Controller):
             start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero"
                 with none.
             delay: transport delay in the loop [s], besides the sample and hold.
+            payload: lightest and heaviest load [kg] that `robot` may carry: the controller then believes in
+                the heaviest, and its default gains suit the lightest (:func:`armgpi.payload_range`).
+            frame: frame that carries the load; the robot's tip when not given.
+            com: centre of mass of the load in that frame [m], shape (3,).
 
         Raises:
+            PayloadError: when no bandwidth serves the loads.
             ParameterError: for a bad sample time, realisation, start or delay.
             ArrayError: for gains that are not positive or do not fit the joints.
             EffortError: when a joint has no torque.
         """
+        self.delay = check_number(delay, "delay", "zero or positive [s]")
+        self.payload: PayloadRange | None = None
+        if payload is not None:
+            self.payload = _payload(robot, payload, frame, com, dt, self.delay, gains)
+            robot = self.payload.believed
+        elif frame is not None:
+            raise ParameterError("frame", frame, "left out where there is no payload")
         super().__init__(robot, dt, effort)
         if realisation not in REALISATIONS:
             raise ParameterError("realisation", realisation, f"one of {', '.join(REALISATIONS)}")
         if start not in ("hold", "zero"):
             raise ParameterError("start", start, "one of hold, zero")
-        self.delay = check_number(delay, "delay", "zero or positive [s]")
         if gains is None:
-            gains = FixedGains(default_omega(self.dt, self.delay))
+            omega_c = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
+            gains = FixedGains(omega_c)
         if not isinstance(gains, Gains):
             raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
         self.gains = gains.prepare(robot.joint_names, self.dt)
@@ -133,6 +150,7 @@ class GPI(Controller):
             "realisation": self.realisation,
             "start": self.start,
             "delay": self.delay,
+            **({} if self.payload is None else {"payload": _plain(self.payload)}),
             "robot": self.robot.provenance,
         }
 
@@ -144,14 +162,39 @@ class GPI(Controller):
         """Warn when hold and transport take more than the loop's delay margin."""
         nominal = self.gains.nominal()
         spent = 0.5 * self.dt + self.delay
-        margin = float(np.min(delay_margin(nominal)))
+        delta = 1.0 if self.payload is None else self.payload.delta[1]
+        margin = float(np.min(delay_margin(nominal, delta)))
         if spent > margin:
             fastest = float(np.max(nominal.omega_c))
+            enough = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
             warnings.warn(
                 f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of "
                 f"{self.delay:g} s: the loop stands a delay of {margin:.3g} s, hold and transport take "
                 f"{spent:.3g} s, so it will be unstable; "
-                f"{default_omega(self.dt, self.delay):.3g} rad/s would do",
+                f"{enough:.3g} rad/s would do",
                 ArmgpiWarning,
                 stacklevel=3,
             )
+
+
+def _payload(
+    robot: AnyRobot,
+    payload: tuple[float, float],
+    frame: str | None,
+    com: ArrayLike,
+    dt: float,
+    delay: float,
+    gains: Gains | None,
+) -> PayloadRange:
+    """Return the range of loads; who brings gains of their own chooses how slow they are."""
+    if not isinstance(payload, tuple | list) or len(payload) != 2:
+        raise ParameterError("payload", payload, "two masses [kg], the lightest and the heaviest")
+    if not isinstance(robot, Robot):
+        raise ParameterError("robot", robot, "a single Robot where there is a payload")
+    slowest = {} if gains is None else {"slowest": 1e-9}
+    return payload_range(robot, payload[0], payload[1], frame, com, dt=dt, delay=delay, **slowest)
+
+
+def _plain(payload: PayloadRange) -> dict[str, Any]:
+    """Return a range of loads as plain data, without the robot, which stands beside it."""
+    return {key: value for key, value in payload._asdict().items() if key != "believed"}

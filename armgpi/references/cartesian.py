@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, as_float_array
 from armgpi.errors import ParameterError, ReachError
+from armgpi.kinematics import TrackingInverse
 from armgpi.references.paths import Path
 from armgpi.references.reference import Reference, Target
+from armgpi.references.tracking import Track
 from armgpi.robot import Robot
 
 #: From points (k, 3) [m] to the joint positions (k, n) that put the frame there, all of one branch; raises
@@ -27,9 +29,10 @@ _TURN_STEP = 0.01
 class CartesianReference(Reference):
     """Joint positions, velocities and accelerations that carry a frame along a path.
 
-    Positions come from an inverse kinematics; angles are continued over full turns, so that the reference
-    never jumps. Velocities and accelerations follow from the frame's linear Jacobian J: v = J^+ x' and
-    a = J^+ (x'' - J' v).
+    Positions come from an inverse kinematics. With a :class:`armgpi.TrackingInverse` any arm follows, and
+    positions, velocities and accelerations are its (see there). With a function of the points, angles are
+    continued over full turns, so that the reference never jumps, and velocities and accelerations follow
+    from the frame's linear Jacobian J: v = J^+ x' and a = J^+ (x'' - J' v).
 
     Attributes:
         robot: the arm.
@@ -37,14 +40,15 @@ class CartesianReference(Reference):
         path: the path in the base frame.
     """
 
-    def __init__(self, robot: Robot, frame: str, path: Path, inverse: Inverse) -> None:
+    def __init__(self, robot: Robot, frame: str, path: Path, inverse: Inverse | TrackingInverse) -> None:
         """Define the reference.
 
         Args:
             robot: the arm.
             frame: name of the frame that shall follow the path.
             path: where to, in the base frame.
-            inverse: from points (k, 3) to joint positions (k, n), always of the same branch, such as
+            inverse: ``TrackingInverse(robot, frame)``, or for an arm that has a closed form a function
+                from points (k, 3) to joint positions (k, n), always of the same branch, such as
                 ``PaperArm().inverse_kinematics``.
 
         Raises:
@@ -59,6 +63,15 @@ class CartesianReference(Reference):
         self.robot = robot
         self.frame = frame
         self.path = path
+        self._track: Track | None = None
+        if isinstance(inverse, TrackingInverse):
+            if inverse.frame != frame or inverse.robot.joint_names != robot.joint_names:
+                expected = (
+                    f"one for {frame!r} of {robot.name!r}, not {inverse.frame!r} of {inverse.robot.name!r}"
+                )
+                raise ParameterError("inverse", inverse, expected)
+            self._track = Track(inverse, path)
+            return
         self._inverse = inverse
         self._turning = np.array([kind != "prismatic" for kind in robot.joint_types])
         self._continued = np.empty((0, robot.n))
@@ -73,9 +86,18 @@ class CartesianReference(Reference):
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`.
 
         Raises:
-            ReachError: with the time and the point where the path leaves the arm's reach.
+            ArrayError: for a time that is not finite.
+            ReachError: with the time and the point where the path leaves the arm's reach, or cannot be
+                followed any farther.
+            LimitError: with the time and the joint, where an arm with a :class:`armgpi.TrackingInverse` would
+                leave its joint limits.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        times = np.atleast_1d(as_float_array(t, "t"))
+        target = self._along(times) if self._track is None else self._track.at(times)
+        return target if np.ndim(t) else Target(*(x[0] for x in target))
+
+    def _along(self, times: Array) -> Target:
+        """Return the target at times (k,) [s] by the inverse for points."""
         point = self.path.at(times)
         q = self._continue(times, self._solve(times, point.x))
         jacobian = self.robot.frame_jacobian(self.frame, q)[:, :3]
@@ -83,11 +105,12 @@ class CartesianReference(Reference):
         v = np.matmul(inverse, point.v[..., None])[..., 0]
         drift = self.robot.frame_drift(self.frame, q, v)[:, :3]
         a = np.matmul(inverse, (point.a - drift)[..., None])[..., 0]
-        return Target(q, v, a) if np.ndim(t) else Target(q[0], v[0], a[0])
+        return Target(q, v, a)
 
     def describe(self) -> dict[str, Any]:
         """Return the reference as plain data."""
-        return {"type": "CartesianReference", "frame": self.frame, "path": self.path.describe()}
+        inverse = {} if self._track is None else {"inverse": self._track.inverse.describe()}
+        return {"type": "CartesianReference", "frame": self.frame, "path": self.path.describe(), **inverse}
 
     def _continue(self, times: Array, q: Array) -> Array:
         """Return angles without jumps: those a full turn away that are nearest to the path so far.

@@ -173,6 +173,38 @@ class Polyline(Path):
         return PathPoint(*self._moves.at(t))
 
 
+class Eased(Path):
+    """A path that begins at rest and comes up to its own speed, along the same curve.
+
+    For t < duration the path's time is duration (s^3 - s^4 / 2) with s = t / duration: speed and
+    acceleration are zero at the start, and nothing jumps when its own speed is reached.
+
+    Attributes:
+        path: the path.
+        duration: how long the start takes [s].
+    """
+
+    def __init__(self, path: Path, duration: float = 1.0) -> None:
+        """Ease the beginning of `path`."""
+        self.path = path
+        self.duration = check_number(duration, "duration", "positive [s]", open_=True)
+        self.t_end = path.t_end + 0.5 * self.duration
+
+    def at(self, t: float | Array) -> PathPoint:
+        """Return the point; see :meth:`Path.at`."""
+        t = np.asarray(t, dtype=np.float64)
+        s = np.clip(t / self.duration, 0.0, 1.0)
+        begun = self.duration * (s**3 - 0.5 * s**4)
+        x, v, a = self.path.at(np.where(t < self.duration, begun, t - 0.5 * self.duration))
+        speed = (s * s * (3.0 - 2.0 * s))[..., None]
+        gain = (6.0 * s * (1.0 - s) / self.duration)[..., None]
+        return PathPoint(x, v * speed, a * speed**2 + v * gain)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the path as plain data."""
+        return {"type": "Eased", "path": self.path.describe(), "duration": self.duration}
+
+
 def line(start: ArrayLike, end: ArrayLike, duration: float) -> Polyline:
     """Return a straight line that takes `duration` [s]."""
     return Polyline([start, end], duration)

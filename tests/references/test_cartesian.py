@@ -13,7 +13,7 @@ from strategies import robots_and_states
 from armgpi import GPI, CartesianReference, FixedGains, RigidBodyPlant, Robot, simulate
 from armgpi.errors import ArmgpiError, ArrayError, NameNotFound, ParameterError, ReachError
 from armgpi.paper.arm import PaperArm
-from armgpi.references.paths import Circle, LaserPath, Lissajous, Path, Polyline, line, rectangle
+from armgpi.references.paths import Circle, Eased, LaserPath, Lissajous, Path, Polyline, line, rectangle
 
 ARM = Robot.load("anthropomorphic3")
 HAND = PaperArm()
@@ -174,3 +174,21 @@ def test_a_point_out_of_reach_comes_with_its_distance(t: float) -> None:
         with pytest.raises(ReachError) as caught:
             reference(path).at(t)
         assert caught.value.distance == pytest.approx(beyond, abs=1e-9)
+
+
+def test_an_eased_path_begins_at_rest_and_goes_on_as_the_path_does() -> None:
+    circle = Circle([0.3, 0.0, 0.3], 0.1, 6.0)
+    eased = Eased(circle, 2.0)
+    begin = eased.at(0.0)
+    np.testing.assert_array_equal(begin.x, circle.at(0.0).x)
+    np.testing.assert_array_equal(begin.v, 0.0)
+    np.testing.assert_array_equal(begin.a, 0.0)
+    for before, after in zip(eased.at(2.0 - 1e-12), circle.at(1.0), strict=True):
+        np.testing.assert_allclose(before, after, atol=1e-9)
+    t = np.linspace(0.0, 4.0, 400)
+    h = 1e-5
+    ahead, now, behind = (eased.at(t + step) for step in (h, 0.0, -h))
+    inside = np.abs(t - 2.0) > 2 * h
+    np.testing.assert_allclose(((ahead.x - behind.x) / (2 * h))[inside][1:], now.v[inside][1:], atol=1e-9)
+    np.testing.assert_allclose(((ahead.v - behind.v) / (2 * h))[inside][1:], now.a[inside][1:], atol=1e-8)
+    assert eased.describe()["path"]["type"] == "Circle"

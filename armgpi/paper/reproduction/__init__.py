@@ -114,8 +114,12 @@ def _run_all(setting: runs.Setting, quick: bool, pool: Executor, done: Callable[
     """Run the batches, several at a time."""
 
     def submit(name: str, job: Callable[..., xr.Dataset], *arguments: object) -> Future[xr.Dataset]:
+        def ended(future: Future[xr.Dataset]) -> None:
+            if not future.cancelled() and future.exception() is None:
+                done(name)
+
         future = pool.submit(job, *arguments)
-        future.add_done_callback(lambda _: done(name))
+        future.add_done_callback(ended)
         return future
 
     # The longest first; the tuned PID waits for the torque budget.

@@ -1,0 +1,180 @@
+"""The command that looks at the installation."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.words import FAILED
+
+#: Extra -> the packages that it brings, by distribution and module.
+_EXTRAS = {
+    "viz": (("matplotlib", "matplotlib"), ("meshcat", "meshcat")),
+    "check": (("yourdfpy", "yourdfpy"),),
+    "bench": (("mujoco", "mujoco"),),
+}
+_NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "pydantic", "typer", "rich", "PyYAML")
+_OLDEST_PIN, _OLDEST_DATA = 4, 6
+
+
+class Check(NamedTuple):
+    """One line of the diagnosis.
+
+    Attributes:
+        level: "ok", "note" or "bad".
+        what: what was looked at.
+        found: what was found.
+        repair: what to do; empty when nothing has to be done.
+    """
+
+    level: str
+    what: str
+    found: str
+    repair: str = ""
+
+
+def doctor(as_json: opt.Json = False) -> None:
+    """Look at the installation: which Pinocchio is imported, which extras are there, what is in the way."""
+    checks = diagnose()
+    if as_json:
+        typer.echo(json.dumps([check._asdict() for check in checks]))
+    else:
+        colours = {"ok": None, "note": None, "bad": "red"}
+        for check in checks:
+            repair = f" -> {check.repair}" if check.repair else ""
+            typer.secho(f"{check.level:4} {check.what}: {check.found}{repair}", fg=colours[check.level])
+    if any(check.level == "bad" for check in checks):
+        sys.exit(FAILED)
+
+
+def diagnose() -> list[Check]:
+    """Return what the installation is."""
+    import armgpi
+
+    checks = [
+        Check("ok", "armgpi", f"{armgpi.__version__} in {Path(armgpi.__file__).parent}"),
+        Check("ok", "Python", f"{platform.python_version()} at {sys.executable} ({platform.platform()})"),
+        _pinocchio(),
+        *(_package(name) for name in _NEEDED),
+        _example_robot_data(),
+        *(_extra(name, packages) for name, packages in _EXTRAS.items()),
+        _described(),
+        _shadows(),
+    ]
+    ros = [key for key in ("ROS_DISTRO", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH") if os.environ.get(key)]
+    if ros:
+        values = ", ".join(f"{key}={os.environ[key]}" for key in ros)
+        checks.append(Check("note", "ROS", values, "its PYTHONPATH may bring another Pinocchio"))
+    threads = os.environ.get("OMP_NUM_THREADS", "not set: all cores")
+    checks.append(Check("ok", "threads", f"OMP_NUM_THREADS {threads}; {os.cpu_count()} cores"))
+    return checks
+
+
+def _pinocchio() -> Check:
+    """Return which Pinocchio is imported, and try it."""
+    try:
+        import pinocchio
+    except ImportError as error:
+        return Check("bad", "pinocchio", f"does not import: {error}", "pip install pin, and clear PYTHONPATH")
+    place = getattr(pinocchio, "__file__", None) or "nowhere"
+    if not hasattr(pinocchio, "buildModelFromXML"):
+        # PyPI's `pinocchio` is a plug-in for nose.
+        repair = "pip uninstall pinocchio; pip install pin"
+        return Check("bad", "pinocchio", f"{place} is another package of that name", repair)
+    found = f"{pinocchio.__version__} in {Path(place).parent}"
+    if _major(pinocchio.__version__) < _OLDEST_PIN:
+        return Check("bad", "pinocchio", found, f"pip install 'pin>={_OLDEST_PIN}'")
+    wheel = _version("pin")
+    if wheel is None:
+        return Check("note", "pinocchio", found, "it is not the wheel `pin`; armgpi is tested with that")
+    if not pinocchio.__version__.startswith(wheel):
+        repair = "another installation comes first on the path; clear PYTHONPATH"
+        return Check("bad", "pinocchio", f"{found}, but pin {wheel} is installed", repair)
+    try:
+        from armgpi import Robot
+
+        Robot.load("anthropomorphic3")
+    except Exception as error:  # whatever a broken installation does
+        return Check("bad", "pinocchio", f"{found} fails: {error}", "install pin and numpy anew")
+    return Check("ok", "pinocchio", f"{found}; loads our arm")
+
+
+def _package(name: str) -> Check:
+    """Return the version of a package that is needed."""
+    version = _version(name)
+    if version is None:
+        return Check("bad", name, "is missing", f"pip install {name}")
+    return Check("ok", name, version)
+
+
+def _extra(name: str, packages: tuple[tuple[str, str], ...]) -> Check:
+    """Return which packages of an extra are there."""
+    missing = [package for package, module in packages if find_spec(module) is None]
+    if missing:
+        return Check("note", f"extra {name}", f"no {', '.join(missing)}", f"pip install 'armgpi[{name}]'")
+    return Check("ok", f"extra {name}", ", ".join(f"{p} {_version(p) or '?'}" for p, _ in packages))
+
+
+def _example_robot_data() -> Check:
+    """Return which example-robot-data is found, and how many robots of it."""
+    from armgpi import robots
+
+    version, count = _version("example-robot-data"), len(robots.names())
+    folder = robots.example_folder()
+    install = "pip install 'armgpi[robots]'"
+    if folder is None:
+        return Check("note", "example-robot-data", f"not found; {count} robots by name", install)
+    found = f"{version or 'unknown version'} in {folder}; {count} robots by name"
+    if version is not None and _major(version) < _OLDEST_DATA:
+        return Check("note", "example-robot-data", found, f"some robots may be missing: {install}")
+    return Check("ok", "example-robot-data", found)
+
+
+def _described() -> Check:
+    """Return whether robot_descriptions is there."""
+    from armgpi import robots
+
+    count = len(robots.description_names())
+    if not count:
+        return Check("ok", "robot_descriptions", "not installed (not needed)")
+    version = _version("robot_descriptions")
+    return Check("ok", "robot_descriptions", f"{version}; {count} names, fetched at first use")
+
+
+def _shadows() -> Check:
+    """Return which of our packages PYTHONPATH puts before the installed ones."""
+    entries = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    modules = ("pinocchio", "numpy", "scipy", "xarray", "eigenpy", "yourdfpy", "hppfcl", "coal")
+    hidden = [
+        f"{module} in {entry}"
+        for entry in entries
+        for module in modules
+        if (Path(entry) / module).is_dir() or (Path(entry) / f"{module}.py").is_file()
+    ]
+    if hidden:
+        repair = "start without it: env -u PYTHONPATH armgpi ..."
+        return Check("bad", "PYTHONPATH", f"hides installed packages by {', '.join(hidden)}", repair)
+    return Check("ok", "PYTHONPATH", os.pathsep.join(entries) or "not set")
+
+
+def _version(distribution: str) -> str | None:
+    """Return the version of an installed distribution."""
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _major(version: str) -> int:
+    """Return the first number of a version."""
+    head = version.split(".")[0]
+    return int(head) if head.isdigit() else 0

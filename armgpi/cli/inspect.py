@@ -1,0 +1,184 @@
+"""The command that looks at a robot's model."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.words import FAILED, locks, per_joint, split
+
+if TYPE_CHECKING:
+    from armgpi.health import Finding, HealthReport
+
+_Robot = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
+]
+_CrossCheck = Annotated[
+    bool,
+    typer.Option(
+        "--cross-check", metavar=opt.FLAG, help="Read the file a second time with yourdfpy, and compare."
+    ),
+]
+_Payload = Annotated[
+    float, typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is told.")
+]
+
+
+def inspect(
+    robot: _Robot,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
+    effort: opt.Effort = None,
+    package_dir: opt.PackageDir = None,
+    encoder_bits: opt.Bits = None,
+    delay: opt.Delay = None,
+    dt: opt.SampleTime = None,
+    payload: _Payload = 0.5,
+    cross_check: _CrossCheck = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Say what a robot's model is, what will bite, and what a controller will do with it.
+
+    \b
+    armgpi inspect ur5
+    armgpi inspect my_arm.urdf --lock gripper --cross-check
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import health
+
+    report = health.inspect(
+        robot,
+        locks(lock or []),  # type: ignore[arg-type]  # a joint without a value is locked as by name alone
+        None if not keep else split(keep),
+        "lock" if mimic is None else mimic,  # type: ignore[arg-type]  # anything else is refused there
+        None if effort is None else per_joint(effort, "--effort"),
+        _folders(package_dir or []),
+        1e-3 if dt is None else dt,
+        0 if delay is None else delay,
+        16 if encoder_bits is None else encoder_bits,
+    )
+    report = health.with_payload(report, payload)
+    if cross_check:
+        report = _second_opinion(report)
+    if as_json:
+        typer.echo(json.dumps(report.as_dict()))
+    else:
+        _show(report)
+    if report.stops:
+        sys.exit(FAILED)
+
+
+def _folders(given: list[Path]) -> list[Path]:
+    """Return the package folders, refusing what is none."""
+    from armgpi.cli.words import refusal
+
+    for folder in given:
+        if not os.path.isdir(folder):
+            raise refusal("--package-dir", f"there is no folder {str(folder)!r}")
+    return given
+
+
+def _second_opinion(report: HealthReport) -> HealthReport:
+    """Return the report with what yourdfpy sees otherwise."""
+    from armgpi.crosscheck import cross_check
+    from armgpi.health import Finding
+
+    result = cross_check(report.robot)
+    repair = "one of the readers is wrong: look at that element"
+    findings = [
+        Finding("stop", "cross-check", "file", None, None, line, repair) for line in result.differences
+    ]
+    return report.with_findings(findings, cross_check=result._asdict())
+
+
+def _show(report: HealthReport) -> None:
+    """Print the report: facts, joints, findings."""
+    from rich.console import Console
+    from rich.table import Table
+
+    facts = report.facts
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
+    console = Console(width=width, markup=False, emoji=False, highlight=False, soft_wrap=True)
+    console.print(
+        f"{facts['name']}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
+        f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
+        f"from {facts['base']!r} to {facts['tip']!r}"
+    )
+    console.print(f"file: {facts['source']}")
+    if facts["locked"]:
+        console.print("locked: " + ", ".join(f"{name} at {x:g}" for name, x in facts["locked"].items()))
+    table = Table()
+    longest = max(len(joint["name"]) for joint in facts["joints"])
+    table.add_column("joint", overflow="fold", min_width=min(longest, 24))
+    table.add_column("type")
+    for heading in (
+        *("position\nrad, m", "speed\nrad/s, m/s", "effort\nN m, N", "to hold\nN m, N"),
+        *("inertia\nkg m², kg", "damping\nN m s, N s/m", "ω_c by\nencoder"),
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for joint in facts["joints"]:
+        table.add_row(
+            joint["name"],
+            joint["type"],
+            f"{_number(joint['lower'])}..{_number(joint['upper'])}" if joint["type"] != "continuous" else "-",
+            _number(joint["velocity"]),
+            _number(joint["effort"]),
+            _number(joint["holding"]),
+            f"{_number(joint['inertia_least'])}..{_number(joint['inertia_most'])}",
+            _number(joint["damping"]),
+            _number(joint["omega_encoder"]),
+        )
+    from rich.measure import Measurement
+
+    console.width = max(console.width, Measurement.get(console, console.options, table).minimum)
+    console.print(table, soft_wrap=False)
+    control = facts["control"]
+    console.print(
+        f"over {facts['postures']} postures: D(q) has eigenvalues from {facts['least_eigenvalue']:.3g} and "
+        f"condition up to {facts['condition']:.3g}"
+    )
+    console.print(
+        f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
+        f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column"
+    )
+    load = facts["payload"]
+    less, more = load["delta_unknown"][0], load["delta_believed"][1]
+    console.print(
+        f"{load['mass']:g} kg at {load['frame']!r}: unknown, D(q) as believed is {less:.2g} to 1 of the true "
+        f"one; believed in and perhaps gone, 1 to {more:.3g}"
+    )
+    console.print(
+        f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
+        f"{load['largest_believed']:.3g} kg as --payload-range at the default bandwidth, "
+        f"{load['largest_held']:.3g} kg by effort"
+    )
+    if "cross_check" in facts and not facts["cross_check"]["differences"]:
+        check = facts["cross_check"]
+        console.print(
+            f"cross-check: yourdfpy sees the same axes, limits and poses of {check['links']} links at "
+            f"{check['postures']} postures, to {max(check['position'], check['rotation']):.1g}"
+        )
+    _show_findings(console, report.findings)
+
+
+def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
+    """Print the findings and how many there are."""
+    styles = {"stop": "red", "warn": "yellow", "note": ""}
+    for finding in findings:
+        console.print(f"{finding.level}: {finding}", style=styles[finding.level])
+    count = {level: sum(f.level == level for f in findings) for level in styles}
+    console.print(
+        f"{count['stop']} findings stop a run, {count['warn']} are probably wrong, {count['note']} are notes"
+    )
+
+
+def _number(value: float) -> str:
+    """Return a number in three digits; a dash where there is none."""
+    return f"{value:.3g}" if math.isfinite(value) else "-"

@@ -1,0 +1,216 @@
+"""Loads that a controller does not know: between which it works, and with which bandwidth.
+
+GPI multiplies its virtual acceleration by the inertia matrix D^ that it believes in. At a posture the error
+then splits into modes, each with its own eigenvalue delta of D^-1 D^ as a factor of the loop gain. Below
+0.36 a mode is unstable (zeta_c = 1), and above 1 its crossover grows like delta, until the sample time bites.
+So the controller believes in the heaviest load, delta >= 1, and is as slow as the lightest one asks for.
+
+A point mass m adds m B(q) to D, with B = J^T J of the point. So delta = 1 + m eig(D^-1 B): one eigenvalue,
+the mobility of the point [1/kg], says what every mass does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.control.gains import default_omega
+from armgpi.errors import ParameterError, PayloadError
+from armgpi.kinematics import postures
+from armgpi.robot import Robot
+
+#: Least delta that the law stands for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
+LEAST_DELTA = 0.36
+#: delta omega_c (1.5 dt + delay) at the lightest load; the loop stands 0.36 (delta = 1) to 0.40 (more).
+_PHASE = 0.3
+#: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
+_SLOWEST = 15.0
+#: Postures at which the mobility is looked at, of which the worst are looked around, so often.
+_POSTURES, _WORST, _ROUNDS = 512, 16, 8
+
+
+class PayloadRange(NamedTuple):
+    """A range of loads and the controller that serves it.
+
+    Attributes:
+        lightest: lightest load [kg].
+        heaviest: heaviest load [kg].
+        frame: frame that carries it.
+        com: its centre of mass in that frame [m], shape (3,).
+        believed: the robot to believe in, the one with the heaviest load.
+        delta: least and largest eigenvalue of D^-1 D^ over the range, at the postures looked at.
+        omega_c: bandwidth that serves the range [rad/s].
+    """
+
+    lightest: float
+    heaviest: float
+    frame: str
+    com: tuple[float, float, float]
+    believed: Robot
+    delta: tuple[float, float]
+    omega_c: float
+
+
+class LargestPayload(NamedTuple):
+    """The heaviest loads [kg] that an arm stands, by what limits them.
+
+    Attributes:
+        believed: of a range from no load on, for a controller with default gains that believes in the
+            heaviest (``GPI(robot, dt, payload=(0.0, believed))``).
+        unknown: for a controller that believes in none. Its modes have delta = 0.36 there, the edge of
+            stability.
+        effort: that the motors hold against gravity at every posture looked at; zero when they do not even
+            hold the arm.
+        mobility: largest eigenvalue of D^-1 B without load [1/kg], the inverse of the least mass that the
+            arm itself sets against an acceleration of the point.
+    """
+
+    believed: float
+    unknown: float
+    effort: float
+    mobility: float
+
+
+def payload_range(
+    robot: Robot,
+    lightest: float,
+    heaviest: float,
+    frame: str | None = None,
+    com: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    dt: float = 1e-3,
+    delay: float = 0.0,
+    slowest: float = _SLOWEST,
+) -> PayloadRange:
+    """Return what a GPI controller has to believe, and how fast it may be, for loads in a range.
+
+    The mobility is taken at 512 postures inside the joint limits and around the worst of them. The bandwidth
+    is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5 dt +
+    delay) is at most 0.3, where the loop stands 0.36 or more.
+
+    Args:
+        robot: the arm without load.
+        lightest: lightest load [kg], zero for none.
+        heaviest: heaviest load [kg].
+        frame: frame that carries it; the robot's tip when not given.
+        com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        slowest: least bandwidth that is of use [rad/s].
+
+    Raises:
+        PayloadError: when no bandwidth serves the range; it carries the ranges that would do.
+        NameNotFound: when there is no such frame.
+        ParameterError: when a mass is negative, the range is empty, or the frame does not move.
+    """
+    _check_robot(robot)
+    lightest = check_number(lightest, "lightest", "zero or positive [kg]")
+    heaviest = check_number(heaviest, "heaviest", f"at least the lightest load, {lightest:g} kg", lightest)
+    fastest = default_omega(dt, delay)
+    slowest = min(check_number(slowest, "slowest", "positive [rad/s]", open_=True), fastest)
+    frame = robot.tip if frame is None else frame
+    believed = robot.with_payload(frame, heaviest, com)
+    mobility = _mobility(robot.with_payload(frame, lightest, com), frame, com)
+    delta = 1.0 + (heaviest - lightest) * mobility
+    omega_c = _PHASE / (delta * _late(dt, delay))
+    if omega_c < slowest:
+        most = _PHASE / (slowest * _late(dt, delay))
+        # Loaded, the mobility is w = mobility / delta, and the arm less x has delta = 1 / (1 - x w).
+        heaviest_too = lightest + (most - 1.0) / mobility
+        lightest_too = heaviest - (1.0 - 1.0 / most) * delta / mobility
+        asked = (lightest, heaviest)
+        raise PayloadError(robot.name, frame, asked, delta, omega_c, slowest, heaviest_too, lightest_too)
+    point = as_float_array(com, "com").tolist()
+    return PayloadRange(
+        lightest, heaviest, frame, tuple(point), believed, (1.0, delta), min(omega_c, fastest)
+    )
+
+
+def largest_payload(
+    robot: Robot,
+    frame: str | None = None,
+    com: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    dt: float = 1e-3,
+    delay: float = 0.0,
+) -> LargestPayload:
+    """Return the heaviest loads that an arm stands, with default gains and by its motors.
+
+    Args:
+        robot: the arm without load.
+        frame: frame that carries the load; the robot's tip when not given.
+        com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+
+    Raises:
+        NameNotFound: when there is no such frame.
+        ParameterError: when the frame does not move.
+    """
+    _check_robot(robot)
+    frame = robot.tip if frame is None else frame
+    mobility = _mobility(robot, frame, com)
+    most = _PHASE / (default_omega(dt, delay) * _late(dt, delay))
+    return LargestPayload(
+        believed=_over(most - 1.0, mobility),
+        unknown=_over(1.0 / LEAST_DELTA - 1.0, mobility),
+        effort=_holdable(robot, frame, com),
+        mobility=mobility,
+    )
+
+
+def _check_robot(robot: Robot) -> None:
+    """Refuse anything but one robot."""
+    if not isinstance(robot, Robot):
+        raise ParameterError("robot", robot, "a single Robot")
+
+
+def _late(dt: float, delay: float) -> float:
+    """Return how late the torque acts [s]: hold, computation and transport."""
+    return 1.5 * dt + delay
+
+
+def _mobility(robot: Robot, frame: str, com: ArrayLike) -> float:
+    """Return the largest eigenvalue of D^-1 B [1/kg] found inside the joint limits."""
+    loaded = robot.with_payload(frame, 1.0, com)
+    q = postures(robot, _POSTURES, seed=0)
+    width = np.ptp(q, axis=0)
+    rng = np.random.default_rng(0)
+    value = _mobilities(robot, loaded, q)
+    for closer in range(_ROUNDS):
+        best = np.argsort(-value)[:_WORST]
+        q, value = q[best], value[best]
+        near = np.repeat(q, _WORST, axis=0)
+        near = near + 0.2 * 0.5**closer * width * rng.standard_normal(near.shape)
+        near = np.clip(near, *robot.limits[:2])
+        q = np.concatenate([q, near])
+        value = np.concatenate([value, _mobilities(robot, loaded, near)])
+    return float(value.max())
+
+
+def _mobilities(robot: Robot, loaded: Robot, q: Array) -> Array:
+    """Return the largest eigenvalue of D^-1 B at postures (k, n), for a robot and it one kilogram heavier."""
+    D = robot.mass_matrix(q)
+    lower = np.linalg.cholesky(D)
+    half = np.linalg.solve(lower, loaded.mass_matrix(q) - D)
+    whole = np.linalg.solve(lower, half.swapaxes(-1, -2))
+    return np.maximum(np.linalg.eigvalsh(whole)[:, -1], 0.0)
+
+
+def _holdable(robot: Robot, frame: str, com: ArrayLike) -> float:
+    """Return the heaviest load [kg] whose gravity the motors hold at random postures."""
+    q = postures(robot, _POSTURES, seed=0)
+    own = robot.gravity(q)
+    per_kilogram = robot.with_payload(frame, 1.0, com).gravity(q) - own
+    spare = robot.limits.effort - np.sign(per_kilogram) * own
+    bearing = np.abs(per_kilogram) > 1e-12
+    masses = np.where(bearing, spare / np.where(bearing, np.abs(per_kilogram), 1.0), math.inf)
+    return max(0.0, float(masses.min()))
+
+
+def _over(value: float, mobility: float) -> float:
+    """Return value / mobility, infinite for a point that no acceleration of the arm moves."""
+    return value / mobility if mobility > 0.0 else math.inf

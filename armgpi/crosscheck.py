@@ -1,0 +1,166 @@
+"""A second opinion on a URDF: yourdfpy reads it too, and both must see the same kinematics.
+
+Joint axes, limits and mimics are compared as read, and the pose of every link at random postures.
+yourdfpy parses by itself (lxml and NumPy, no urdfdom, no Pinocchio). It is no gate: it repairs broken XML
+and passes masses that no body has.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import urdf
+from armgpi.arrays import Array
+from armgpi.errors import ArmgpiError
+from armgpi.robot import Robot
+
+#: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
+_ROUNDING = 1e-9
+_POSTURES = 20
+
+
+class CrossCheck(NamedTuple):
+    """What the second reader sees otherwise.
+
+    Attributes:
+        links: number of links whose poses were compared.
+        postures: number of random postures.
+        position: largest distance between the two readers' link origins [m].
+        rotation: largest difference between elements of their rotation matrices.
+        differences: what differs, one line each; empty when the two agree.
+    """
+
+    links: int
+    postures: int
+    position: float
+    rotation: float
+    differences: tuple[str, ...]
+
+
+def cross_check(robot: Robot) -> CrossCheck:
+    """Read the URDF of a robot a second time, with yourdfpy, and compare.
+
+    Args:
+        robot: a robot loaded from a file, whose file has not changed since.
+
+    Raises:
+        ArmgpiError: when yourdfpy is not installed or cannot read the file, or the robot has no file.
+    """
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise ArmgpiError(f"the cross-check needs yourdfpy ({error}): pip install 'armgpi[check]'") from None
+    source = robot.provenance["source"]
+    text = urdf.read_file(Path(source))
+    document = urdf.parse(text, source)
+    if document.sha256 != robot.provenance["sha256"]:
+        raise ArmgpiError(f"{source}: has changed since the robot was loaded; load it again")
+    logger = logging.getLogger("yourdfpy")
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        other = yourdfpy.URDF.load(
+            io.BytesIO(text.encode()), load_meshes=False, build_collision_scene_graph=False
+        )
+    except Exception as error:  # whatever a parser of others raises
+        raise ArmgpiError(f"{source}: yourdfpy cannot read it: {type(error).__name__}: {error}") from None
+    finally:
+        logger.setLevel(before)
+    differences = [*_of_names(document, other)]
+    differences += [line for joint in document.joints.values() for line in _of_joint(joint, other)]
+    if differences:
+        return CrossCheck(0, 0, float("nan"), float("nan"), tuple(differences))
+    return _of_poses(document, robot, other)
+
+
+def _of_names(document: urdf.Urdf, other: Any) -> list[str]:
+    """Return the links and joints that only one of the two readers sees."""
+    lines = []
+    for kind, ours, theirs in (
+        ("link", document.links, other.link_map),
+        ("joint", document.joints, other.joint_map),
+    ):
+        lines += [f"{kind} {name!r} is seen by us alone" for name in ours if name not in theirs]
+        lines += [f"{kind} {name!r} is seen by yourdfpy alone" for name in theirs if name not in ours]
+    return lines
+
+
+def _of_joint(joint: urdf.Joint, other: Any) -> list[str]:
+    """Return what the readers see differently of one joint."""
+    theirs = other.joint_map.get(joint.name)
+    if theirs is None:
+        return []
+    pairs: list[tuple[str, Any, Any]] = [
+        ("type", joint.type, theirs.type),
+        ("parent", joint.parent, theirs.parent),
+        ("child", joint.child, theirs.child),
+    ]
+    if joint.moves:
+        axis = np.asarray(theirs.axis, dtype=np.float64)
+        axis = axis / np.linalg.norm(axis)
+        pairs.append(("axis", joint.direction.tolist(), axis.tolist()))
+        pairs.append(("mimic", joint.mimic, None if theirs.mimic is None else theirs.mimic.joint))
+        if theirs.limit is not None:
+            if joint.type != "continuous":
+                # No lower and upper means 0 and 0; yourdfpy says None.
+                pairs.append(("lower limit", joint.lower, theirs.limit.lower or 0.0))
+                pairs.append(("upper limit", joint.upper, theirs.limit.upper or 0.0))
+                # Ours is infinite where theirs is huge.
+                pairs = [p for p in pairs if not ("limit" in p[0] and math.isinf(p[1]))]
+            pairs.append(("effort limit", joint.effort, theirs.limit.effort))
+            pairs.append(("velocity limit", joint.velocity, theirs.limit.velocity))
+    return [
+        f"joint {joint.name!r}: {what} is {ours!r} to us and {seen!r} to yourdfpy"
+        for what, ours, seen in pairs
+        if not _same(ours, seen)
+    ]
+
+
+def _same(ours: Any, theirs: Any) -> bool:
+    """Tell whether two readings agree, numbers to rounding."""
+    if isinstance(ours, str) or ours is None or theirs is None:
+        return bool(ours == theirs)
+    return bool(np.allclose(ours, theirs, rtol=1e-12, atol=1e-12))
+
+
+def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
+    """Compare the poses of links at random postures."""
+    postures = robot.random_positions(_POSTURES, seed=2)
+    apart = _unhooked(document, robot)
+    names = [name for name in document.links if name not in apart]
+    ours = {name: robot.frame_pose(name, postures) for name in names}
+    position = rotation = 0.0
+    worst = names[0]
+    for row, q in enumerate(postures):
+        values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, q.tolist(), strict=True))}
+        other.update_cfg({name: values.get(name, 0.0) for name in other.actuated_joint_names})
+        for name in names:
+            pose: Array = np.asarray(other.get_transform(name, document.base))
+            far = float(np.linalg.norm(pose[:3, 3] - ours[name].translation[row]))
+            if far > position:
+                position, worst = far, name
+            rotation = max(rotation, float(np.abs(pose[:3, :3] - ours[name].rotation[row]).max()))
+    lines = []
+    if not (position <= _ROUNDING and rotation <= _ROUNDING):
+        lines.append(
+            f"the poses of links differ by up to {position:.3g} m (link {worst!r}), their rotation matrices "
+            f"by {rotation:.3g}"
+        )
+    return CrossCheck(len(names), len(postures), position, rotation, tuple(lines))
+
+
+def _unhooked(document: urdf.Urdf, robot: Robot) -> set[str]:
+    """Return the links behind joints that are locked here and follow a moving joint there."""
+    locked = robot.provenance["locked"]
+    still = [
+        name
+        for name, joint in document.joints.items()
+        if not (joint.mimic is not None and name in locked and joint.mimic not in locked)
+    ]
+    return set(document.moved_links(still))

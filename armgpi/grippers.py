@@ -1,0 +1,166 @@
+"""Grippers and hands, recognised by what they are: what moves at the end of an arm and is no part of it.
+
+A controller for the arm wants their joints locked. They are proposed, never locked unasked: what looks
+like a finger may be meant to move.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
+
+from armgpi.urdf import Joint, Urdf
+
+#: An arm has at least so many joints before its gripper.
+_ARM = 2
+#: A finger has at most so many joints one after the other, and fewer than the arm before it.
+_FINGER = 8
+#: A single sliding joint is a finger behind so many joints, with at most so much travel [m].
+_SLIDE_BEHIND, _SLIDE_TRAVEL = 4, 0.1
+_NAMES = re.compile(r"grip|finger|jaw|claw|thumb|knuckle|pincer|hand(?!le)|pinch", re.IGNORECASE)
+#: What names a joint of the arm itself, also where it carries a gripper.
+_ARM_NAMES = re.compile(r"yaw|pitch|roll|wrist|shoulder|elbow|arm", re.IGNORECASE)
+_TIPS = re.compile(r"tcp|tool|(^|_)eef?(_|$)|end.?effector|grasp|pinch", re.IGNORECASE)
+
+
+class Gripper(NamedTuple):
+    """Joints at the end of an arm that look like a gripper or hand.
+
+    Attributes:
+        joints: their names, in the order of the file.
+        after: name of the arm's last joint before them.
+        reason: what they look like one by.
+    """
+
+    joints: tuple[str, ...]
+    after: str
+    reason: str
+
+
+class _Node:
+    """A moving joint among moving joints."""
+
+    def __init__(self, joint: Joint, parent: _Node | None) -> None:
+        self.joint, self.parent = joint, parent
+        self.children: list[_Node] = []
+        #: Leaves of the tree of links that hang on its child by fixed joints.
+        self.tips: list[str] = []
+        self.before: int = 0 if parent is None else parent.before + 1
+
+    def below(self) -> Iterator[_Node]:
+        """Give the node and all under it."""
+        front = [self]
+        while front:
+            node = front.pop()
+            yield node
+            front.extend(node.children)
+
+    def height(self) -> int:
+        """Return how many joints there are one after the other, itself included."""
+        return max(node.before for node in self.below()) - self.before + 1
+
+
+def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
+    """Return the grippers among the joints of `urdf` that are not `locked`, in the order of the file.
+
+    Args:
+        urdf: the robot.
+        locked: names of joints that do not move.
+    """
+    nodes = _tree(urdf, locked)
+    reasons: dict[str, tuple[str, str]] = {}  # joint -> (joint before the gripper, why)
+
+    def mark(top: _Node, reason: str) -> None:
+        if top.parent is not None:
+            for node in top.below():
+                reasons.setdefault(node.joint.name, (top.parent.joint.name, reason))
+
+    for node in nodes.values():
+        if node.before + 1 >= _ARM and len(node.children) > 1:
+            heights = [child.height() for child in node.children]
+            if max(heights) <= min(_FINGER, node.before):
+                for child in node.children:
+                    mark(child, f"{len(heights)} fingers branch off there")
+    for tops in _mimic_groups(nodes):
+        for top in tops:
+            mark(top, "they move together as mimic joints")
+    for node in nodes.values():
+        reason = _single(node)
+        if reason is not None:
+            mark(node, reason)
+    grippers: dict[str, tuple[list[str], str]] = {}
+    for name in urdf.joints:
+        if name in reasons:
+            after, reason = reasons[name]
+            grippers.setdefault(after, ([], reason))[0].append(name)
+    return tuple(Gripper(tuple(joints), after, why) for after, (joints, why) in grippers.items())
+
+
+def _tree(urdf: Urdf, locked: Collection[str]) -> dict[str, _Node]:
+    """Return a node for every moving joint, parents first."""
+    carried: dict[str, list[Joint]] = {}
+    for joint in urdf.joints.values():
+        carried.setdefault(joint.parent, []).append(joint)
+    nodes: dict[str, _Node] = {}
+    front: list[tuple[str, _Node | None]] = [(urdf.base, None)]
+    while front:
+        link, node = front.pop()
+        for joint in carried.get(link, ()):
+            under = node
+            if joint.moves and joint.name not in locked:
+                under = nodes[joint.name] = _Node(joint, node)
+                if node is not None:
+                    node.children.append(under)
+            elif node is not None and joint.child not in carried:
+                node.tips.append(joint.child)
+            front.append((joint.child, under))
+    return nodes
+
+
+def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
+    """Give the uppermost joints of every group of mimics that ends an arm in more than one branch."""
+    groups: dict[str, list[_Node]] = {}
+    for node in nodes.values():
+        if node.joint.mimic is not None:
+            groups.setdefault(node.joint.mimic, []).append(node)
+    for leader, members in groups.items():
+        group = [*([nodes[leader]] if leader in nodes else []), *members]
+        names = {node.joint.name for node in group}
+        tops = [node for node in group if not any(up in names for up in _above(node))]
+        mimics = all(
+            under.joint.name in names or under.joint.mimic is not None
+            for top in tops
+            for under in top.below()
+        )
+        # One after the other they may as well be an arm whose joints are coupled.
+        behind = min(node.before for node in tops) >= _ARM
+        if mimics and behind and (len(tops) > 1 or leader not in nodes):
+            yield tops
+
+
+def _above(node: _Node) -> Iterator[str]:
+    """Give the names of the joints before a joint."""
+    up = node.parent
+    while up is not None:
+        yield up.joint.name
+        up = up.parent
+
+
+def _single(node: _Node) -> str | None:
+    """Return why a joint alone, with what hangs on it, is a gripper; None when it is none."""
+    if node.before < _ARM or node.height() > _FINGER or (node.parent and len(node.parent.children) > 1):
+        return None
+    joint = node.joint
+    ends = len(node.children) == 0
+    named = _NAMES.search(f"{joint.name} {joint.child}") and not _ARM_NAMES.search(joint.name)
+    # Where the joints before it have such names too, the whole robot is a finger.
+    if named and not any(map(_NAMES.search, _above(node))):
+        return "they are named like one" if node.children else "it is named like one"
+    travel = joint.upper - joint.lower
+    if ends and joint.type == "prismatic" and node.before >= _SLIDE_BEHIND and travel <= _SLIDE_TRAVEL:
+        return f"it slides by {travel:g} m at the end"
+    turns = ends and joint.type == "revolute" and travel < 3.2
+    if turns and node.parent is not None and any(map(_TIPS.search, node.parent.tips)):
+        return "it closes beside the frame of a tool"
+    return None

@@ -1,0 +1,176 @@
+"""From a file to its XML: what can hang, fill the memory or is no URDF at all is told apart here.
+
+The tree holds elements and attributes alone. A URDF has nothing of use in its text, and what is not kept
+cannot be large.
+"""
+
+from __future__ import annotations
+
+import re
+import stat
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from armgpi.errors import UrdfError
+
+MAX_BYTES = 32 * 1024 * 1024
+MAX_DEPTH = 100
+#: The largest URDF of example-robot-data has some 5,000.
+MAX_ELEMENTS = 200_000
+MAX_ATTRIBUTES = 1_000
+#: Characters of one element's tag with its attributes: the parser holds it as a whole.
+MAX_TAG = 1_000_000
+#: How much of a file is looked at to tell what it is.
+_HEAD = 4096
+
+#: First bytes -> what such a file is, and the way on.
+_BINARY = (
+    (b"\x1f\x8b", "compressed by gzip: unpack it first (gunzip)"),
+    (b"PK\x03\x04", "a zip archive: unpack it and give the URDF in it"),
+    (b"BZh", "compressed by bzip2: unpack it first (bunzip2)"),
+    (b"\xfd7zXZ", "compressed by xz: unpack it first (unxz)"),
+    (b"\x28\xb5\x2f\xfd", "compressed by zstd: unpack it first (unzstd)"),
+    (b"\xff\xfe", "UTF-16: save it as UTF-8 (iconv -f UTF-16 -t UTF-8)"),
+    (b"\xfe\xff", "UTF-16: save it as UTF-8 (iconv -f UTF-16 -t UTF-8)"),
+    (b"\x89PNG", "a picture (PNG): give the URDF"),
+    (b"%PDF", "a PDF: give the URDF"),
+    (b"\x7fELF", "a program: give the URDF"),
+    (b"glTF", "a mesh (glTF): give the URDF that shows it"),
+)
+_HTML = "a web page (HTML): download the file itself, by the 'raw' link"
+#: How a text begins that is no XML -> what it is.
+_TEXTS = (
+    (r"<!doctype\s+html|<html", _HTML),
+    (r"version https://git-lfs", "a pointer of Git LFS: fetch the file itself with `git lfs pull`"),
+    (r"solid\s", "a mesh (STL): give the URDF that shows it"),
+    (r"ply\s", "a mesh (PLY): give the URDF that shows it"),
+    (r"#!|import |from \w+ import ", "a program: run it if it writes a URDF, and give that"),
+    (r"[{\[]", "JSON: give a URDF"),
+    (r"%YAML|---\s|robot:|[\w]+:\s", "YAML: an experiment file goes with --config; give a URDF as robot"),
+)
+#: Root element -> what such a file is and the way on.
+_ROOTS = {
+    "mujoco": "a MuJoCo model (MJCF): give the URDF of the robot; MJCF is not read",
+    "mujocoinclude": "a part of a MuJoCo model (MJCF): give the URDF of the robot; MJCF is not read",
+    "sdf": "an SDF model (Gazebo): give the URDF that it was made from; SDF is not read",
+    "gazebo": "a model of Gazebo (SDF): give the URDF that it was made from; SDF is not read",
+    "html": _HTML,
+    "COLLADA": "a mesh (COLLADA): give the URDF that shows it",
+    "svg": "a picture (SVG): give the URDF",
+    "launch": "a ROS launch file: give the URDF that it loads",
+    "package": "the manifest of a ROS package: give the URDF in that package",
+    "Robot": "no URDF but something else (OpenRAVE, perhaps): give a URDF",
+    "Environment": "an OpenRAVE environment: give a URDF",
+}
+_XACRO = "unexpanded xacro: expand it first (xacro FILE > robot.urdf) and give the result"
+
+
+def read_file(path: Path) -> str:
+    """Return the text of a URDF file.
+
+    Raises:
+        UrdfError: when it is no regular file, too large, unreadable or not UTF-8.
+    """
+    try:
+        # A FIFO would hang and a device would fill the memory: look before opening.
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
+            raise UrdfError(path, f"expected a URDF file, this is {kind}")
+        if status.st_size > MAX_BYTES:
+            raise UrdfError(path, f"has {status.st_size} bytes, more than the {MAX_BYTES} allowed")
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)  # also where the size is a lie, as in /proc
+    except OSError as error:
+        raise UrdfError(path, f"cannot be read: {error.strerror or error}") from None
+    if len(content) > MAX_BYTES:
+        raise UrdfError(path, f"has more than the {MAX_BYTES} bytes allowed")
+    for magic, kind in _BINARY:
+        if content.startswith(magic):
+            raise UrdfError(path, f"is not UTF-8 text but {kind}")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UrdfError(
+            path,
+            f"is not UTF-8 text (byte 0x{content[error.start]:02x} at {error.start}); save it as UTF-8 "
+            "(iconv -f LATIN1 -t UTF-8), if it is a URDF at all",
+        ) from None
+    if "\0" in text:
+        raise UrdfError(path, "is a binary file, no URDF")
+    return text
+
+
+def parse_xml(text: str, source: str) -> Element:
+    """Return the elements and attributes of a URDF's XML, below its root <robot>.
+
+    Raises:
+        UrdfError: when it is no well-formed XML, too large or too deep, or something else than a URDF.
+    """
+    stripped = text.lstrip("\ufeff").strip()
+    if not stripped:
+        raise UrdfError(source, "is empty")
+    kind = _kind_of_text(stripped)
+    if kind == _HTML:  # mostly no XML either
+        raise UrdfError(source, f"is {kind}")
+    if re.search(rf"<(?=[A-Za-z_:])[^<>]{{{MAX_TAG}}}", stripped):
+        raise UrdfError(source, f"has an element whose tag is longer than {MAX_TAG} characters")
+    try:
+        root = _elements(stripped, source)
+    except (expat.ExpatError, UnicodeEncodeError) as error:
+        raise UrdfError(source, f"is {kind or f'not well-formed XML: {error}'}") from None
+    if root.tag != "robot":
+        other = _ROOTS.get(root.tag, "no URDF")
+        raise UrdfError(source, f"is {other}: expected the root element <robot>, got <{root.tag[:80]}>")
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        raise UrdfError(source, f"is {_XACRO}")
+    return root
+
+
+def xacro_hint(text: str) -> str:
+    """Return what to add to a message about a value that only xacro can have left there."""
+    return f"; this is {_XACRO}" if re.search(r"\$[({]", text) else ""
+
+
+def _elements(text: str, source: str) -> Element:
+    """Return the tree of elements, refusing what no URDF has while it is read.
+
+    Without namespaces, as urdfdom reads: old files have prefixes that they do not declare.
+    """
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+    depth = count = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > MAX_DEPTH:
+            raise UrdfError(source, f"has XML elements nested more than {MAX_DEPTH} deep, which no URDF has")
+        if count > MAX_ELEMENTS:
+            raise UrdfError(source, f"has more than {MAX_ELEMENTS} XML elements")
+        if len(attributes) > MAX_ATTRIBUTES:
+            raise UrdfError(source, f"has an element with more than {MAX_ATTRIBUTES} attributes")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def doctype(name: str, *_: object) -> None:
+        if name.lower() == "html":
+            raise UrdfError(source, f"is {_HTML}")
+        raise UrdfError(source, "has a document type declaration (DTD), which no URDF needs: remove it")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartDoctypeDeclHandler = doctype
+    parser.Parse(text, True)
+    root: Element = builder.close()
+    return root
+
+
+def _kind_of_text(text: str) -> str | None:
+    """Return what a text is that does not begin as a URDF does; None when nothing is known of it."""
+    head = re.sub(r"\A(<\?.*?\?>|<!--.*?-->|\s)+", "", text[:_HEAD], flags=re.DOTALL)
+    return next((kind for pattern, kind in _TEXTS if re.match(pattern, head, re.IGNORECASE)), None)

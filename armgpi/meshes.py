@@ -1,0 +1,261 @@
+"""Where a URDF's meshes are: found as ROS finds them, read only inside the robot's own package folders.
+
+Dynamics never need a mesh; a viewer does, and the health report says which ones are missing. A URDF may
+come from anywhere and can name any file of this machine, and so can the textures of a mesh. So whatever a
+name leads to must lie, links resolved, in a folder of the robot: the package that its URDF is in, a
+package that a ``package://`` name finds, or a folder that the user gave.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterable, Iterator
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote
+from xml.parsers import expat
+
+from armgpi.errors import ArmgpiError
+
+MAX_MESH_BYTES = 256 * 1024 * 1024
+MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf", ".mesh", ".stlb"})
+PICTURES = frozenset(
+    {
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".tga",
+        ".bmp",
+        ".gif",
+        ".tif",
+        ".tiff",
+        ".dds",
+        ".webp",
+        ".psd",
+        ".exr",
+        ".hdr",
+    }
+)
+#: How far up from the URDF its package is looked for.
+_PARENTS = 8
+#: Folders of a package in which URDFs are kept: what is beside them belongs to the robot, too.
+_URDF_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "models", "model")
+
+
+class Found(NamedTuple):
+    """What a mesh's or texture's name leads to.
+
+    Attributes:
+        name: the name as written.
+        path: the file, links resolved; None when there is none that may be read.
+        tried: every path that was tried, in order.
+        reason: why there is no file; empty when there is one.
+    """
+
+    name: str
+    path: Path | None
+    tried: tuple[Path, ...] = ()
+    reason: str = ""
+
+
+class MeshFinder:
+    """Finds the files that a URDF names.
+
+    Names are looked for in this order: in the folders the user gave, from the URDF's folder up through
+    its parents, in the folders of ROS_PACKAGE_PATH.
+
+    Attributes:
+        folder: the URDF's own folder, None when it came as text.
+        package_dirs: folders given by the user; each a package, or a folder of packages.
+        roots: folders inside which anything may be read.
+    """
+
+    def __init__(
+        self, urdf: str | PathLike[str] | None, package_dirs: Iterable[str | PathLike[str]] = ()
+    ) -> None:
+        """Find meshes for the URDF file `urdf` (None for a text), and in `package_dirs`."""
+        self.folder = None if urdf is None else _real(Path(urdf)).parent
+        self.package_dirs = tuple(_real(Path(folder)) for folder in package_dirs)
+        own = () if self.folder is None else (_package_of(self.folder),)
+        self.roots = (*self.package_dirs, *own)
+
+    def find(self, name: str) -> Found:
+        """Return the file that a mesh's name in the URDF leads to."""
+        if "\0" in name or not name.strip():
+            return Found(name, None, reason="it is no file name")
+        # ROS forgives package:/x and file:/x; a lone letter is a drive of Windows.
+        match = re.match(r"([A-Za-z][\w+.-]+):/(/?)(.*)", name, re.DOTALL)
+        if match is None:
+            return self._first(name, self._plain(name), MESHES)
+        scheme, double, rest = match[1].lower(), match[2], match[3]
+        if scheme in ("package", "model"):
+            return self._in_package(name, rest)
+        if scheme == "file":
+            host, _, path = rest.partition("/") if double else ("", "", rest)
+            if host not in ("", "localhost"):
+                return Found(name, None, reason=f"it is on another machine ({host})")
+            return self._first(name, ((Path("/", unquote(path)), self.roots),), MESHES)
+        return Found(name, None, reason=f"{scheme}:// is not fetched; save the file beside the URDF")
+
+    def textures(self, mesh: Found) -> tuple[Found, ...]:
+        """Return the files that a mesh in COLLADA names as pictures, confined as meshes are.
+
+        Raises:
+            ArmgpiError: when the mesh is no well-formed XML, has a DTD or is too large.
+        """
+        if mesh.path is None or mesh.path.suffix.lower() != ".dae":
+            return ()
+        # A picture may lie anywhere in the package of the mesh, which another robot's URDF may have named.
+        roots = (*self.roots, _package_of(mesh.path.parent))
+        found = []
+        for name in dict.fromkeys(_picture_names(mesh.path)):
+            if re.match(r"[A-Za-z][\w+.-]+:", name) and not name.lower().startswith("file:"):
+                found.append(Found(name, None, reason="only files are read"))
+                continue
+            path = Path(unquote(re.sub(r"^file:(//(localhost)?(?=/))?", "", name, flags=re.IGNORECASE)))
+            found.append(self._first(name, ((mesh.path.parent / path, roots),), PICTURES))
+        return tuple(found)
+
+    def _plain(self, name: str) -> Iterator[tuple[Path, tuple[Path, ...]]]:
+        """Give the places of a name that is a path, absolute or relative."""
+        path = Path(name.replace("\\", "/"))
+        if path.is_absolute():
+            yield path, self.roots
+            return
+        folders = [] if self.folder is None else [self.folder]
+        for folder in dict.fromkeys((*folders, *self.roots)):
+            yield folder / path, self.roots
+
+    def _in_package(self, name: str, rest: str) -> Found:
+        """Find a file of a package, ``package://PACKAGE/PATH``."""
+        # Some files have three slashes.
+        package, _, path = unquote(rest).lstrip("/").partition("/")
+        if not package or not path or package in (".", ".."):
+            return Found(name, None, reason="expected package://PACKAGE/PATH")
+        places = [(root / path, (*self.roots, root)) for root in self._packages(package)]
+        found = self._first(name, places, MESHES)
+        if found.path is None and not places:
+            return found._replace(
+                reason=f"there is no package {package!r} here; give its folder (--package-dir)"
+            )
+        return found
+
+    def _packages(self, package: str) -> Iterator[Path]:
+        """Give the folders that may be a package, the likeliest first.
+
+        The URDF chooses the name, so a folder above it counts only with a package.xml, or when it is so
+        close that it is the robot's by the usual layout: not ``package://user/.ssh/key``.
+        """
+        above = [] if self.folder is None else [self.folder, *list(self.folder.parents)[:_PARENTS]]
+        ros = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
+        home = _real(Path.home()) if os.path.isdir(os.path.expanduser("~")) else Path("/")
+        near = {folder for folder in above[:3] if not home.is_relative_to(folder)}
+        given = {*self.package_dirs, *ros}
+        seen = set()
+        for folder in dict.fromkeys((*self.package_dirs, *above, *ros)):
+            for candidate in (folder / package, folder):
+                if candidate in seen or not os.path.isdir(candidate):
+                    continue
+                seen.add(candidate)
+                manifest = _manifest_name(candidate)
+                trusted = (
+                    folder in given or candidate in near or any(map(candidate.is_relative_to, self.roots))
+                )
+                if manifest == package or (candidate.name == package and (manifest or trusted)):
+                    yield _real(candidate)
+
+    def _first(
+        self, name: str, places: Iterable[tuple[Path, tuple[Path, ...]]], suffixes: frozenset[str]
+    ) -> Found:
+        """Return the first place that is a file of the right kind and inside its roots."""
+        tried: list[Path] = []
+        reason = ""
+        for path, roots in places:
+            tried.append(path)
+            real = _real(path)
+            try:
+                status = os.stat(real)
+            except (OSError, ValueError):
+                continue
+            if not any(real.is_relative_to(root) for root in roots):
+                reason = reason or f"{real} is outside the robot's folders; allow it with --package-dir"
+            elif real.suffix.lower() not in suffixes:
+                reason = reason or f"{real} is none of {', '.join(sorted(suffixes))}"
+            elif not stat.S_ISREG(status.st_mode):
+                reason = reason or f"{real} is no regular file"
+            elif status.st_size > MAX_MESH_BYTES:
+                reason = (
+                    reason or f"{real} has {status.st_size} bytes, more than the {MAX_MESH_BYTES} allowed"
+                )
+            else:
+                return Found(name, real, tuple(tried))
+        return Found(name, None, tuple(tried), reason or "there is no such file")
+
+
+def _package_of(folder: Path) -> Path:
+    """Return the package that a folder is in: the nearest with a package.xml, else by the usual layout."""
+    for parent in (folder, *list(folder.parents)[:_PARENTS]):
+        if (parent / "package.xml").is_file():
+            return parent
+    return folder.parent if folder.name.lower() in _URDF_FOLDERS else folder
+
+
+def _manifest_name(folder: Path) -> str | None:
+    """Return the name in a folder's package.xml; None when it has none."""
+    try:
+        manifest = folder / "package.xml"
+        if not manifest.is_file() or manifest.stat().st_size > 1_000_000:
+            return None
+        text = manifest.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    match = re.search(r"<name>\s*([^<\s]+)\s*</name>", text)
+    return None if match is None else match[1]
+
+
+def _picture_names(path: Path) -> list[str]:
+    """Return what the <init_from> of a COLLADA file's images say."""
+    names: list[str] = []
+    text: list[str] | None = None
+    parser = expat.ParserCreate()
+
+    def start(tag: str, _: dict[str, str]) -> None:
+        nonlocal text
+        if tag.rpartition(":")[2] in ("init_from", "ref"):
+            text = []
+
+    def end(tag: str) -> None:
+        nonlocal text
+        if text is not None and tag.rpartition(":")[2] in ("init_from", "ref"):
+            names.append("".join(text).strip())
+            text = None
+
+    def characters(data: str) -> None:
+        if text is not None:
+            text.append(data)
+
+    def doctype(*_: object) -> None:
+        raise ArmgpiError(f"{path}: has a document type declaration (DTD); remove it")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = characters, doctype
+    try:
+        with path.open("rb") as file:
+            parser.ParseFile(file)
+    except expat.ExpatError as error:
+        raise ArmgpiError(f"{path}: is not well-formed XML: {error}") from None
+    except OSError as error:
+        raise ArmgpiError(f"{path}: cannot be read: {error.strerror or error}") from None
+    # In <surface>, <init_from> names an image of the file itself; a picture's file has a dot or a slash.
+    return [name for name in names if "." in name or "/" in name or "\\" in name]
+
+
+def _real(path: Path) -> Path:
+    """Return a path with its links resolved, whether it is there or not."""
+    try:
+        return Path(os.path.realpath(path))
+    except (OSError, ValueError):
+        return path

@@ -1,0 +1,69 @@
+"""Encoders that know the angle within a turn only, and the counting of turns after them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+from armgpi.control.controller import FullState
+from armgpi.plants.plant import Plant, Wrapper
+
+_TURN = 2.0 * math.pi
+
+
+class SingleTurn(Wrapper):
+    """Positions of continuous joints as an encoder without a turn counter gives them, in [-pi, pi).
+
+    A controller that is given these sees the arm jump by a turn; put :class:`Unwrapped` around it.
+    """
+
+    def measure(self, state: Any) -> FullState:
+        """Return the measurement with continuous joints inside one turn."""
+        q, v = self.plant.measure(state)
+        wrapped = (q + math.pi) % _TURN - math.pi
+        return FullState(np.where(_continuous(self.plant), wrapped, q), v)
+
+
+class _Counted(NamedTuple):
+    plant: Any
+    q: Array
+
+
+class Unwrapped(Wrapper):
+    """Positions of continuous joints with their turns counted.
+
+    Between two samples a joint is taken to have moved less than half a turn. At time 0 it is taken to be
+    within half a turn of where it is, so that a run starts where it was told to.
+    """
+
+    def init(self, q: Array, v: Array) -> _Counted:
+        """Return the state; the turns at the start are known."""
+        state = self.plant.init(q, v)
+        return _Counted(state, self._near(self.plant.measure(state).q, q))
+
+    def step(self, tau: Array, state: _Counted, dt: float) -> _Counted:
+        """Return the next state with the position nearest to the last one."""
+        plant = self.plant.step(tau, state.plant, dt)
+        return _Counted(plant, self._near(self.plant.measure(plant).q, state.q))
+
+    def measure(self, state: _Counted) -> FullState:
+        """Return the measurement with its turns."""
+        return FullState(state.q, self.plant.measure(state.plant).v)
+
+    def truth(self, state: _Counted) -> Any:
+        """Return the true state."""
+        return self.plant.truth(state.plant)
+
+    def _near(self, measured: Array, last: Array) -> Array:
+        """Return measured positions, continuous joints moved by whole turns to be nearest to `last`."""
+        turns = np.round((last - measured) / _TURN)
+        return np.where(_continuous(self.plant), measured + _TURN * turns, measured)
+
+
+def _continuous(plant: Plant) -> npt.NDArray[np.bool_]:
+    """Return which joints turn without end, shape (n,)."""
+    return np.array([kind == "continuous" for kind in plant.robot.joint_types])

@@ -1,0 +1,188 @@
+"""How the joints of any arm go along a path: integrated from node to node, exactly on the path between."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import LimitError, ParameterError, ReachError
+from armgpi.kinematics import TrackingInverse
+from armgpi.references.paths import Path
+from armgpi.references.reference import Target
+
+#: Time from node to node [s].
+_STEP = 0.01
+#: Step of the central difference that gives the nodes' accelerations [s].
+_DIFFERENCE = 1e-4
+#: What the frame may miss the path by [m, rad].
+_MISS = 1e-10
+#: Correction of a step or of the interpolation beyond which they are astray [rad or m].
+_ASTRAY = 1e-3
+#: Parts of a step that goes astray as a whole, next to a singular posture.
+_PARTS = 16
+#: Longest step of a scout [rad or m].
+_LONGEST = 0.5
+#: How many postures to begin in are tried, for how many steps of so long [s], to stay so near [m, rad].
+_SCOUTS, _SCOUT_STEPS, _SCOUT_STEP, _SCOUT_MISS = 16, 200, 0.05, 1e-5
+
+
+class Track:
+    """Joint positions along a path, with two continuous derivatives, whatever was asked for before.
+
+    Nodes on a fixed grid of times follow the flow v = J^+ x' + N rate (home - q) by Runge-Kutta steps, and
+    each is put on the path. Between two nodes a polynomial of degree five joins their positions, velocities
+    and accelerations. It is put on the path as well, which moves it by its interpolation error alone.
+    """
+
+    def __init__(self, inverse: TrackingInverse, path: Path) -> None:
+        """Begin at time 0.
+
+        Raises:
+            ReachError: when the path begins out of reach.
+        """
+        self.inverse = inverse
+        self._path = path
+        self._home = self._scouted(inverse.candidates(path.at(np.zeros(1)).x[0]))
+        self._nodes = self._with_rates(0, self._home[None])
+
+    def _scouted(self, q: Array) -> Array:
+        """Return the posture, of several to begin in, that can follow the path the longest, with most room.
+
+        All of them go ahead together, with large steps. On ends where one leaves the limits or the path.
+        """
+        home, inverse = q[:_SCOUTS], self.inverse
+        q, room = home, inverse.room(home)
+        rows, score = np.arange(len(q)), np.zeros(len(q))
+        for step in range(1, _SCOUT_STEPS if len(q) > 1 else 0):
+            t = np.full(len(rows), _SCOUT_STEP * step)
+            ahead = q + _SCOUT_STEP * inverse.flow(q, self._path.at(t - _SCOUT_STEP).v, home[rows])
+            ahead = inverse.corrected(ahead, self._path.at(t).x, steps=2)
+            room = np.minimum(room, inverse.room(ahead))
+            going = (np.abs(ahead - q).max(axis=-1) < _LONGEST) & (room > 0.0)
+            going &= inverse.missed(ahead, self._path.at(t).x) < _SCOUT_MISS
+            rows, q, room = rows[going], ahead[going], room[going]
+            if not len(rows):
+                break
+            score[rows] = step + room / (1.0 + room)
+        return np.asarray(home[np.argmax(score)])
+
+    def at(self, times: Array) -> Target:
+        """Return the target at times (k,) [s], arrays of shape (k, n).
+
+        Raises:
+            ParameterError: for a time before 0.
+            ReachError: with the time and the point where the path cannot be followed farther.
+            LimitError: with the time and the joint that would leave its limits.
+        """
+        if (times < -_STEP).any():
+            raise ParameterError("t", float(times.min()), "zero or later [s]: the path begins there")
+        before = np.maximum(np.ceil(times / _STEP).astype(int) - 1, 0)
+        self._grow(int(before.max(initial=0)) + 2)
+        wish = self._between(times / _STEP - before, before)
+        point = self._path.at(times)
+        q = self.inverse.corrected(wish.q, point.x, steps=2)
+        astray = ~(np.abs(q - wish.q).max(axis=-1, initial=0.0) < _ASTRAY)
+        if astray.any():
+            row = int(np.argmax(astray))
+            self._give_up(float(times[row]), point.x[row])
+        self._check_limits(times, q)
+        v = self.inverse.resolve(q, point.v, wish.v)
+        drift = self.inverse.robot.frame_drift(self.inverse.frame, q, v)
+        a = self.inverse.resolve(q, point.a - drift[:, :3], wish.a, -drift[:, 3:])
+        return Target(q, v, a)
+
+    def _grow(self, count: int) -> None:
+        """Have at least so many nodes."""
+        first = len(self._nodes.q)
+        if count <= first:
+            return
+        q = [self._nodes.q[-1:]]
+        for node in range(first, count):
+            q.append(self._next(q[-1], _STEP * (node - 1)))
+        new = self._with_rates(first, np.concatenate(q[1:]))
+        self._nodes = Target(*(np.concatenate(both) for both in zip(self._nodes, new, strict=True)))
+
+    def _with_rates(self, first: int, q: Array) -> Target:
+        """Return nodes, of which the first has this number, with velocities and accelerations."""
+        t = np.arange(first, first + len(q), dtype=np.float64) * _STEP
+        self._check_limits(t, q)
+        v, d = self._flow(t, q), _DIFFERENCE
+        a = (self._flow(t + d, q + d * v) - self._flow(t - d, q - d * v)) / (2.0 * d)
+        return Target(q, v, a)
+
+    def _flow(self, t: Array, q: Array) -> Array:
+        """Return the velocities at times (k,) and postures (k, n)."""
+        return self.inverse.flow(q, self._path.at(t).v, self._home)
+
+    def _next(self, q: Array, t: float) -> Array:
+        """Return the node that follows the one at `t`, shape (1, n)."""
+        for parts in (1, _PARTS):
+            node, h = q, _STEP / parts
+            for part in range(parts):
+                guess = self._stepped(node, t + part * h, h)
+                point = self._path.at(np.array([t + (part + 1) * h])).x
+                node = self.inverse.corrected(guess, point, steps=3)
+                sound = np.abs(node - guess).max() < _ASTRAY
+                if not sound or self.inverse.missed(node, point)[0] > _MISS:
+                    break
+            else:
+                return node
+        self._give_up(t + (part + 1) * h, point[0])
+
+    def _stepped(self, q: Array, t: float, h: float) -> Array:
+        """Return a Runge-Kutta step of the flow from `t` on, as long as `h`."""
+        now = np.array([t])
+        k1 = self._flow(now, q)
+        k2 = self._flow(now + 0.5 * h, q + 0.5 * h * k1)
+        k3 = self._flow(now + 0.5 * h, q + 0.5 * h * k2)
+        k4 = self._flow(now + h, q + h * k3)
+        return q + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+    def _between(self, share: Array, before: Array) -> Target:
+        """Return the polynomials at shares (k,) of the way from nodes `before` (k,) to the next."""
+        h, s = _STEP, share[:, None]
+        q0, v0, a0 = (x[before] for x in self._nodes)
+        q1, v1, a1 = (x[before + 1] for x in self._nodes)
+        # q0 + h s (v0 + h s (a0 / 2 + s (c3 + s (c4 + s c5)))), with c from q1, v1 and a1.
+        dq = (q1 - q0) / h**2 - v0 / h - 0.5 * a0
+        dv = (v1 - v0) / h - a0
+        da = a1 - a0
+        c3 = 10.0 * dq - 4.0 * dv + 0.5 * da
+        c4 = -15.0 * dq + 7.0 * dv - da
+        c5 = 6.0 * dq - 3.0 * dv + 0.5 * da
+        q = q0 + h * s * (v0 + h * s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
+        v = v0 + h * s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+        a = a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+        return Target(q, v, a)
+
+    def _check_limits(self, times: Array, q: Array) -> None:
+        """Refuse postures outside the joint limits, naming the first time."""
+        lower, upper = self.inverse.robot.limits[:2]
+        slack = 1e-9 * np.maximum(1.0, np.abs(q))
+        outside = np.argwhere((q < lower - slack) | (q > upper + slack))
+        if len(outside):
+            row, joint = outside[0]
+            raise LimitError(
+                f"on the path at t = {times[row]:.4g} s the position",
+                self.inverse.robot.joint_names[joint],
+                q[row, joint],
+                lower[joint],
+                upper[joint],
+                "begin in another posture (near=...), or hold less of the tool",
+            )
+
+    def _give_up(self, t: float, point: Array) -> NoReturn:
+        """Say why the path cannot be followed to a point."""
+        try:
+            self.inverse.begin(point)
+        except ReachError as error:
+            raise ReachError(error.point, error.distance, f"the path at t = {t:.4g} s: {error}") from None
+        text = ", ".join(f"{x:.6g}" for x in point)
+        raise ReachError(
+            tuple(point),
+            0.0,
+            f"the path at t = {t:.4g} s: ({text}) m can be reached, but not from where the path begins: a "
+            "singular posture is between; begin in another one (near=...), or hold less of the tool",
+        )

@@ -1,0 +1,157 @@
+"""Every arm that can be loaded under default gains: what to expect of an arm that nobody tuned for."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from armgpi import config, grippers, metrics, robots, urdf
+from armgpi.control.gains import FixedGains
+from armgpi.control.gpi import GPI
+from armgpi.control.payload import largest_payload, payload_range
+from armgpi.errors import ArmgpiError, ArmgpiWarning
+from armgpi.plants.actuators import Saturated
+from armgpi.plants.rigid_body import RigidBodyPlant
+from armgpi.plants.sensors import Delayed, Encoder
+from armgpi.robot import Robot, RobotBatch
+from armgpi.rollout import describe_end
+from armgpi.simulation import simulate
+
+#: What every arm is run with.
+SCALES, DT, DELAY, BITS, HORIZON = (0.8, 1.0, 1.2), 1e-3, 1, 16, 8.0
+#: Largest load that is tried [kg], and the share of what the motors hold that is.
+_MOST, _SHARE = 0.5, 0.5
+
+
+class Row(NamedTuple):
+    """One arm, empty or loaded; the worst of its joints and of the factors on D(q).
+
+    Attributes:
+        name: of the robot.
+        n: number of joints, grippers locked; 0 when it could not be loaded.
+        payload: load at the tip that the controller believes in [kg].
+        loaded: whether it is there.
+        omega_c: default bandwidth [rad/s].
+        peak_error: [rad or m], largest of the joints, for each of the factors.
+        final_error: likewise.
+        effort: largest share of an effort limit that was used.
+        saturated: longest time at a limit [s].
+        end: "finished", or why not.
+    """
+
+    name: str
+    n: int
+    payload: float
+    loaded: bool
+    omega_c: float
+    peak_error: tuple[float, ...]
+    final_error: tuple[float, ...]
+    effort: float
+    saturated: float
+    end: str
+
+
+def run(name: str) -> list[Row]:
+    """Return the rows of an arm: empty and loaded, or one that says why it cannot be run."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)
+            return _run(name)
+    except ArmgpiError as error:
+        nothing = (float("nan"),) * len(SCALES)
+        return [
+            Row(name, 0, 0.0, False, float("nan"), nothing, nothing, float("nan"), float("nan"), str(error))
+        ]
+
+
+def _run(name: str) -> list[Row]:
+    """Run an arm."""
+    fingers = _fingers(name)
+    wanted = {"robot": {"name": name, "lock": fingers}, "sample_time": DT, "t_final": HORIZON}
+    experiment = config.build(config.check(wanted, config.Origin(name)), config.Origin(name))
+    robot = experiment.robot
+    most = largest_payload(robot, dt=DT, delay=DELAY * DT)
+    load = min(_MOST, most.believed, _SHARE * most.effort)
+    span = payload_range(robot, 0.0, load, dt=DT, delay=DELAY * DT)
+    believed = RobotBatch([span.believed.scaled_inertia(scale) for scale in SCALES] * 2)
+    arms = RobotBatch([robot] * len(SCALES) + [span.believed] * len(SCALES))
+    controller = GPI(believed, DT, FixedGains(span.omega_c), delay=DELAY * DT)
+    plant = Delayed(Encoder(Saturated(RigidBodyPlant(arms)), BITS), DELAY)
+    rollout = simulate(plant, controller, experiment.reference, HORIZON, progress=False)
+    count = len(SCALES)
+    return [
+        _row(name, robot, load, loaded, span.omega_c, rollout.isel(rollout=rows))
+        for loaded, rows in ((False, slice(0, count)), (True, slice(count, 2 * count)))
+    ]
+
+
+def _row(name: str, robot: Robot, load: float, loaded: bool, omega_c: float, rollout: xr.Dataset) -> Row:
+    """Return what came out of three rollouts."""
+    ends = describe_end(rollout)
+    bad = [f"{end} (D x {scale:g})" for end, scale in zip(ends, SCALES, strict=True) if end != "finished"]
+    used = metrics.peak_torque(rollout).values / robot.limits.effort
+    excess = float(metrics.limit_excess(rollout).max())
+    if not bad and excess > 0.0:
+        bad = [f"finished, outside its limits by {excess:.2g}"]
+    return Row(
+        name,
+        robot.n,
+        load,
+        loaded,
+        omega_c,
+        tuple(float(x) for x in metrics.peak_error(rollout).max("joint")),
+        tuple(float(x) for x in metrics.final_error(rollout).max("joint")),
+        float(np.max(used)),
+        float(metrics.saturated_time(rollout).max()),
+        "; ".join(bad) or "finished",
+    )
+
+
+def _fingers(name: str) -> list[str]:
+    """Return the joints of an arm's grippers that are not locked by its name alone."""
+    path, _ = robots.locate(name)
+    document = urdf.parse(urdf.read_file(path), str(path))
+    robot = Robot.load(name)
+    found = grippers.find(document, set(robot.provenance["locked"]))
+    return [joint for gripper in found for joint in gripper.joints if joint in robot.joint_names]
+
+
+def markdown(rows: list[Row]) -> str:
+    """Return rows as a Markdown table."""
+    header = (
+        "robot",
+        "n",
+        "load believed in [kg]",
+        "there",
+        "ω_c [rad/s]",
+        *(f"peak error, D × {scale:g}" for scale in SCALES),
+        "final error, worst",
+        "effort used",
+        "saturated [s]",
+        "end",
+    )
+    lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
+    lines += [
+        (
+            row.name,
+            str(row.n or "-"),
+            _short(row.payload),
+            "yes" if row.loaded else "no",
+            _short(row.omega_c),
+            *map(_short, row.peak_error),
+            _short(max(row.final_error)),
+            f"{100.0 * row.effort:.0f} %" if np.isfinite(row.effort) else "-",
+            _short(row.saturated),
+            row.end,
+        )
+        for row in rows
+    ]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _short(value: float) -> str:
+    """Return a number with two significant digits; a dash when there is none."""
+    return f"{value:.2g}" if np.isfinite(value) else "-"

@@ -1,0 +1,51 @@
+"""The second opinion agrees where it should, and says so where it does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armgpi import Robot
+from armgpi.crosscheck import cross_check
+from armgpi.errors import ArmgpiError
+
+FOLDER = Path(__file__).parent / "fixtures" / "urdf_cases"
+
+
+@pytest.mark.parametrize("name", ["anthropomorphic3", "kinova", "so101", "talos_right_arm"])
+def test_yourdfpy_sees_the_same_arm(name: str) -> None:
+    robot = Robot.load(name)
+    check = cross_check(robot)
+    assert check.differences == ()
+    assert max(check.position, check.rotation) < 1e-13
+
+
+def test_with_mimics_it_sees_the_same_whether_they_are_locked_or_follow() -> None:
+    with pytest.warns(UserWarning, match="mimics"):
+        locked = cross_check(Robot.load("panda"))
+    followed = cross_check(Robot.load("panda", mimic="follow"))
+    assert locked.differences == followed.differences == ()
+    assert followed.links == locked.links + 1  # the finger that is locked here and follows there
+
+
+def test_what_the_two_read_differently_is_named(tmp_path: Path) -> None:
+    # A prismatic axis that is no unit vector: yourdfpy moves by q times it, URDF says it is a direction.
+    path = tmp_path / "arm.urdf"
+    text = (FOLDER / "54_prismatic.urdf").read_text(encoding="utf-8")
+    head, _, tail = text.rpartition('xyz="0 1 0"')
+    path.write_text(f'{head}xyz="0 2 0"{tail}', encoding="utf-8")
+    (line,) = cross_check(Robot.load(path)).differences
+    assert "link 'l2'" in line
+
+
+def test_a_file_that_changed_meanwhile_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    text = (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
+    robot = Robot.load(path)
+    path.write_text(text.replace("0.2", "0.3"), encoding="utf-8")
+    with pytest.raises(ArmgpiError, match="has changed"):
+        cross_check(robot)
+    with pytest.raises(ArmgpiError, match="cannot be read"):
+        cross_check(Robot.from_xml(text))

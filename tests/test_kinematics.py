@@ -1,0 +1,272 @@
+"""Inverse kinematics: against the closed form of the paper's arm, SciPy, and forward kinematics itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from machines import sled, swing
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from strategies import decimals, robots_and_states
+
+from armgpi import InverseSolution, Robot, RobotBatch, TrackingInverse, inverse_kinematics
+from armgpi.errors import ArmgpiError, ArrayError, LimitError, NameNotFound, ParameterError, ReachError
+from armgpi.paper.arm import PaperArm
+
+HAND = PaperArm()
+ARM = Robot.load("anthropomorphic3")
+LOCKED = {"panda": ["panda_finger_joint1", "panda_finger_joint2"], "so101": ["gripper"]}
+FRAMES = {"ur5": "ee_link", "panda": "panda_hand_tcp", "kinova": "j2s6s200_end_effector", "so101": ""}
+TOLERANCE = 1e-9  # [m, rad], the default
+
+
+def load(name: str) -> tuple[Robot, str]:
+    robot = Robot.load(name, lock=LOCKED.get(name, ()))
+    return robot, FRAMES[name] or robot.tip
+
+
+def anywhere(robot: Robot, count: int, seed: int = 1) -> np.ndarray:
+    lower, upper = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
+    return np.random.default_rng(seed).uniform(lower, upper, (count, robot.n))
+
+
+def check(robot: Robot, frame: str, position: np.ndarray, found: InverseSolution) -> None:
+    """What is said of a solution is so, by forward kinematics, and it is inside the limits."""
+    assert np.isfinite(found.q).all()
+    assert (found.q >= robot.limits.lower).all()
+    assert (found.q <= robot.limits.upper).all()
+    missed = np.linalg.norm(robot.frame_pose(frame, found.q).translation - position, axis=-1)
+    np.testing.assert_allclose(found.position_error, missed, rtol=1e-9, atol=1e-15)
+    near = np.maximum(found.position_error, found.rotation_error) <= TOLERANCE
+    np.testing.assert_array_equal(found.reached, near)
+
+
+def test_it_is_the_closed_form_of_the_papers_arm() -> None:
+    closed = HAND.inverse_kinematics(HAND.forward_kinematics(anywhere(ARM, 300)))
+    # Inside the limits, and away from the stretched arm, where the two elbows meet.
+    inside = (closed > ARM.limits.lower).all(axis=1) & (closed < ARM.limits.upper).all(axis=1)
+    closed = closed[inside & (np.abs(closed[:, 2]) > 0.1)]
+    points = HAND.forward_kinematics(closed)
+    found = inverse_kinematics(ARM, "tool", points, near=closed + 0.02)
+    assert found.reached.all()
+    check(ARM, "tool", points, found)
+    # 1e-9 m, over the smallest singular value: 0.3 m times sin 0.1 and less near the axis of q1.
+    np.testing.assert_allclose(found.q, closed, atol=1e-5)
+    assert np.median(np.abs(found.q - closed).max(axis=1)) < 1e-8
+
+
+def test_a_point_out_of_reach_says_so_and_by_how_far() -> None:
+    points = np.array([[0.7, 0.0, 0.3], [0.3, -0.5, 0.4], [0.2, 0.2, 0.9]])
+    found = inverse_kinematics(ARM, "tool", points)
+    assert not found.reached.any()
+    check(ARM, "tool", points, found)
+    for point, error in zip(points, found.position_error, strict=True):
+        with pytest.raises(ReachError) as caught:
+            HAND.inverse_kinematics(point)
+        assert error == pytest.approx(caught.value.distance, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FRAMES)
+@pytest.mark.parametrize("asked", ["position", "direction", "rotation"])
+def test_poses_that_can_be_reached_are_reached(name: str, asked: str) -> None:
+    robot, frame = load(name)
+    pose = robot.frame_pose(frame, anywhere(robot, 60))
+    axis = np.array([0.6, 0.0, 0.8])
+    options: dict[str, Any] = {
+        "position": {},
+        "direction": {"direction": pose.rotation @ axis, "tool_axis": axis},
+        "rotation": {"rotation": pose.rotation},
+    }[asked]
+    found = inverse_kinematics(robot, frame, pose.translation, **options)
+    # Five joints reach a set of poses without volume: a start may end beside it.
+    assert found.reached.mean() >= (0.95 if robot.n < 6 and asked == "rotation" else 1.0)
+    check(robot, frame, pose.translation, found)
+    there = robot.frame_pose(frame, found.q[found.reached]).rotation
+    turned = Rotation.from_matrix(pose.rotation[found.reached].swapaxes(1, 2) @ there)
+    if asked == "rotation":
+        assert turned.magnitude().max() < 2e-9
+    elif asked == "direction":
+        np.testing.assert_allclose(turned.apply(axis), np.tile(axis, (len(there), 1)), atol=2e-9)
+    else:
+        assert (found.rotation_error == 0.0).all()
+
+
+@settings(max_examples=40)
+@given(robots_and_states(max_joints=6), st.booleans())
+def test_where_a_robot_is_it_stays(drawn: Any, turned: bool) -> None:
+    robot, state = drawn
+    pose = robot.frame_pose(robot.tip, state.q)
+    found = inverse_kinematics(
+        robot, robot.tip, pose.translation, pose.rotation if turned else None, near=state.q
+    )
+    assert found.reached
+    assert found.iterations == 0
+    np.testing.assert_allclose(found.q, state.q, atol=1e-9)
+
+
+@settings(max_examples=40)
+@given(robots_and_states(max_joints=6), st.tuples(*[decimals(-3.0, 3.0)] * 6))
+def test_what_it_says_is_so_for_every_robot_and_point(drawn: Any, asked: Any) -> None:
+    robot, state = drawn
+    point, axis = np.array(asked[:3]), np.array(asked[3:])
+    direction = axis if axis.any() else None
+    found = inverse_kinematics(robot, robot.tip, point, direction=direction, near=state.q, restarts=8)
+    check(robot, robot.tip, point, found)
+
+
+def test_an_answer_depends_on_its_own_pose_alone() -> None:
+    robot, frame = load("panda")
+    pose = robot.frame_pose(frame, anywhere(robot, 6))
+    together = inverse_kinematics(robot, frame, pose.translation, pose.rotation)
+    again = inverse_kinematics(robot, frame, pose.translation, pose.rotation)
+    for ours, theirs in zip(together, again, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    for i in range(6):
+        alone = inverse_kinematics(robot, frame, pose.translation[i], pose.rotation[i])
+        assert alone.q.shape == (robot.n,)
+        np.testing.assert_allclose(alone.q, together.q[i], atol=1e-9)
+
+
+def test_no_poses_give_no_answers() -> None:
+    found = inverse_kinematics(ARM, "tool", np.zeros((0, 3)))
+    assert found.q.shape == (0, 3)
+    assert found.reached.shape == (0,)
+
+
+def test_joints_to_spare_stay_near_a_posture_as_scipy_finds_it() -> None:
+    robot, frame = load("panda")
+    near = robot.middle()
+    for q in anywhere(robot, 3, seed=4):
+        point = robot.frame_pose(frame, 0.5 * (q + near)).translation
+        found = inverse_kinematics(robot, frame, point, near=near)
+        best = minimize(
+            lambda x: np.sum((x - near) ** 2),
+            found.q,
+            jac=lambda x: 2.0 * (x - near),
+            method="SLSQP",
+            bounds=list(zip(robot.limits.lower, robot.limits.upper, strict=True)),
+            constraints={
+                "type": "eq",
+                "fun": lambda x, point=point: robot.frame_pose(frame, x).translation - point,
+                "jac": lambda x: robot.frame_jacobian(frame, x)[:3],
+            },
+            options={"ftol": 1e-14, "maxiter": 200},
+        )
+        # Ours goes most of the way: it stops where next to nothing is left to gain.
+        assert found.reached
+        assert np.linalg.norm(found.q - near) < 1.0005 * np.linalg.norm(best.x - near)
+
+
+def test_full_turns_are_those_nearest_to_the_posture_asked_for() -> None:
+    robot, frame = load("ur5")
+    q = np.array([0.3, -1.0, 1.2, -0.5, 0.8, 0.2])
+    pose = robot.frame_pose(frame, q)
+    for turns in ([1, 0, 0, 0, 0, -1], [0, 0, 0, 0, 0, 0]):
+        near = q + 2.0 * np.pi * np.array(turns)
+        near = np.clip(near + 0.05, *robot.limits[:2])
+        found = inverse_kinematics(robot, frame, pose.translation, pose.rotation, near=near)
+        inside = np.where(
+            q + 2.0 * np.pi * np.array(turns) > robot.limits.upper, q, q + 2.0 * np.pi * np.array(turns)
+        )
+        np.testing.assert_allclose(found.q, inside, atol=1e-7)
+
+
+def test_a_stretched_arm_is_found_and_left() -> None:
+    robot, frame = load("ur5")
+    stretched = robot.frame_pose(frame, np.zeros(6))
+    # At the edge of the reach half a nanometre lies 1e-5 rad from the posture.
+    found = inverse_kinematics(robot, frame, stretched.translation, near=np.full(6, 0.7))
+    assert found.reached
+    inwards = stretched.translation * np.array([0.7, 1.0, 1.0])
+    found = inverse_kinematics(robot, frame, inwards, stretched.rotation, near=np.zeros(6))
+    assert found.reached
+
+
+def test_sliding_joints_slide_and_stop_at_their_limits() -> None:
+    rail = sled(bounds='lower="-2" upper="2"')
+    inside = inverse_kinematics(rail, "body", [1.5, 0.0, 0.0])
+    assert inside.reached
+    np.testing.assert_allclose(inside.q, [1.5], atol=1e-9)
+    beyond = inverse_kinematics(rail, "body", [2.5, 0.0, 0.0])
+    assert not beyond.reached
+    np.testing.assert_allclose(beyond.q, [2.0], atol=1e-12)
+    assert beyond.position_error == pytest.approx(0.5, abs=1e-12)
+    beside = inverse_kinematics(rail, "body", [1.0, 0.3, 0.0])
+    np.testing.assert_allclose(beside.q, [1.0], atol=1e-6)
+    assert beside.position_error == pytest.approx(0.3, abs=1e-9)
+
+
+def test_a_joint_at_its_limit_lets_the_others_go_on() -> None:
+    limited = swing(count=3).with_limits(lower=-0.5, upper=[0.5, 3.0, 3.0])
+    target = limited.frame_pose("link3", np.array([0.5, 1.2, 0.8]))
+    found = inverse_kinematics(limited, "link3", target.translation, target.rotation)
+    assert found.reached
+    np.testing.assert_allclose(found.q, [0.5, 1.2, 0.8], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "named"),
+    [
+        ({"frame": "tol"}, NameNotFound, "did you mean 'tool'"),
+        ({"frame": ARM.frame_names[0]}, ParameterError, "frame must be a frame that moves"),
+        ({"position": [0.1, 0.2]}, ArrayError, r"position: expected shape \(3,\) or \(k, 3\)"),
+        ({"position": [0.1, np.nan, 0.2]}, ArrayError, "position"),
+        ({"position": [1e300, 0.0, 0.0]}, ArrayError, "within 1e.09 m"),
+        ({"rotation": 2.0 * np.eye(3)}, ArrayError, "rotation"),
+        ({"rotation": np.diag([1.0, 1.0, -1.0])}, ArrayError, "mirrored"),
+        ({"rotation": np.eye(2)}, ArrayError, "rotation"),
+        ({"rotation": np.eye(3), "direction": [0, 0, 1]}, ParameterError, "direction must be left out"),
+        ({"direction": [0, 0, 0]}, ParameterError, "direction must be a direction"),
+        ({"direction": [0, 0, 1], "tool_axis": [0, 0, 0]}, ParameterError, "tool_axis"),
+        ({"near": [0.0, 0.0]}, ArrayError, "near"),
+        ({"near": [0.0, 9.0, 0.0]}, LimitError, "near of joint 'q2'"),
+        ({"near": np.zeros((2, 3))}, ArrayError, "near"),
+        ({"restarts": -1}, ParameterError, "restarts"),
+        ({"tolerance": 0.0}, ParameterError, "tolerance"),
+        ({"iterations": 0}, ParameterError, "iterations"),
+        ({"seed": 0.5}, ParameterError, "seed"),
+        ({"robot": RobotBatch([ARM, ARM])}, ParameterError, "a single Robot"),
+    ],
+)
+def test_what_is_wrong_is_named(arguments: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
+    given = {"robot": ARM, "frame": "tool", "position": [0.2, 0.0, 0.3], **arguments}
+    with pytest.raises(error, match=named):
+        inverse_kinematics(**given)
+
+
+def test_points_in_order_are_followed_on_one_branch() -> None:
+    robot, frame = load("ur5")
+    follow = TrackingInverse(robot, frame, direction=[0.0, 0.0, -1.0], tool_axis=[1.0, 0.0, 0.0])
+    angle = np.linspace(0.0, 2.0 * np.pi, 100)
+    points = np.stack([0.45 + 0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.3 + 0.0 * angle], axis=1)
+    q = follow(points)
+    pose = robot.frame_pose(frame, q)
+    np.testing.assert_allclose(pose.translation, points, atol=1e-9)
+    np.testing.assert_allclose(pose.rotation[:, :, 0], np.tile([0.0, 0.0, -1.0], (100, 1)), atol=1e-9)
+    assert np.abs(np.diff(q, axis=0)).max() < 0.1
+    with pytest.raises(ReachError, match="misses it by") as caught:
+        follow(points + np.array([0.0, 0.0, 2.0]))
+    assert caught.value.distance > 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "named"),
+    [
+        ({"rotation": np.eye(3)}, ParameterError, "an arm of 6 joints or more"),
+        ({"near": np.zeros((2, 3))}, ArrayError, "near"),
+        ({"near": [0.0, 9.0, 0.0]}, LimitError, "near of joint 'q2'"),
+        ({"rate": -1.0}, ParameterError, "rate"),
+        ({"restarts": 0}, ParameterError, "restarts"),
+        ({"seed": -1}, ParameterError, "seed"),
+        ({"frame": "tol"}, NameNotFound, "tool"),
+    ],
+)
+def test_what_cannot_be_followed_is_named(
+    arguments: dict[str, Any], error: type[ArmgpiError], named: str
+) -> None:
+    with pytest.raises(error, match=named):
+        TrackingInverse(**{"robot": ARM, "frame": "tool", **arguments})
