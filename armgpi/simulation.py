@@ -324,7 +324,8 @@ class _Run:
         good = np.abs(rows["q"] - q_ref) <= self.divergence
         good &= np.isfinite(rows["v"]) & np.isfinite(rows["tau"])
         whole = np.asarray(good.all(axis=-1))
-        for row in np.flatnonzero(~whole.all(axis=0)):
+        # A rollout that has diverged stays so, wherever it strays to afterwards.
+        for row in np.flatnonzero(~whole.all(axis=0) | ~recording.running):
             if recording.running[row]:
                 first = int(np.argmin(whole[:, row]))
                 recording.status[row] = Status.DIVERGED

@@ -439,6 +439,20 @@ def test_gains_too_fast_for_the_sample_time_diverge_alone() -> None:
         assert_same_bits(rollout.isel(rollout=i), well)
 
 
+def test_what_has_diverged_stays_so_when_it_comes_back() -> None:
+    robot = SLED
+    pushed = RigidBodyPlant(robot, Pulse(np.array([[40.0], [1.0]]), onset=0.1, duration=0.3))
+    rollout = simulate(pushed, GPI(robot, DT, FixedGains(5.0)), Hold([0.0]), 5.0, divergence=0.5)
+    assert rollout["status"].values.tolist() == [Status.DIVERGED, Status.FINISHED]
+    end = float(rollout["t_end"][0])
+    assert 0.1 < end < 1.0
+    after = rollout.isel(rollout=0).sel(time=slice(end + 0.5 * DT, None))
+    assert after.sizes["time"] > 3000
+    assert not np.isfinite(after["q"]).any()
+    alone = simulate(pushed, GPI(robot, DT, FixedGains(5.0)), Hold([0.0]), 5.0)
+    assert float(abs(alone["q"].isel(rollout=0, time=-1)).max()) < 0.5  # without the bound it came back
+
+
 @pytest.mark.parametrize("batch", [None, 3])
 def test_when_all_have_diverged_the_run_is_over(batch: int | None) -> None:
     class Counting(GPI):

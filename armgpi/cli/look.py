@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import refusal
+from armgpi.cli.words import refusal, stoppable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,11 +31,13 @@ _Title = Annotated[str | None, typer.Option(metavar="TEXT", help="Title; the rob
 _Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open it in a browser.")]
 
 
+@stoppable
 def view(
     target: _Target,
     html: opt.Html = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
     robot: opt.RobotOf = None,
     frame: opt.Frame = None,
     port: opt.Port = None,
@@ -51,13 +53,14 @@ def view(
     from armgpi.viz import meshcat
 
     pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
-    page = _page(target, lock, keep, robot, frame)
+    page = _page(target, lock, keep, mimic, robot, frame)
     if html is not None:
         typer.echo(f"wrote {meshcat.write(page, html)}", err=True)
     else:
         pictures.serve(page, port, browser)
 
 
+@stoppable
 def report(
     files: _Files,
     output: _Output = Path("report.html"),
@@ -96,7 +99,12 @@ def report(
 
 
 def _page(
-    target: str, lock: list[str] | None, keep: list[str] | None, robot: str | None, frame: str | None
+    target: str,
+    lock: list[str] | None,
+    keep: list[str] | None,
+    mimic: Any,
+    robot: str | None,
+    frame: str | None,
 ) -> str:
     """Return the page of what shall be shown."""
     from armgpi import rollout as rollouts
@@ -105,7 +113,7 @@ def _page(
     from armgpi.viz import meshcat, scene
 
     if Path(target).suffix.lower() == ".nc":
-        for option, value in (("--lock", lock), ("--keep", keep)):
+        for option, value in (("--lock", lock), ("--keep", keep), ("--mimic", mimic)):
             if value:
                 raise refusal(option, "is for robots; a rollout has its joints locked already")
         result = rollouts.load(target)
@@ -114,7 +122,8 @@ def _page(
     if robot is not None:
         raise refusal("--robot", "goes with a rollout")
     locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
-    shown = Robot.load(target, lock=locked, keep=split(keep) if keep else None)
+    kept = split(keep) if keep else None
+    shown = Robot.load(target, lock=locked, keep=kept, mimic=mimic or "lock")
     return meshcat.robot_page(shown, frame=frame)
 
 

@@ -1,7 +1,7 @@
 """Meshes of a robot, from files that nobody vouches for, as triangles.
 
 A URDF names files, and a mesh file may name others. Only files inside the robot's own package are read, by
-:func:`resolve_mesh`; a mesh is read into memory and parsed there, without anything that it refers to:
+:mod:`armgpi.meshes`; a mesh is read into memory and parsed there, without anything that it refers to:
 textures are never opened. What cannot be used raises :class:`MeshError` with the reason, and the scene goes
 on without it.
 """
@@ -9,14 +9,12 @@ on without it.
 from __future__ import annotations
 
 import io
-import os
 import re
 import stat
 import warnings
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,6 +22,7 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
+from armgpi.meshes import Found, MeshFinder
 from armgpi.robot import Robot
 
 #: Kinds of files that are read, by their endings.
@@ -82,36 +81,16 @@ class Triangles(NamedTuple):
 
 
 def resolve_mesh(robot: Robot, filename: str) -> Path | None:
-    """Return the file that a URDF means by a mesh's name, None when it is not in the robot's package.
+    """Return the file that a URDF means by a mesh's name, None when it may not be read or is not there."""
+    return _found(robot, filename).path
 
-    ``package://name/rest`` is looked for in the folder `name` around the URDF, or beside it where that is a
-    ROS package (it has a ``package.xml``). Other names are relative to the URDF. Links are followed first:
-    what they lead to must be inside the package as well.
-    """
-    urdf = Path(str(robot.provenance["source"]))
-    if not urdf.is_file():
-        return None
-    urdf = urdf.resolve()
-    if filename.startswith("package://"):
-        package, _, rest = filename.removeprefix("package://").partition("/")
-        if package in ("", ".", ".."):
-            return None
-        roots = [folder for folder in urdf.parents if folder.name == package]
-        roots += [folder / package for folder in urdf.parents if _is_package(folder / package)]
-        places = [(root, root / rest) for root in roots]
-    elif "://" in filename and not filename.startswith("file://"):
-        return None
-    else:
-        root = _package_of(urdf)
-        places = [(root, urdf.parent / unquote(filename.removeprefix("file://")))]
-    for root, place in places:
-        try:
-            found = place.resolve()
-            if found.is_relative_to(root.resolve()) and found.is_file():
-                return found
-        except (OSError, ValueError):  # a name that the system has no file for
-            continue
-    return None
+
+def _found(robot: Robot, filename: str) -> Found:
+    """Return what a mesh's name leads to."""
+    source = Path(str(robot.provenance["source"]))
+    if not source.is_file():
+        return Found(filename, None, reason="the robot's URDF is not there")
+    return MeshFinder(source).find(filename)
 
 
 def load(robot: Robot, filename: str) -> Triangles:
@@ -120,9 +99,9 @@ def load(robot: Robot, filename: str) -> Triangles:
     Raises:
         MeshError: when it is not there, outside the robot's package, or no mesh that can be drawn.
     """
-    path = resolve_mesh(robot, filename)
-    if path is None:
-        raise MeshError(filename, "there is no such file in the robot's package")
+    found = _found(robot, filename)
+    if (path := found.path) is None:
+        raise MeshError(filename, found.reason)
     kind = path.suffix[1:].lower()
     if kind not in KINDS:
         raise MeshError(filename, f"is no {', '.join(k.upper() for k in KINDS)} file")
@@ -351,21 +330,3 @@ def _check_collada(content: bytes, filename: str) -> None:
     scenes = [e for e in root.iter() if e.tag.endswith("}visual_scene")]
     if sum(drawn(scene, 0) for scene in scenes) > _MAX_INSTANCES:
         raise MeshError(filename, f"draws its parts more than {_MAX_INSTANCES} times")
-
-
-def _is_package(folder: Path) -> bool:
-    """Tell whether a folder is a ROS package."""
-    return (folder / "package.xml").is_file()
-
-
-def _package_of(urdf: Path) -> Path:
-    """Return the folder that a URDF's relative names must stay in: its ROS package, or its own folder.
-
-    A folder ``urdf`` or the like in a project without ``package.xml`` has its meshes beside it.
-    """
-    for folder in urdf.parents:
-        if _is_package(folder):
-            return folder
-    own = urdf.parent
-    beside = own.name.lower() in ("urdf", "robots", "robot", "xacro") and own.parent != Path(os.sep)
-    return own.parent if beside else own

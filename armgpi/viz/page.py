@@ -59,20 +59,24 @@ def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
     """Return what the page knows of an arm."""
     robot = scene.robot
     limits = robot.limits
-    bodies = [_body_data(body, arrays) for body in scene.bodies]
-    for j, body in enumerate(bodies[1:]):
+    joints = []
+    for j, name in enumerate(robot.joint_names):
         bounded = math.isfinite(limits.lower[j]) and math.isfinite(limits.upper[j])
         bounded = bounded and limits.upper[j] - limits.lower[j] < 1e3
         effort = float(limits.effort[j])
-        body.update(
-            effort=effort if math.isfinite(effort) and effort < 1e300 else 0.0,
-            lower=float(limits.lower[j]) if bounded else -_UNLIMITED,
-            upper=float(limits.upper[j]) if bounded else _UNLIMITED,
-            unit="m" if robot.joint_types[j] == "prismatic" else "rad",
+        joints.append(
+            {
+                "name": name,
+                "effort": effort if math.isfinite(effort) and effort < 1e300 else 0.0,
+                "lower": float(limits.lower[j]) if bounded else -_UNLIMITED,
+                "upper": float(limits.upper[j]) if bounded else _UNLIMITED,
+                "unit": "m" if robot.joint_types[j] == "prismatic" else "rad",
+            }
         )
     return {
         "name": robot.name,
-        "bodies": bodies,
+        "joints": joints,
+        "bodies": [_body_data(body, arrays) for body in scene.bodies],
         "tip": {"body": scene.tip_body, "placement": _columns(scene.tip)},
         "size": scene.size,
         "posture": robot.middle().tolist(),
@@ -182,7 +186,9 @@ def plotly_script() -> str:
 def _body_data(body: Body, arrays: Arrays) -> dict[str, Any]:
     """Return what the page knows of a body."""
     return {
-        "name": body.joint,
+        "coordinate": body.coordinate,
+        "ratio": body.ratio,
+        "offset": body.offset,
         "parent": body.parent,
         "kind": body.kind,
         "placement": _columns(body.placement),

@@ -13,15 +13,15 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
-from armgpi import experiment
+from armgpi import experiment, health
 from armgpi import rollout as rollouts
 from armgpi.arrays import Array
-from armgpi.errors import RolloutError
+from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.robot import Robot
 from armgpi.viz import meshcat, page, plots, scene
 
@@ -78,6 +78,7 @@ def build(
         )
     arrays = page.Arrays()
     said = list(findings)
+    notes: list[str] = []
     data: dict[str, Any] = {"arm": None, "clip": None, "no_arm": "", "file": "rollout.nc"}
     if robot is None:
         try:
@@ -90,6 +91,8 @@ def build(
         clip = scene.clip(rollout, robot)
         data["arm"], data["clip"] = page.arm_data(arm, arrays), page.clip_data(clip, arrays)
         said += arm.findings
+        troubles, notes = _health(robot)
+        said += troubles
         if clip.left_out:
             said.append(f"{clip.left_out} more rollouts are not in the animation and the plots")
     data["plots"] = _plots_data(rollout, arrays)
@@ -101,7 +104,7 @@ def build(
         "title": page.text(title or name),
         "summary": _summary(rollout, records),
         "tables": _tables(rollout, records),
-        "findings": page.findings_list(said) or "<p>None.</p>",
+        "findings": (page.findings_list(said) or "<p>None.</p>") + _notes(notes),
         "configuration": _configuration(rollout, configuration),
         "download": _download(content, every),
         "footer": "Made by armgpi "
@@ -348,6 +351,28 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         f"<th class=name>controller</th><th class=name>joint</th>{head}</tr></thead>"
         f"<tbody>{''.join(rows[:_MOST_ROWS])}</tbody></table></div>{note}"
     )
+
+
+def _health(robot: Robot) -> tuple[list[str], list[str]]:
+    """Return what :func:`armgpi.health.inspect` finds in the robot's URDF: what is wrong, and mere notes."""
+    made_from = robot.provenance
+    source = Path(str(made_from["source"]))
+    if not source.is_file():
+        return [], []
+    mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
+    try:
+        found = health.inspect(source, lock=made_from["locked"], mimic=mimic).findings
+    except ArmgpiError as error:  # it has changed since
+        return [str(error)], []
+    # Meshes that are missing the scene has named already.
+    wrong = [str(finding) for finding in found if finding.level != "note" and finding.kind != "mesh"]
+    return wrong, [str(finding) for finding in found if finding.level == "note"]
+
+
+def _notes(notes: Sequence[str]) -> str:
+    """Return what is good to know as an HTML list; nothing when there is none."""
+    items = "".join(f"<li>{page.text(note)}</li>" for note in notes)
+    return f"<h3>Notes on the model</h3><ul>{items}</ul>" if notes else ""
 
 
 def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:

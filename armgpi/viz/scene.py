@@ -11,7 +11,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -48,7 +48,10 @@ class Body(NamedTuple):
     Attributes:
         parent: index of the body that it hangs on; -1 for the base.
         joint: name of its joint; empty for the base.
-        kind: "revolute", "continuous", "prismatic", or "" for the base.
+        kind: "revolute" (continuous joints too), "prismatic", or "" for the base.
+        coordinate: index of the robot's joint that moves it: its own, or the one that it follows.
+        ratio: how far it moves for one unit of that.
+        offset: where it is when that is at zero [rad or m].
         placement: of the joint in the parent's frame, homogeneous, shape (4, 4).
         axis: of the joint in its own frame, shape (3,).
         links: names of the links.
@@ -60,6 +63,9 @@ class Body(NamedTuple):
     parent: int
     joint: str
     kind: str
+    coordinate: int
+    ratio: float
+    offset: float
     placement: Array
     axis: Array
     links: tuple[str, ...]
@@ -73,7 +79,7 @@ class Scene(NamedTuple):
 
     Attributes:
         robot: the arm.
-        bodies: the base, then one body for every joint in the robot's order.
+        bodies: the base, then one body for every joint of the model; those that follow others too.
         tip_body: index of the body that carries the tool.
         tip: the tool's frame in that body, homogeneous, shape (4, 4).
         size: how far the arm reaches [m].
@@ -164,14 +170,18 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
     coarse = _simplified(fine, COARSE, sharp=False)
     bodies = []
     for index in range(model.njoints):
-        kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index, robot)
+        kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index)
+        coordinate, ratio, offset = _driven_by(robot, index - 1)
         parent = int(model.parents[index]) if index else -1
         placement = np.array(model.jointPlacements[index].homogeneous)
         bodies.append(
             Body(
                 parent=parent,
-                joint=robot.joint_names[index - 1] if index else "",
+                joint=str(model.names[index]) if index else "",
                 kind=kind,
+                coordinate=coordinate,
+                ratio=ratio,
+                offset=offset,
                 placement=placement,
                 axis=axis,
                 links=tuple(links[index]),
@@ -243,6 +253,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         made_from = made_from["robots"][0] if "robots" in made_from else made_from
         source, digest = str(made_from["source"]), str(made_from["sha256"])
         locked = {str(name): float(value) for name, value in made_from["locked"].items()}
+        mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
     except (KeyError, TypeError, ValueError, AttributeError, StopIteration):
         raise RolloutError("the rollout does not say which robot it was made with; name it") from None
     from armgpi import robots
@@ -256,7 +267,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ArmgpiWarning)  # it was said when the rollout was made
-                robot = Robot.load(candidate, lock=locked)
+                robot = Robot.load(candidate, lock=locked, mimic=mimic)
         except ArmgpiError:
             continue
         if robot.provenance["sha256"] == digest:
@@ -466,13 +477,22 @@ def _turned_to(direction: Array) -> Array:
     return np.column_stack([x, np.cross(direction, x), direction])
 
 
-def _motion(model: Any, index: int, robot: Robot) -> tuple[str, Array]:
+def _driven_by(robot: Robot, row: int) -> tuple[int, float, float]:
+    """Return which joint of the robot moves a coordinate of the model, by which ratio, from which offset."""
+    if row < 0 or robot.coupling is None:
+        return row, 1.0, 0.0
+    ratios = robot.coupling.ratio[row]
+    leader = int(np.argmax(np.abs(ratios)))
+    return leader, float(ratios[leader]), float(robot.coupling.offset[row])
+
+
+def _motion(model: Any, index: int) -> tuple[str, Array]:
     """Return the kind of a joint and its axis in its own frame."""
-    kind = robot.joint_types[index - 1]
     data = model.joints[index].createData()
     model.joints[index].calc(data, np.zeros(1))
     column = np.array(data.S).reshape(6)
-    return kind, column[:3] if kind == "prismatic" else column[3:]
+    linear, angular = column[:3], column[3:]
+    return ("prismatic", linear) if linear.any() else ("revolute", angular)
 
 
 def _link_frames(model: Any) -> dict[str, Any]:

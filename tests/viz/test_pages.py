@@ -292,6 +292,14 @@ def test_the_report_s_table_is_that_of_the_metrics() -> None:
         assert f"<td>{value:.4g}</td>" in html
 
 
+def test_the_report_says_what_inspect_finds() -> None:
+    html = report.build(moving(ARM), ARM)
+    found = armgpi.health.inspect("anthropomorphic3").findings
+    assert found
+    for finding in found:
+        assert page.text(finding) in html
+
+
 def test_data_are_thinned_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "DATA_BYTES", 60_000)
     html = report.build(run(ARM, t_final=2.0), ARM)

@@ -224,8 +224,9 @@ const Armgpi = (() => {
 
     // Positions of the joints and of what hangs on them ----------------------------------------------------
 
-    /** Return the pose of a body in its parent at a joint position. */
-    local(body, q, position, rotation) {
+    /** Put the pose of a body in its parent, at joint positions, into `position` and `rotation`. */
+    local(body, posture, position, rotation) {
+      const q = body.kind === "" ? 0 : body.ratio * posture[body.coordinate] + body.offset;
       position.copy(body.position);
       rotation.copy(body.rotation);
       if (body.kind === "prismatic") {
@@ -238,7 +239,7 @@ const Armgpi = (() => {
     /** Move an arm to joint positions. */
     pose(robot, q) {
       robot.nodes.forEach((node, i) => {
-        this.local(this.bodies[i], i ? q[i - 1] : 0, node.object.position, node.object.quaternion);
+        this.local(this.bodies[i], q, node.object.position, node.object.quaternion);
         node.object.updateMatrix();
       });
       this.viewer.set_dirty();
@@ -251,7 +252,7 @@ const Armgpi = (() => {
       const point = new T.Vector3().setFromMatrixPosition(new T.Matrix4().fromArray(tip.placement));
       const position = new T.Vector3(), rotation = new T.Quaternion();
       for (let i = tip.body; i >= 0; i = this.bodies[i].parent) {
-        this.local(this.bodies[i], i ? q[i - 1] : 0, position, rotation);
+        this.local(this.bodies[i], q, position, rotation);
         point.applyQuaternion(rotation).add(position);
       }
       return point;
@@ -271,7 +272,7 @@ const Armgpi = (() => {
 
     /** Return positions of an actor at a time: straight between two frames; its error made larger. */
     positions(actor, name, place, exaggeration = 1) {
-      const n = this.bodies.length - 1;
+      const n = this.meta.arm.joints.length;
       const q = new Float32Array(n);
       for (let j = 0; j < n; j++) {
         const between = (values) =>
@@ -371,15 +372,15 @@ const Armgpi = (() => {
         const shown = robot.drawn_frames.filter((f) => f <= place.frame).length;
         robot.drawn.geometry.setDrawRange(0, 24 * Math.max(0, shown - 1));
         robot.bead.position.copy(this.tip(q));
-        robot.rings.forEach((ring, b) => ring && this.paint_ring(ring, actor, place.frame, b - 1));
+        robot.rings.forEach((ring, b) => ring && this.paint_ring(ring, actor, place.frame, this.bodies[b].coordinate));
       });
       this.dispatchEvent(new CustomEvent("time", { detail: this.time }));
     }
 
     /** Colour a joint's ring: grey without torque, through orange, to red and thick at the limit. */
     paint_ring(ring, actor, frame, j) {
-      const n = this.bodies.length - 1;
-      const effort = this.meta.arm.bodies[j + 1].effort;
+      const n = this.meta.arm.joints.length;
+      const effort = this.meta.arm.joints[j].effort;
       const used = effort > 0 ? clamp(Math.abs(actor.tau[frame * n + j]) / effort, 0, 1) : 0;
       const saturated = actor.saturated[frame * n + j] > 0;
       const pushed = this.clip.disturbance[frame * n + j] !== 0;
@@ -621,7 +622,7 @@ const Armgpi = (() => {
 
   /** Put a table of the joints into `box`: torque as a bar, saturated, pushed. */
   function gauges(scene, box) {
-    const n = scene.bodies.length - 1;
+    const n = scene.meta.arm.joints.length;
     const head = element("tr", {}, element("th", { scope: "col" }, "joint"));
     scene.clip.actors.forEach((actor) => {
       const dot = element("span", { class: "dot", style: `background:${actor.color}` });
@@ -630,7 +631,7 @@ const Armgpi = (() => {
     const body = element("tbody");
     const cells = [];
     for (let j = 0; j < n; j++) {
-      const joint = scene.meta.arm.bodies[j + 1];
+      const joint = scene.meta.arm.joints[j];
       const row = element("tr", {}, element("th", { scope: "row", title: joint.name }, joint.name));
       cells.push(
         scene.clip.actors.map(() => {
@@ -646,7 +647,7 @@ const Armgpi = (() => {
       const { frame } = scene.place(scene.time);
       scene.clip.actors.forEach((actor, i) => {
         for (let j = 0; j < n; j++) {
-          const { effort, unit } = scene.meta.arm.bodies[j + 1];
+          const { effort, unit } = scene.meta.arm.joints[j];
           const tau = actor.tau[frame * n + j];
           const used = effort > 0 ? clamp(tau / effort, -1, 1) : 0;
           const cell = cells[j][i];
@@ -667,7 +668,7 @@ const Armgpi = (() => {
 
   /** Put a slider for every joint into `box`. */
   function sliders(scene, box) {
-    scene.meta.arm.bodies.slice(1).forEach((joint, j) => {
+    scene.meta.arm.joints.forEach((joint, j) => {
       const value = element("output");
       const told = () => { value.textContent = `${scene.posture[j].toFixed(3)} ${joint.unit}`; };
       const slider = element("input", {
