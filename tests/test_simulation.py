@@ -441,7 +441,7 @@ def test_gains_too_fast_for_the_sample_time_diverge_alone() -> None:
 
 def test_what_has_diverged_stays_so_when_it_comes_back() -> None:
     robot = SLED
-    pushed = RigidBodyPlant(robot, Pulse(np.array([[40.0], [1.0]]), onset=0.1, duration=0.3))
+    pushed = RigidBodyPlant(robot, Pulse(np.array([[200.0], [1.0]]), onset=0.1, duration=0.3))
     rollout = simulate(pushed, GPI(robot, DT, FixedGains(5.0)), Hold([0.0]), 5.0, divergence=0.5)
     assert rollout["status"].values.tolist() == [Status.DIVERGED, Status.FINISHED]
     end = float(rollout["t_end"][0])

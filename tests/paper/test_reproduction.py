@@ -20,7 +20,7 @@ FINE = runs.Setting(dt=2e-4, record_every=5)
 
 @pytest.fixture(scope="module")
 def real() -> xr.Dataset:
-    return runs.real_gpi()
+    return runs.real_gpi(runs.FULL)
 
 
 @pytest.fixture(scope="module")
