@@ -14,25 +14,28 @@ import xarray as xr
 
 from armgpi import metrics, robots, rollout
 from armgpi.config import Experiment, ExperimentConfig, dump
+from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.rollout import Status
 from armgpi.simulation import simulate
 
 
 def run(experiment: Experiment, label: str, progress: bool | None = None) -> xr.Dataset:
-    """Run one of an experiment's controllers.
+    """Run one of an experiment's controllers; where its gains adapt they are recorded, with their networks.
 
     Args:
         experiment: from :func:`armgpi.config.build`.
         label: which controller.
         progress: as for :func:`armgpi.simulate`.
     """
+    controller = experiment.controllers[label]
     return simulate(
         experiment.plant,
-        experiment.controllers[label],
+        controller,
         experiment.reference,
         experiment.t_final,
         record_every=experiment.config.record_every,
+        signals=isinstance(controller, GPI) and controller.gains.adaptive,
         progress=progress,
     )
 
@@ -55,7 +58,7 @@ def compare(experiment: Experiment, progress: bool | None = None) -> xr.Dataset:
 def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
     """Join single rollouts of one robot into one dataset, labelled along ``rollout``.
 
-    Rollouts that were stopped early are NaN after their end.
+    Rollouts that were stopped early are NaN after their end, and in variables that only others have.
 
     Raises:
         RolloutError: when there are none, or their joints or sample times differ.

@@ -92,6 +92,13 @@ def test_every_contender_meets_the_same_noise(compared: xr.Dataset) -> None:
     assert (first != compared["q"].isel(time=0).values).any()
 
 
+def test_gains_that_adapt_are_kept_with_their_networks() -> None:
+    controllers = "controllers: [{type: gpi}, {type: network}, {type: pid}]"
+    both = compare(build(f"robot: {{name: anthropomorphic3}}\n{controllers}\nt_final: 0.05"))
+    assert both["omega_c"].sel(rollout=both["label"] == "network").notnull().all()
+    assert both["omega_c_weight_1"].sel(rollout=both["label"] != "network").isnull().all()
+
+
 def test_a_comparison_survives_the_disk(
     compared: xr.Dataset, whole: config.Experiment, tmp_path: Path
 ) -> None:

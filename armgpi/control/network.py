@@ -31,11 +31,13 @@ class NetworkState(NamedTuple):
 
     Attributes:
         weights: for every adapted parameter its weights, as many as basis functions, each (..., n).
+        activations: values of the basis functions at the last sample, each (..., n).
         filtered: low-passed error, whose distance from the error is the filtered derivative [rad].
         tuning: the tuning used last.
     """
 
     weights: tuple[tuple[Array, ...], ...]
+    activations: tuple[Array, ...]
     filtered: Array
     tuning: Tuning
 
@@ -189,7 +191,8 @@ class BSplineNetwork(Gains):
         """Return the state before the first sample: nothing learned."""
         zero = np.zeros_like(e)
         weights = ((zero,) * self.size,) * len(self._adapted)
-        return NetworkState(weights, e, Tuning(*(zero + low for low in self._lower)))
+        activations = self.activations(e, zero)
+        return NetworkState(weights, activations, e, Tuning(*(zero + low for low in self._lower)))
 
     def step(self, e: Array, learn: Array, state: NetworkState) -> GainStep:
         """Return the tuning for the tracking error `e`; see :meth:`Gains.step`."""
@@ -217,15 +220,16 @@ class BSplineNetwork(Gains):
             output = low + (raised + change)  # eq. 22 with the new weights: a a cancels
             tuning[name] = np.minimum(np.maximum(output, low), high) if magnitude else output
         whole = self._limited(tuning, state.tuning)
-        return GainStep(whole, NetworkState(tuple(weights), filtered, whole))
+        return GainStep(whole, NetworkState(tuple(weights), a, filtered, whole))
 
     def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
         """Return the basis functions of the error [rad] and of its filtered derivative [rad/s]."""
         return (*self.basis.even(e * self._per_error), *self.basis.even(slope * self._per_derivative))
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:
-        """Return tuning and weights under their names."""
+        """Return tuning, weights and activations under their names."""
         named: dict[str, Array] = dict(state.tuning._asdict())
+        named.update({f"activation_{i + 1}": a for i, a in enumerate(state.activations)})
         for name, weights in zip(self._adapted, state.weights, strict=True):
             named.update({f"{name}_weight_{i + 1}": weight for i, weight in enumerate(weights)})
         return named

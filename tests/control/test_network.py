@@ -132,6 +132,9 @@ def test_tuning_and_weights_are_recorded_when_asked_for() -> None:
     rollout = simulate(RigidBodyPlant(ARM), controller, Hold(np.zeros(3)), 0.02, signals=True)
     weights = {f"{name}_weight_{i}" for name in ("omega_c", "zeta_c") for i in range(1, 5)}
     assert {"omega_c", "zeta_c", "p_c"} | weights <= set(rollout.data_vars)
+    for first, second in ((1, 2), (3, 4)):  # of the error, and of its derivative: they add up to one
+        together = rollout[f"activation_{first}"] + rollout[f"activation_{second}"]
+        np.testing.assert_allclose(together, 1.0, atol=1e-14)
     told = json.loads(rollout.attrs["provenance"])["controller"]["gains"]
     assert told["type"] == "BSplineNetwork"
     assert told["zeta_c"] == [[0.7] * 3, [1.0] * 3]
