@@ -268,7 +268,23 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
         raise RolloutError(f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = {found!r})")
     if missing := [name for name in _REQUIRED if name not in rollout]:
         raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
+    if damage := _damage(rollout):
+        raise RolloutError(f"{source}: is no armgpi rollout any more: {damage}")
     return rollout
+
+
+def _damage(rollout: xr.Dataset) -> str:
+    """Return what in a rollout cannot be, empty when all is well."""
+    time = rollout["time"].values
+    if time.ndim != 1 or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
+        return "its times do not increase"
+    if not np.isin(rollout["status"].values, [int(status) for status in Status]).all():
+        return f"its status is {rollout['status'].values}"
+    try:
+        provenance = json.loads(rollout.attrs["provenance"])
+    except (KeyError, TypeError, ValueError):
+        return "its provenance is no JSON"
+    return "" if isinstance(provenance, dict) and provenance else "its provenance is empty"
 
 
 @lru_cache(maxsize=1)

@@ -149,6 +149,27 @@ def test_a_rollout_of_another_format_is_refused(found: object, tmp_path: Path) -
     assert f"no armgpi rollout of format {FORMAT}" in refused(path)
 
 
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (lambda whole: whole.assign_attrs(provenance="{"), "provenance is no JSON"),
+        (lambda whole: whole.assign_attrs(provenance="[]"), "provenance is empty"),
+        (lambda whole: whole.assign_coords(time=whole["time"].values[::-1]), "times do not increase"),
+        (
+            lambda whole: whole.assign_coords(time=np.full(whole.sizes["time"], np.nan)),
+            "times do not increase",
+        ),
+        (lambda whole: whole.assign(status=whole["status"] + 9), "status is"),
+    ],
+)
+def test_a_rollout_that_cannot_be_is_refused(
+    damage: Callable[[xr.Dataset], xr.Dataset], named: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.nc"
+    damage(make()).to_netcdf(path, engine="h5netcdf")
+    assert named in refused(path)
+
+
 @pytest.mark.parametrize("lost", ["q", "tau", "status", "effort"])
 def test_a_rollout_that_lacks_something_is_refused(lost: str, tmp_path: Path) -> None:
     path = tmp_path / "a.nc"
