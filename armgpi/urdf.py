@@ -337,7 +337,10 @@ def _read_joint(element: Element, source: str) -> Joint:
     kind = element.get("type", "")
     if kind not in (*MOVING_TYPES, *WIDE_TYPES, "fixed"):
         known = ", ".join((*MOVING_TYPES, "fixed"))
-        raise UrdfError(source, f"{where} has type {kind!r}, which URDF does not know ({known})", name)
+        way = "make it fixed in the file"
+        if kind in ("spherical", "ball"):
+            way += ", or three revolute joints in a row with links without mass between them"
+        raise UrdfError(source, f"{where} has type {kind!r}, which URDF does not know ({known}); {way}", name)
     parent, child = (_end(element, tag, name, source) for tag in ("parent", "child"))
     xyz, rpy = _origin(element, where, source, name)
     if kind not in MOVING_TYPES:
@@ -350,7 +353,7 @@ def _read_joint(element: Element, source: str) -> Joint:
     if axis_element is not None:
         axis = _numbers(axis_element, "xyz", 3, f"{where}, <axis>", source, name)
     if not any(axis):
-        raise UrdfError(source, f"{where} has the axis 0 0 0", name)
+        raise UrdfError(source, f"{where} has the axis 0 0 0; give a direction, such as 0 0 1", name)
 
     limit, bounded = element.find("limit"), kind in ("revolute", "prismatic")
     if bounded and limit is None:
