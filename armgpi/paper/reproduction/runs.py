@@ -69,8 +69,8 @@ class Setting(NamedTuple):
     record_every: int = 10
     slower: float = 1.0
     candidates: tuple[tuple[float, ...], tuple[float, ...]] = (
-        (5.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0, 40.0),
-        (30.0, 50.0, 100.0, 200.0),
+        (15.0, 20.0, 25.0, 30.0),
+        (30.0, 50.0, 100.0),
     )
     brief: bool = False
 
