@@ -54,31 +54,34 @@ class PinocchioDynamics:
 
     Batches go through Pinocchio's parallel versions, which agree with the single ones bit by bit (in
     its WORLD convention). D(q) a is inverse dynamics without gravity and velocity, which never builds D.
+
+    Attributes:
+        model: the `pin.Model`, not to be changed.
     """
 
     def __init__(self, model: Any) -> None:
         """Take over a `pin.Model` (nq = nv) that nobody else may change."""
-        self._model = model
+        self.model = model
         self._data = model.createData()
         # The same masses in free fall: with v = 0, inverse dynamics is D(q) a alone.
         self._free = model.copy()
         self._free.gravity = pin.Motion.Zero()
         self._free_data = self._free.createData()
         self._rest = np.zeros(model.nv)
-        self._threads = _thread_count()
+        self._threads = thread_count()
         self._pools: dict[bool, Any] = {}
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration by the articulated-body algorithm (Featherstone 2008, ch. 7)."""
         if q.ndim == 1:
-            a: Array = _aba(self._model, self._data, q, v, tau, _WORLD)
+            a: Array = _aba(self.model, self._data, q, v, tau, _WORLD)
             return a
         return self._parallel(pin.abaInParallel, False, q, v, tau)
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Return the torque by the recursive Newton-Euler algorithm (Featherstone 2008, ch. 5)."""
         if q.ndim == 1:
-            tau: Array = _rnea(self._model, self._data, q, v, a)
+            tau: Array = _rnea(self.model, self._data, q, v, a)
             return tau
         return self._parallel(pin.rneaInParallel, False, q, v, a)
 
@@ -116,15 +119,15 @@ class PinocchioDynamics:
     def inertia(self, q: Array) -> Array:
         """Return D(q) by the composite-rigid-body algorithm (Featherstone 2008, ch. 6)."""
         if q.ndim == 1:
-            matrix: Array = np.array(pin.crba(self._model, self._data, q))
+            matrix: Array = np.array(pin.crba(self.model, self._data, q))
             return matrix
-        return np.array([pin.crba(self._model, self._data, row) for row in q]).reshape(*q.shape, q.shape[-1])
+        return np.array([pin.crba(self.model, self._data, row) for row in q]).reshape(*q.shape, q.shape[-1])
 
     def _parallel(self, kernel: Any, free_fall: bool, q: Array, v: Array, x: Array) -> Array:
         """Run a batch kernel; Pinocchio wants (n, batch), which a transposed row-major array is."""
         pool = self._pools.get(free_fall)
         if pool is None:
-            pool = pin.ModelPool(self._free if free_fall else self._model, self._threads)
+            pool = pin.ModelPool(self._free if free_fall else self.model, self._threads)
             self._pools[free_fall] = pool
         out = np.empty(q.shape)
         threads = 1 if len(q) < _SERIAL_BELOW else self._threads
@@ -137,11 +140,16 @@ class CoupledDynamics:
 
     The ratio J is constant, so the equations are those of the whole model projected on the free joints:
     D = J' D_whole J, and a torque is J' of the whole model's.
+
+    Attributes:
+        whole: dynamics of all m coordinates.
+        ratio: J, shape (m, n).
+        offset: shape (m,).
     """
 
     def __init__(self, whole: PinocchioDynamics, ratio: Array, offset: Array) -> None:
         """Project the `whole` model of m coordinates by `ratio` (m, n) and `offset` (m,)."""
-        self._whole, self._ratio, self._offset = whole, ratio, offset
+        self.whole, self.ratio, self.offset = whole, ratio, offset
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration, by solving with D(q)."""
@@ -149,12 +157,12 @@ class CoupledDynamics:
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Return the torque, by the whole model's Newton-Euler recursion."""
-        tau = self._whole.inverse(self._all(q), *self._rates(v, a))
-        return np.ascontiguousarray(tau @ self._ratio)
+        tau = self.whole.inverse(self._all(q), *self._rates(v, a))
+        return np.ascontiguousarray(tau @ self.ratio)
 
     def inertia_times(self, q: Array, a: Array) -> Array:
         """Return D(q) a."""
-        return np.ascontiguousarray(self._whole.inertia_times(self._all(q), *self._rates(a)) @ self._ratio)
+        return np.ascontiguousarray(self.whole.inertia_times(self._all(q), *self._rates(a)) @ self.ratio)
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau."""
@@ -170,16 +178,16 @@ class CoupledDynamics:
 
     def inertia(self, q: Array) -> Array:
         """Return D(q)."""
-        matrix: Array = self._ratio.T @ self._whole.inertia(self._all(q)) @ self._ratio
+        matrix: Array = self.ratio.T @ self.whole.inertia(self._all(q)) @ self.ratio
         return matrix
 
     def _all(self, q: Array) -> Array:
         """Return all coordinates of the whole model."""
-        return np.ascontiguousarray(q @ self._ratio.T + self._offset)
+        return np.ascontiguousarray(q @ self.ratio.T + self.offset)
 
     def _rates(self, *rates: Array) -> list[Array]:
         """Return velocities or accelerations of all coordinates."""
-        return [np.ascontiguousarray(rate @ self._ratio.T) for rate in rates]
+        return [np.ascontiguousarray(rate @ self.ratio.T) for rate in rates]
 
     def _solved(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau by a dense solve, n being small."""
@@ -245,11 +253,15 @@ def stacked(parts: Sequence[Dynamics]) -> Dynamics:
 
 
 class StackedDynamics:
-    """One robot per row of the batch, equal ones in groups, so that each is called once per batch."""
+    """One robot per row of the batch, equal ones in groups, so that each is called once per batch.
+
+    Attributes:
+        groups: the different dynamics, each with its rows.
+    """
 
     def __init__(self, groups: Sequence[tuple[Dynamics, Array]]) -> None:
         """Take the parts, each with the rows that belong to it."""
-        self._groups = groups
+        self.groups = groups
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration of every row."""
@@ -281,14 +293,14 @@ class StackedDynamics:
 
     def _scatter(self, name: str, *arguments: Array) -> Array:
         """Call the kernel `name` of every part on its rows and put the results back in order."""
-        results = [(rows, getattr(part, name)(*(x[rows] for x in arguments))) for part, rows in self._groups]
+        results = [(rows, getattr(part, name)(*(x[rows] for x in arguments))) for part, rows in self.groups]
         out = np.empty((len(arguments[0]), *results[0][1].shape[1:]))
         for rows, result in results:
             out[rows] = result
         return out
 
 
-def _thread_count() -> int:
+def thread_count() -> int:
     """Return the number of threads for batch kernels: the cores we may use, or OMP_NUM_THREADS."""
     asked = os.environ.get("OMP_NUM_THREADS", "")
     if asked.isdigit() and int(asked) > 0:

@@ -214,6 +214,10 @@ class RolloutError(ArmgpiError):
     """A rollout that cannot be made, read, or used for what was asked."""
 
 
+class BackendError(ArmgpiError):
+    """Generated code that cannot be made here: no compiler, or a loop that has none."""
+
+
 def _listing(names: Sequence[str], limit: int = 20) -> str:
     """Join names for a message, shortening long lists."""
     shown = ", ".join(names[:limit])

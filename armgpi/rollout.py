@@ -136,16 +136,17 @@ class Recording:
         begin = (first + skip) // self.every
         for name, values in samples.items():
             kept = values[skip :: self.every]
-            if name not in self.variables:
-                self.variables[name] = self._allocate()
-            place = self.variables[name][begin : begin + len(kept)]
+            place = self.room(name)[begin : begin + len(kept)]
             place[...] = kept.reshape(place.shape)
         self.stored = begin + len(kept)
 
-    def _allocate(self) -> Array:
-        """Make room for one variable, with a word before the machine runs out of memory."""
+    def room(self, name: str) -> Array:
+        """Return the array of a variable, NaN where nothing is stored yet, of shape (k, ..., n)."""
+        if name in self.variables:
+            return self.variables[name]
         try:
-            return np.full((len(self.times), *self.shape), np.nan)
+            self.variables[name] = np.full((len(self.times), *self.shape), np.nan)
+            return self.variables[name]
         except MemoryError:
             raise RolloutError(
                 f"recording {len(self.times)} samples of {self.shape} numbers needs too much memory; record "

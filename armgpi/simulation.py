@@ -8,17 +8,20 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from armgpi.arrays import Array, ArrayLike, as_joint_array, check_number, check_whole, new
 from armgpi.control.controller import Controller, FullState, Measurement, common_batch
-from armgpi.errors import ArmgpiWarning, ArrayError, LimitError, ParameterError
+from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.references.reference import Reference, Target
 from armgpi.rollout import Recording, Status, to_dataset
+
+if TYPE_CHECKING:
+    from armgpi.compiled.run import CompiledRun
 
 #: Longest stretch of samples between two looks at whether something diverged.
 _CHUNK = 256
@@ -31,6 +34,10 @@ _MOST_STEPS = 1e15
 _MOST_CHECKS, _FEWEST_CHECKS, _CHECKED_NUMBERS = 2001, 65, 1 << 20
 #: Seconds after which a run gets a progress bar.
 _LONG = 2.0
+#: What takes the samples of a run.
+BACKENDS = ("numpy", "compiled", "auto")
+#: About what NumPy takes for a sample [s], and for each number in it; and what is worth compiling for.
+_CALLS, _NUMBER, _WORTH = 6e-5, 5e-7, 2.0
 
 
 class LoopState(NamedTuple):
@@ -172,6 +179,7 @@ def simulate(
     signals: bool = False,
     divergence: float = 10.0,
     progress: bool | None = None,
+    backend: str = "numpy",
 ) -> xr.Dataset:
     """Run a closed loop and return its rollout.
 
@@ -187,6 +195,8 @@ def simulate(
         divergence: a rollout has diverged when a joint is farther than this from its reference
             [rad or m], or when a number is not finite.
         progress: show a progress bar; when not given, on a terminal and for long runs.
+        backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
+            where there can be none; "auto" for generated code where it saves more time than it takes to make.
 
     Returns:
         A dataset with the dimensions time, joint and, for a batch, rollout: see :mod:`armgpi.rollout`. A
@@ -202,11 +212,13 @@ def simulate(
     steps = _whole_steps(t_final, loop.dt)
     record_every = check_whole(record_every, "record_every", 1)
     divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
+    if backend not in BACKENDS:
+        raise ParameterError("backend", backend, f"one of {', '.join(BACKENDS)}")
     state = loop.init(q0, v0)
     _check_reference(loop, steps * loop.dt)
 
     recording = Recording.new(loop.truth(state).q.shape, steps, loop.dt, record_every)
-    run = _Run(loop, state, recording, divergence, signals)
+    run = _started(backend, loop, state, recording, divergence, signals, steps)
     with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
         try:
             while run.done < steps and recording.running.any():
@@ -232,6 +244,31 @@ def simulate(
             "t_final": steps * loop.dt,
         },
     )
+
+
+def _started(
+    backend: str,
+    loop: ClosedLoop,
+    state: LoopState,
+    recording: Recording,
+    divergence: float,
+    signals: bool,
+    steps: int,
+) -> _Run | CompiledRun:
+    """Return a run by the backend asked for, by NumPy where that cannot be."""
+    size = math.prod(recording.shape)
+    if backend == "compiled" or (backend == "auto" and steps * (_CALLS + _NUMBER * size) > _WORTH):
+        try:
+            from armgpi.compiled.run import CompiledRun
+
+            return CompiledRun(loop, state, recording, divergence, signals)
+        except ModuleNotFoundError as error:
+            reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
+        except BackendError as error:
+            reason = str(error)
+        if backend == "compiled":
+            warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=3)
+    return _Run(loop, state, recording, divergence, signals)
 
 
 class _Run:

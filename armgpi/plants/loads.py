@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -173,7 +173,7 @@ def paper_disturbances() -> list[Sine]:
 
 def _array(value: PerJointInput) -> Array:
     """Return a field of a load, which its check has made an array already."""
-    return np.asarray(value, dtype=np.float64)
+    return cast(Array, value)
 
 
 def _gate(t: Array, onset: float, end: float) -> Array:

@@ -7,6 +7,8 @@ SplitMix64 (Steele, Lea, Flood 2014), applied twice.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,7 +21,7 @@ _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
 
 
-def uniform(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array:
+def uniform(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
     """Return numbers uniform in (0, 1) for sample `k`.
 
     Args:
@@ -28,6 +30,9 @@ def uniform(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array
         shape: (n,) or (batch, n).
         stream: which of several independent sets of numbers.
     """
+    if not isinstance(k, int | np.integer):  # a symbol, of which the generated code draws the numbers
+        symbols: Array = k.uniform(seed, shape, stream)
+        return symbols
     rows = np.arange(shape[0], dtype=np.uint64)[:, None] if len(shape) == 2 else np.uint64(0)
     columns = np.arange(shape[-1], dtype=np.uint64)
     with np.errstate(over="ignore"):
@@ -39,7 +44,7 @@ def uniform(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array
     return np.broadcast_to(values, shape)
 
 
-def normal(seed: int, k: int, shape: tuple[int, ...], stream: int = 0) -> Array:
+def normal(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
     """Return standard normal numbers for sample `k` (Box and Muller 1958); arguments as :func:`uniform`."""
     radius = np.sqrt(-2.0 * np.log(uniform(seed, k, shape, 2 * stream)))
     result: Array = radius * np.cos(2.0 * np.pi * uniform(seed, k, shape, 2 * stream + 1))

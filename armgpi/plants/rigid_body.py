@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -75,9 +75,10 @@ class RigidBodyPlant(Plant):
         self.substeps = check_whole(substeps, "substeps", 1)
         self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
         self.friction = self._friction(friction)
+        self._sticks = self.friction is not None and bool(self.friction.coulomb.any())
         loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
         self.batch = common_batch(robot.batch, *(self.friction or ()), *loads_now)
-        self._table = _LoadTable(self.disturbance, self.substeps) if self.loads else None
+        self._table = LoadTable(self, self.substeps) if self.loads else None
         self._substep = self._without_friction if self.friction is None else self._with_friction
 
     def init(self, q: Array, v: Array) -> PlantState:
@@ -162,7 +163,8 @@ class RigidBodyPlant(Plant):
         assert self.friction is not None
         q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
         inertia = self.robot.dynamics.inertia(q)
-        new = _after_friction(inertia, v_free, h, self.friction, self.stick_velocity)
+        steps = _NEWTON_STEPS if self._sticks else 0
+        new = _after_friction(inertia, v_free, h, self.friction, self.stick_velocity, steps)
         return q_free + 0.5 * h * (new - v_free), new
 
     def _friction(self, friction: str | Friction | None) -> Friction | None:
@@ -193,19 +195,24 @@ class RigidBodyPlant(Plant):
         return shape
 
 
-class _LoadTable:
+class LoadTable:
     """Disturbance torques at the stage times, worked out for a stretch of samples at once.
 
     A load depends on time alone, so evaluating it at every Runge-Kutta stage would repeat itself.
+
+    Attributes:
+        plant: whose loads they are.
+        substeps: Runge-Kutta steps per sample.
     """
 
     _SAMPLES = 256
     #: Shares of a substep. The end lies just before it, so that a load which sets in there is not felt yet.
-    _STAGES = np.array([0.0, 0.5, 1.0 - 1e-9])
+    STAGES = np.array([0.0, 0.5, 1.0 - 1e-9])
 
-    def __init__(self, disturbance: Callable[[Array], Array | None], substeps: int) -> None:
-        self._disturbance = disturbance
-        self._substeps = substeps
+    def __init__(self, plant: Plant, substeps: int) -> None:
+        """Keep the loads of a plant."""
+        self.plant = plant
+        self.substeps = substeps
         self._first = -1
         self._dt = math.nan
         self._rows: Array = np.empty(0)
@@ -214,16 +221,18 @@ class _LoadTable:
         """Return the torque at the beginning, middle and end of a substep of sample `k`."""
         first = k - k % self._SAMPLES
         if first != self._first or dt != self._dt:
-            substeps = np.arange(self._substeps * self._SAMPLES)[:, None]
-            times = dt * (first + (substeps + self._STAGES) / self._substeps)
-            rows = self._disturbance(times.ravel())
+            substeps = np.arange(self.substeps * self._SAMPLES)[:, None]
+            times = dt * (first + (substeps + self.STAGES) / self.substeps)
+            rows = self.plant.disturbance(times.ravel())
             assert rows is not None
             self._first, self._dt, self._rows = first, dt, rows
-        i = 3 * (self._substeps * (k - first) + substep)
+        i = 3 * (self.substeps * (k - first) + substep)
         return self._rows[i], self._rows[i + 1], self._rows[i + 2]
 
 
-def _after_friction(inertia: Array, v_free: Array, h: float, friction: Friction, stick: float) -> Array:
+def _after_friction(
+    inertia: Array, v_free: Array, h: float, friction: Friction, stick: float, steps: int
+) -> Array:
     """Return the velocity v that friction leaves of v_free after the time h.
 
     It solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0 with |v| smoothed to sqrt(v^2 + stick^2), by
@@ -242,7 +251,7 @@ def _after_friction(inertia: Array, v_free: Array, h: float, friction: Friction,
         return _solve(matrix, momentum - h * push[..., None])
 
     v, share = v_free, np.zeros_like(v_free)
-    for _ in range(_NEWTON_STEPS if coulomb.any() else 0):
+    for _ in range(steps):
         speed = np.sqrt(v * v + stick * stick)
         sign = v / speed
         slope = (1.0 - share * sign) / speed
@@ -256,7 +265,7 @@ def _after_friction(inertia: Array, v_free: Array, h: float, friction: Friction,
 def _solve(matrix: Array, column: Array) -> Array:
     """Solve for one column per matrix; where a rollout has diverged the answer is NaN, not an exception."""
     try:
-        return np.asarray(np.linalg.solve(matrix, column)[..., 0])
+        return cast(Array, np.linalg.solve(matrix, column)[..., 0])
     except np.linalg.LinAlgError:
         finite = np.asarray(np.isfinite(matrix).all(axis=(-2, -1)))[..., None, None]
         safe = np.where(finite, matrix, np.eye(matrix.shape[-1]))

@@ -86,6 +86,8 @@ class Bezier(Reference):
         t_start: when it begins [s].
     """
 
+    symbolic = True
+
     def __init__(
         self,
         start: ArrayLike,
@@ -124,8 +126,8 @@ class Bezier(Reference):
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
-        time = np.asarray(t, dtype=np.float64)
-        x = (time - self.t_start) / self.duration
+        x = np.multiply(1.0, t)  # an array, or symbols
+        x = (x - self.t_start) / self.duration
         step = blend(x.reshape(x.shape + (1,) * self._distance.ndim))
         return Target(
             q=self.start + self._distance * step.value,  # eq. 26

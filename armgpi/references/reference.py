@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,14 @@ class Target(NamedTuple):
 
 
 class Reference(ABC):
-    """A trajectory q*(t) with its first two derivatives."""
+    """A trajectory q*(t) with its first two derivatives.
+
+    Attributes:
+        symbolic: whether :meth:`at` is arithmetic alone, which also takes a symbol for the time; generated
+            code then works it out, and reads it from a table otherwise.
+    """
+
+    symbolic: ClassVar[bool] = False
 
     @abstractmethod
     def at(self, t: float | Array) -> Target:
@@ -47,6 +54,8 @@ class Reference(ABC):
 
 class Hold(Reference):
     """Stand still at one posture."""
+
+    symbolic = True
 
     def __init__(self, q: ArrayLike) -> None:
         """Hold `q` [rad or m], shape (n,) or (batch, n)."""

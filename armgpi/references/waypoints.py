@@ -22,6 +22,8 @@ class Waypoints(Reference):
         t_end: when the last hold is over [s].
     """
 
+    symbolic = True
+
     def __init__(
         self,
         points: Sequence[ArrayLike],
@@ -78,7 +80,7 @@ class Waypoints(Reference):
             q = q + (target.q - move.start)
             v = v + target.v
             a = a + target.a
-        return Target(np.asarray(q), np.asarray(v), np.asarray(a))
+        return Target(q, v, a)
 
     def describe(self) -> dict[str, Any]:
         """Return the moves as plain data."""

@@ -1,0 +1,177 @@
+"""From generated C to a loaded library: compiled once, kept by what it was made from."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import tempfile
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from armgpi.errors import BackendError
+
+#: Strict arithmetic: no reordering and no fused multiply-add, so every machine and number of lanes gives the
+#: same bits. What is left out is errno and traps, which nothing here looks at.
+FLAGS = (
+    "-std=gnu11",
+    "-O2",
+    "-march=native",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fPIC",
+    "-shared",
+    "-w",
+)
+#: Libraries kept at most; the ones used least recently go.
+_KEPT = 256
+#: Longest time that a compiler may take [s].
+_PATIENCE = 300.0
+
+
+class Compiler(NamedTuple):
+    """A C compiler.
+
+    Attributes:
+        command: how it is called.
+        version: what it says of itself.
+    """
+
+    command: tuple[str, ...]
+    version: str
+
+
+@lru_cache(maxsize=4)
+def _probed(command: tuple[str, ...]) -> Compiler | None:
+    """Return a compiler that answers, None when it does not."""
+    if shutil.which(command[0]) is None:
+        return None
+    try:
+        said = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return Compiler(command, said.stdout)
+
+
+def compiler() -> Compiler:
+    """Return the C compiler: what CC names, or cc, gcc or clang.
+
+    Raises:
+        BackendError: when there is none.
+    """
+    asked = os.environ.get("CC", "")
+    for name in (asked,) if asked else ("cc", "gcc", "clang"):
+        found = _probed(tuple(shlex.split(name)) or ("",))
+        if found is not None:
+            return found
+    wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
+    raise BackendError(f"no C compiler: {wanted}; install GCC or Clang, or set CC")
+
+
+@lru_cache(maxsize=1)
+def cpu() -> str:
+    """Return what this CPU can do, as text."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith(("flags", "Features")):
+                return f"{platform.machine()} {line.partition(':')[2].strip()}"
+    return f"{platform.machine()} {platform.processor()}"
+
+
+def widest() -> int:
+    """Return how many numbers this CPU works on at once."""
+    flags = cpu().split()
+    return 8 if "avx512f" in flags and "avx512dq" in flags else 4
+
+
+def cache_folder() -> Path:
+    """Return where libraries are kept: ARMGPI_CACHE, or armgpi in the user's cache folder."""
+    if asked := os.environ.get("ARMGPI_CACHE"):
+        return Path(asked)
+    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(base).expanduser() / "armgpi"
+
+
+_loaded: dict[str, ctypes.CDLL] = {}
+
+
+def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
+    """Return the library of a C source, compiled now or before.
+
+    An entry is named by a hash of the source, the compiler, its flags and the CPU, and by one of its own
+    content, so that a damaged one is not taken. It appears whole or not at all.
+
+    Raises:
+        BackendError: when there is no compiler, or it fails.
+    """
+    found = compiler()
+    key = hashlib.sha256(
+        "\0".join([source, found.version, *found.command, *flags, cpu()]).encode()
+    ).hexdigest()[:32]
+    if key not in _loaded:
+        path = _cached(key) or _compiled(source, key, found, flags)
+        try:
+            _loaded[key] = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise BackendError(f"{path}: cannot be loaded: {error}") from None
+    return _loaded[key]
+
+
+def _cached(key: str) -> Path | None:
+    """Return a whole entry of the cache."""
+    with suppress(OSError):
+        for path in cache_folder().glob(f"{key}-*.so"):
+            if path.stem.rpartition("-")[2] == _digest(path):
+                os.utime(path)
+                return path
+            path.unlink()
+    return None
+
+
+def _digest(path: Path) -> str:
+    """Return a hash of a file's content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) -> Path:
+    """Compile, and move the library to its place in the cache."""
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
+    except OSError:  # a home that cannot be written: compile for this process alone
+        folder = work = Path(tempfile.mkdtemp(prefix="armgpi-"))
+    try:
+        (work / "loop.c").write_text(source)
+        built = work / "loop.so"
+        command = [*found.command, *flags, "-o", str(built), str(work / "loop.c"), "-lm"]
+        said = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
+        if said.returncode or not built.is_file():
+            lines = [line for line in said.stderr.splitlines() if "error" in line] or ["it said nothing"]
+            raise BackendError(f"{' '.join(found.command)} failed: {lines[0]}")
+        target = folder / f"{key}-{_digest(built)}.so"
+        built.replace(target)
+    except subprocess.TimeoutExpired:
+        raise BackendError(f"{' '.join(found.command)} took longer than {_PATIENCE:g} s") from None
+    except OSError as error:
+        raise BackendError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    finally:
+        if work != folder:
+            shutil.rmtree(work, ignore_errors=True)
+    _prune(folder)
+    return target
+
+
+def _prune(folder: Path) -> None:
+    """Remove the libraries used least recently, beyond so many."""
+    with suppress(OSError):
+        old = sorted(folder.glob("*-*.so"), key=lambda path: path.stat().st_mtime)[:-_KEPT]
+        for path in old:
+            path.unlink()

@@ -1,0 +1,233 @@
+"""The dynamics that a law sees while it is traced: every use becomes a call of a generated function."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+from armgpi.compiled.emit import Code, Dialect, straight_line
+from armgpi.compiled.model import SymbolicModel
+from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, StackedDynamics
+
+#: How far a generated model may be from Pinocchio's, relative to the largest entry.
+_AGREEMENT = 1e-9
+#: Random states at which the two are compared, for each of up to so many arms of a batch.
+_STATES, _ARMS = 8, 16
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A generated function of arrays.
+
+    Attributes:
+        name: its name in C.
+        sizes: lengths of its arguments.
+        size: length of its result.
+        parameters: the symbols of what differs between rollouts, which it takes as well.
+        inputs: the symbols of its arguments.
+        outputs: its result.
+        skip: index of the argument that makes the result zero when it is; None when none does.
+    """
+
+    name: str
+    sizes: tuple[int, ...]
+    size: int
+    parameters: Sequence[Any]
+    inputs: Sequence[Any]
+    outputs: Sequence[Any]
+    skip: int | None = None
+
+    def code(self, dialect: Dialect) -> Code:
+        """Return the lines that work it out from x (arguments one after the other) and m (parameters)."""
+        inputs = [(symbol, f"x[{i}]") for i, symbol in enumerate(self.inputs)]
+        inputs += [(symbol, f"m[{i}]") for i, symbol in enumerate(self.parameters)]
+        return straight_line(inputs, self.outputs, dialect)
+
+
+@dataclass(frozen=True)
+class Call:
+    """One use of a kernel.
+
+    Attributes:
+        kernel: which.
+        arguments: CasADi expressions, one after the other.
+        results: the symbols that stand for what it returns.
+    """
+
+    kernel: Kernel
+    arguments: list[Any]
+    results: list[Any]
+
+
+class Arm:
+    """The generated functions of one arm, or of arms of one structure, made when they are first asked for.
+
+    Attributes:
+        model: the equations of motion.
+        scale: factor of all masses and inertias, a number or an array (batch, 1).
+        kernels: the functions by name.
+    """
+
+    def __init__(self, dynamics: Dynamics, prefix: str) -> None:
+        """Generate from the models behind `dynamics`.
+
+        Raises:
+            NotElementwise: for dynamics that are not Pinocchio's, or arms that differ in their joints.
+        """
+        self._prefix = prefix
+        self._bases, self._rows, self.scale = _parts(dynamics)
+        models, couplings = zip(*map(_unpacked, self._bases), strict=True)
+        ratio, offset = couplings[0]
+        for other_ratio, other_offset in couplings[1:]:
+            if not (np.array_equal(ratio, other_ratio) and np.array_equal(offset, other_offset)):
+                raise NotElementwise("its arms differ in how joints follow others")
+        try:
+            self.model = SymbolicModel(models, ratio, offset, f"{prefix}_m")
+        except ValueError as error:
+            raise NotElementwise(str(error)) from None
+        self.kernels: dict[str, Kernel] = {}
+
+    @property
+    def table(self) -> Array:
+        """What differs between rollouts, shape (rollouts, k): the kernels' parameters."""
+        return self.model.table[self._rows]
+
+    def kernel(self, name: str) -> Kernel:
+        """Return a kernel by the name of the method of :class:`armgpi.dynamics.Dynamics`."""
+        if name not in self.kernels:
+            self.kernels[name] = self._made(name)
+        return self.kernels[name]
+
+    def _made(self, name: str) -> Kernel:
+        n, model = self.model.n, self.model
+        count = {"forward": 3, "inverse": 3, "gravity": 1, "inertia": 1}.get(name, 2)
+        symbols = [[Scalar(ca.SX.sym(f"{letter}{i}")) for i in range(n)] for letter in "qxy"[:count]]
+        arrays = [np.array(row, dtype=object) for row in symbols]
+        q = arrays[0]
+        if name == "forward":
+            result = model.forward(*arrays)
+        elif name == "inverse":
+            result = model.inverse(q, arrays[1], arrays[2])
+        elif name == "inertia_times":
+            result = model.inverse(q, None, arrays[1], weight=False)
+        elif name == "inertia_solve":
+            result = model.solved(q, arrays[1])
+        elif name == "bias":
+            result = model.inverse(q, arrays[1], None)
+        elif name == "gravity":
+            result = model.inverse(q, None, None)
+        else:
+            result = model.inertia(q).ravel()
+        kernel = Kernel(
+            f"{self._prefix}_{name}",
+            (n,) * count,
+            len(result),
+            [p.sx for p in model.parameters],
+            [x.sx for row in symbols for x in row],
+            flat(Symbols(result)),
+            1 if name == "inertia_solve" else None,
+        )
+        self._check(name, kernel)
+        return kernel
+
+    def _check(self, name: str, kernel: Kernel) -> None:
+        """Refuse a kernel that is not Pinocchio's at random states."""
+        function = ca.Function(
+            "f", [ca.vertcat(*kernel.inputs), ca.vertcat(*kernel.parameters)], [ca.vertcat(*kernel.outputs)]
+        )
+        random = np.random.default_rng(0)
+        for base, values in list(zip(self._bases, self.model.table, strict=True))[:_ARMS]:
+            for _ in range(_STATES):
+                x = random.normal(size=(len(kernel.sizes), kernel.sizes[0]))
+                theirs = np.ravel(getattr(base, name)(*x))
+                ours = np.array(function(x.ravel(), values)).ravel()
+                wrong = float(np.abs(ours - theirs).max() / max(np.abs(theirs).max(), 1e-300))
+                if not wrong <= _AGREEMENT:
+                    raise NotElementwise(
+                        f"its generated {name} differs from Pinocchio's by {wrong:.2g} relative"
+                    )
+
+
+class TracedDynamics:
+    """Equations of motion that note what they are asked for.
+
+    Attributes:
+        calls: every use so far, in order; shared by all dynamics of a trace.
+    """
+
+    def __init__(self, arm: Arm, calls: list[Call]) -> None:
+        """Trace the uses of an arm."""
+        self.arm = arm
+        self.calls = calls
+
+    def forward(self, q: Any, v: Any, tau: Any) -> Symbols:
+        """Return the acceleration."""
+        return self._called("forward", q, v, tau)
+
+    def inverse(self, q: Any, v: Any, a: Any) -> Symbols:
+        """Return the torque."""
+        return self._called("inverse", q, v, a)
+
+    def inertia_times(self, q: Any, a: Any) -> Symbols:
+        """Return D(q) a."""
+        return self._called("inertia_times", q, a)
+
+    def inertia_solve(self, q: Any, tau: Any) -> Symbols:
+        """Return D(q)^-1 tau."""
+        return self._called("inertia_solve", q, tau)
+
+    def bias(self, q: Any, v: Any) -> Symbols:
+        """Return C(q, v) v + G(q)."""
+        return self._called("bias", q, v)
+
+    def gravity(self, q: Any) -> Symbols:
+        """Return G(q)."""
+        return self._called("gravity", q)
+
+    def inertia(self, q: Any) -> Symbols:
+        """Return D(q)."""
+        n = self.arm.model.n
+        return self._called("inertia", q).reshape(n, n)
+
+    def _called(self, name: str, *arguments: Any) -> Symbols:
+        """Note a call and return the symbols of its result."""
+        kernel = self.arm.kernel(name)
+        expressions = []
+        for size, argument in zip(kernel.sizes, arguments, strict=True):
+            expressions += flat(np.broadcast_to(argument, (size,)))
+        results = Symbols.new(f"call{len(self.calls)}", (kernel.size,))
+        self.calls.append(Call(kernel, expressions, flat(results)))
+        return results
+
+
+def _parts(dynamics: Dynamics) -> tuple[list[Dynamics], npt.NDArray[np.int64], float | Array]:
+    """Return the different dynamics behind some, which of them each rollout has, and the factor on them."""
+    if isinstance(dynamics, ScaledDynamics):
+        return [dynamics.base], np.zeros(1, dtype=np.int64), dynamics.scale
+    if not isinstance(dynamics, StackedDynamics):
+        return [dynamics], np.zeros(1, dtype=np.int64), 1.0
+    batch = sum(len(rows) for _, rows in dynamics.groups)
+    which, scale = np.zeros(batch, dtype=np.int64), np.ones((batch, 1))
+    bases = []
+    for i, (part, rows) in enumerate(dynamics.groups):
+        (base,), _, factor = _parts(part)
+        bases.append(base)
+        which[rows] = i
+        scale[rows] = factor
+    return bases, which, 1.0 if (scale == 1.0).all() else scale
+
+
+def _unpacked(dynamics: Dynamics) -> tuple[Any, tuple[Array | None, Array | None]]:
+    """Return the `pin.Model` behind dynamics, and how its joints follow others."""
+    if isinstance(dynamics, PinocchioDynamics):
+        return dynamics.model, (None, None)
+    if isinstance(dynamics, CoupledDynamics):
+        return dynamics.whole.model, (dynamics.ratio, dynamics.offset)
+    raise NotElementwise(f"its dynamics are {type(dynamics).__name__}, not Pinocchio's")

@@ -1,0 +1,98 @@
+/* Many rollouts, LANES at a time: `sample` takes one sample of a closed loop and is generated. */
+#define NR (VARIABLES * N)
+
+typedef struct {
+    double *state;         /* blocks of (NS + NR) vectors: the state, and what was recorded last */
+    const double *shared;  /* parameters of all rollouts */
+    const double *own;     /* blocks of NO vectors: each rollout's own */
+    const double *table;   /* for every sample NT numbers, or NT rows of as many as there are lanes in all */
+    const uint64_t *draws; /* for each draw: seed, stream, samples ahead */
+    double *const *out;    /* VARIABLES arrays (samples, rollouts, N) */
+    int64_t *ended;        /* sample at which a rollout diverged, -1 while it runs */
+    int64_t rows, padded, table_rows, k0, k1, every, final;
+    double divergence;
+} Job;
+
+static U v_mix(U x)
+{
+    x = (x ^ (x >> 30)) * UINT64_C(0xBF58476D1CE4E5B9);
+    x = (x ^ (x >> 27)) * UINT64_C(0x94D049BB133111EB);
+    return x ^ (x >> 31);
+}
+
+/* Numbers in (0, 1) as armgpi.plants.noise.uniform draws them, for every draw and joint. */
+static void draw(const uint64_t *draws, int64_t row, int64_t k, V *u)
+{
+    const uint64_t golden = UINT64_C(0x9E3779B97F4A7C15);
+    for (int d = 0; d < ND; ++d) {
+        U key = {0};
+        for (int i = 0; i < LANES; ++i) LANE(key, i) = draws[3 * d] + (uint64_t)(row + i) + golden;
+        key = v_mix(key);
+        for (uint64_t j = 0; j < N; ++j) {
+            const uint64_t sample_number = (uint64_t)k + draws[3 * d + 2];
+            const uint64_t counter = sample_number * 0x10000 + draws[3 * d + 1] * 0x1000 + j;
+            const U bits = v_mix(v_mix(key ^ (counter * golden)) + key) >> 11;
+            V x = v_set(0.0);
+            for (int i = 0; i < LANES; ++i) LANE(x, i) = (double)(int64_t)LANE(bits, i);
+            u[d * N + (int)j] = (x + 0.5) * 0x1p-53;
+        }
+    }
+}
+
+static void record(const Job *job, int64_t block, int64_t k, const V *now)
+{
+    for (int lane = 0; lane < LANES; ++lane) {
+        const int64_t row = block * LANES + lane;
+        if (row >= job->rows || job->ended[row] >= 0) continue;
+        for (int x = 0; x < VARIABLES; ++x) {
+            double *to = job->out[x] + (k / job->every * job->rows + row) * N;
+            for (int j = 0; j < N; ++j) to[j] = LANE(now[x * N + j], lane);
+        }
+    }
+}
+
+/* Take the samples k0 to k1 - 1 of some blocks. In the final one the torque is the one held before. */
+void run(const Job *job, int64_t first, int64_t last)
+{
+    V state[2][NS + 1], now[NR], u[ND * N + 1], table[NT + 1];
+    for (int64_t block = first; block < last; ++block) {
+        double *memory = job->state + block * (NS + NR) * LANES;
+        const V *own = (const V *)(job->own + block * NO * LANES);
+        M running = {0};
+        for (int i = 0; i < LANES; ++i) {
+            const int64_t row = block * LANES + i;
+            LANE(running, i) = row < job->rows && job->ended[row] < 0 ? -1 : 0;
+        }
+        if (!v_any(running)) continue;
+        memcpy(state[0], memory, NS * sizeof(V));
+        memcpy(now, memory + NS * LANES, sizeof now);
+        int turn = 0;
+        for (int64_t k = job->k0; k < job->k1; ++k, turn ^= 1) {
+            V held[NR];
+            if (job->final) memcpy(held, now, sizeof held);
+            for (int i = 0; i < NT; ++i) {
+                const int64_t at = (k - job->k0) * NT + i;
+                if (job->table_rows) memcpy(&table[i], job->table + at * job->padded + block * LANES, sizeof(V));
+                else table[i] = v_set(job->table[at]);
+            }
+            draw(job->draws, block * LANES, k, u);
+            sample(state[turn], state[turn ^ 1], job->shared, own, table, u, v_set((double)k), now);
+            if (job->final) memcpy(now + HELD * N, held + HELD * N, (VARIABLES - HELD) * N * sizeof(V));
+            M good = running;
+            for (int j = 0; j < N; ++j) {
+                good &= v_le(v_abs(now[j] - now[2 * N + j]), v_set(job->divergence));
+                good &= v_lt(v_abs(now[N + j]), v_set(INFINITY));
+                good &= v_lt(v_abs(now[TAU * N + j]), v_set(INFINITY));
+            }
+            if (v_any(running & ~good)) {
+                for (int i = 0; i < LANES; ++i)
+                    if (LANE(running, i) && !LANE(good, i)) job->ended[block * LANES + i] = k;
+                running = good;
+                if (!v_any(running)) break;
+            }
+            if (k % job->every == 0) record(job, block, k, now);
+        }
+        memcpy(memory, state[turn], NS * sizeof(V));
+        memcpy(memory + NS * LANES, now, sizeof now);
+    }
+}

@@ -1,0 +1,288 @@
+"""A run of a closed loop by generated code: what :func:`armgpi.simulate` uses in place of NumPy."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from importlib.resources import files
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.compiled import build
+from armgpi.compiled.emit import Dialect, straight_line
+from armgpi.compiled.symbols import NotElementwise
+from armgpi.compiled.trace import Trace, trace
+from armgpi.dynamics import thread_count
+from armgpi.errors import BackendError
+from armgpi.rollout import Recording, Status
+
+#: What every run records, in this order; the first five belong to the sample, the others to the torque.
+_ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
+_HELD, _TAU = _ORDER.index("tau_command"), _ORDER.index("tau")
+#: How long one call of the generated code should take [s]: between two calls Ctrl-C is heard.
+_CALL = 0.05
+#: Numbers in a table of targets, at most.
+_TABLE = 1 << 20
+
+
+def source(traced: Trace, lanes: int) -> str:
+    """Return the C of a closed loop, whole."""
+    names = [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
+    kernels = {call.kernel.name: call.kernel for call in traced.calls}
+    own = {str(symbol): i for i, (symbol, _) in enumerate(traced.own)}
+    dialect = Dialect()
+    parts = [
+        f"#define LANES {lanes}",
+        f"#define N {traced.n}",
+        f"#define NS {len(traced.state)}",
+        f"#define NO {len(traced.own)}",
+        f"#define NT {len(traced.table)}",
+        f"#define ND {len(traced.draws)}",
+        f"#define VARIABLES {len(names)}",
+        f"#define HELD {_HELD}",
+        f"#define TAU {_TAU}",
+        _text("lanes.h"),
+    ]
+    for kernel in kernels.values():
+        code = kernel.code(dialect)
+        parts += [
+            f"static __attribute__((noinline)) void {kernel.name}(const V *x, const V *m, V *y)",
+            "{",
+            *code.lines,
+            *(f"y[{i}] = {text};" for i, text in enumerate(code.results)),
+            "}",
+        ]
+    recorded = [x for name in names for x in traced.recorded[name]]
+    inputs = [
+        (traced.k, "k"),
+        *((x, f"s[{i}]") for i, x in enumerate(traced.state)),
+        *((x, f"v_set(p[{i}])") for i, (x, _) in enumerate(traced.shared)),
+        *((x, f"o[{i}]") for i, (x, _) in enumerate(traced.own)),
+        *((x, f"t[{i}]") for i, x in enumerate(traced.table)),
+        *((x, f"u[{i * traced.n + j}]") for i, d in enumerate(traced.draws) for j, x in enumerate(d.symbols)),
+    ]
+    outputs: list[Any] = []
+    calls = {}
+    for i, call in enumerate(traced.calls):
+        begin = len(outputs)
+        outputs += call.arguments
+        first = own[str(call.kernel.parameters[0])] if call.kernel.parameters else 0
+        calls[len(outputs)] = _call(i, call.kernel, begin, first)
+        inputs += [(x, f"y{i}[{j}]") for j, x in enumerate(call.results)]
+    body = straight_line(inputs, [*outputs, *traced.after, *recorded], dialect, calls)
+    results = body.results[len(outputs) :]
+    parts += [
+        "static void sample(const V *s, V *z, const double *p, const V *o, const V *t,",
+        "                   const V *u, V k, V *r)",
+        "{",
+        *body.lines,
+        *(f"z[{i}] = {text};" for i, text in enumerate(results[: len(traced.after)])),
+        *(f"r[{i}] = {text};" for i, text in enumerate(results[len(traced.after) :])),
+        "}",
+        _text("loop.h"),
+    ]
+    return "\n".join(parts)
+
+
+def _call(i: int, kernel: Any, begin: int, first: int) -> Any:
+    """Return what writes the call of a kernel, given the C of all that is known."""
+
+    def write(known: Sequence[str]) -> list[str]:
+        texts = known[begin:]
+        lines = [f"V x_{i}[{len(texts)}], y{i}[{kernel.size}];"]
+        lines += [f"x_{i}[{j}] = {text};" for j, text in enumerate(texts)]
+        call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
+        if kernel.skip is None:
+            return [*lines, call]
+        # Where the argument is zero so is the result, at no cost.
+        start = sum(kernel.sizes[: kernel.skip])
+        tests = " | ".join(
+            f"v_ne(x_{i}[{j}], v_set(0.0))" for j in range(start, start + kernel.sizes[kernel.skip])
+        )
+        zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
+        return [*lines, f"if (v_any({tests})) {call} else {{ {zeros} }}"]
+
+    return write
+
+
+def _text(name: str) -> str:
+    """Return a file of C that comes with the package."""
+    return (files("armgpi.compiled") / name).read_text()
+
+
+class _Job(ctypes.Structure):
+    """What the generated `run` is told; see loop.h."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("state", "shared", "own", "table", "draws", "out", "ended")),
+        *((name, ctypes.c_int64) for name in ("rows", "padded", "table_rows", "k0", "k1", "every", "final")),
+        ("divergence", ctypes.c_double),
+    ]
+
+
+class CompiledRun:
+    """A run in progress: as the loop's own, but by generated code.
+
+    Attributes:
+        done: samples taken.
+        chunk: samples to take next: as many as one call should.
+    """
+
+    def __init__(
+        self,
+        loop: Any,
+        state: Any,
+        recording: Recording,
+        divergence: float,
+        signals: bool,
+        lanes: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        """Generate and compile the loop, or find it compiled.
+
+        Raises:
+            BackendError: when the loop cannot be generated or compiled; the message says why.
+        """
+        try:
+            traced = trace(loop, state, signals)
+            _keep_used(traced)
+            self.rows = len(recording.status)
+            self.lanes = lanes or (1 if self.rows == 1 else build.widest())
+            self._library = build.library(source(traced, self.lanes))
+        except NotElementwise as error:
+            raise BackendError(f"this loop has no generated code: {error}") from None
+        self.loop, self.recording = loop, recording
+        self.done = 0
+        self.chunk = 16
+        self._traced = traced
+        self._blocks = -(-self.rows // self.lanes)
+        self.threads = min(threads or thread_count(), self._blocks)
+        padded = self._blocks * self.lanes
+        names = [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
+        place = np.minimum(np.arange(padded), self.rows - 1)  # lanes without a rollout repeat the last one
+        start = np.concatenate([traced.start, np.zeros((len(names) * traced.n, traced.start.shape[1]))])
+        self._keep = {
+            "state": self._packed(start[:, place]),
+            "shared": np.array([value for _, value in traced.shared]),
+            "own": self._packed(
+                np.array([np.broadcast_to(v, self.rows)[place] for _, v in traced.own]).reshape(-1, padded)
+            ),
+            "table": np.empty(0),
+            "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
+            "ended": np.full(self.rows, -1, dtype=np.int64),
+        }
+        arrays = [recording.room(name) for name in names]
+        self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+        self._job = _Job(
+            **{name: array.ctypes.data for name, array in self._keep.items()},
+            rows=self.rows,
+            padded=padded,
+            every=recording.every,
+            divergence=divergence,
+        )
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def take(self, count: int) -> int:
+        """Take `count` samples and record them."""
+        begun = time.perf_counter()
+        self._run(self.done, self.done + count)
+        self.done += count
+        spent = max(time.perf_counter() - begun, 1e-6)
+        most = _TABLE // max(
+            1, len(self._traced.table) * (self._blocks * self.lanes if self._job.table_rows else 1)
+        )
+        self.chunk = max(1, min(int(count * min(_CALL / spent, 16.0)), most))
+        return count
+
+    def finish(self) -> None:
+        """Record the state after the last sample, its torque still held."""
+        self._job.final = 1
+        self._run(self.done, self.done + 1)
+        self._store(self.done + 1)
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def interrupt(self) -> None:
+        """Keep the samples that were whole when the user stopped the run."""
+        self._store(self.done)
+        recording = self.recording
+        recording.t_end[recording.running] = self.done * self.loop.dt
+        recording.status[recording.running] = Status.INTERRUPTED
+
+    def _run(self, k0: int, k1: int) -> None:
+        """Run samples k0 to k1 - 1 of all rollouts."""
+        if self._traced.table:
+            self._fill_table(k0, k1)
+        job = self._job
+        job.k0, job.k1 = k0, k1
+        run = self._library.run
+        pointer = ctypes.byref(job)
+        if self._pool is None:
+            run(pointer, ctypes.c_int64(0), ctypes.c_int64(self._blocks))
+        else:
+            # A few more parts than threads: a part whose rollouts have diverged is done at once.
+            ends = np.linspace(0, self._blocks, min(self._blocks, 4 * self.threads) + 1).astype(int).tolist()
+            parts = [
+                self._pool.submit(run, pointer, ctypes.c_int64(a), ctypes.c_int64(b))
+                for a, b in pairwise(ends)
+            ]
+            try:
+                wait(parts)
+            finally:  # the code writes into arrays that must not go away
+                wait(parts)
+        self._mark_diverged()
+
+    def _fill_table(self, k0: int, k1: int) -> None:
+        """Have NumPy work out the targets of some samples."""
+        target = self.loop.reference.at(np.arange(k0, k1) * np.float64(self.loop.dt))
+        columns = np.concatenate(target, axis=-1)
+        self._job.table_rows = columns.ndim == 3
+        if columns.ndim == 3:
+            columns = np.swapaxes(columns, 1, 2)
+            missing = self._blocks * self.lanes - columns.shape[2]
+            columns = np.concatenate([columns, np.repeat(columns[:, :, -1:], missing, axis=2)], axis=2)
+        self._keep["table"] = np.ascontiguousarray(columns)
+        self._job.table = self._keep["table"].ctypes.data
+
+    def _mark_diverged(self) -> None:
+        """Note which rollouts have diverged and when."""
+        recording, ended = self.recording, self._keep["ended"]
+        rows = np.flatnonzero((ended >= 0) & recording.running)
+        recording.status[rows] = Status.DIVERGED
+        recording.t_end[rows] = ended[rows] * self.loop.dt
+
+    def _store(self, samples: int) -> None:
+        """Say how many samples the recording has."""
+        self.recording.stored = -(-samples // self.recording.every)
+
+    def _packed(self, columns: Array) -> Array:
+        """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
+        blocks = np.ascontiguousarray(columns.reshape(len(columns), self._blocks, self.lanes).swapaxes(0, 1))
+        room = np.empty(blocks.size + 8)
+        begin = (-room.ctypes.data % 64) // 8
+        aligned = room[begin : begin + blocks.size]
+        aligned[:] = blocks.ravel()
+        return aligned
+
+
+def _keep_used(traced: Trace) -> None:
+    """Drop parameters that nothing uses."""
+    expressions = [
+        *traced.after,
+        *(x for call in traced.calls for x in call.arguments),
+        *(x for xs in traced.recorded.values() for x in xs),
+    ]
+    used = {str(symbol) for symbol in ca.symvar(ca.vertcat(*expressions))}
+    for call in traced.calls:
+        used.update(map(str, call.kernel.parameters))
+    traced.shared = [(symbol, value) for symbol, value in traced.shared if str(symbol) in used]
+    traced.own = [(symbol, values) for symbol, values in traced.own if str(symbol) in used]
+    if not math.prod(traced.start.shape):
+        traced.start = np.zeros((0, 1))

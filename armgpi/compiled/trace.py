@@ -1,0 +1,314 @@
+"""A closed loop written down: one sample of it as expressions, from the functions that NumPy runs.
+
+The loop's parts are copied, with symbols in place of their arrays: the state, the parameters (an array
+(n,) is shared by all rollouts, one of (batch, n) has a row for each), the target and the time. Then one
+sample is taken.
+"""
+
+from __future__ import annotations
+
+import copy
+import types
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.compiled.kernels import Arm, Call, TracedDynamics
+from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.control.splines import BSplineBasis
+from armgpi.dynamics import Dynamics, ScaledDynamics
+from armgpi.plants.loads import Load
+from armgpi.plants.rigid_body import LoadTable
+from armgpi.references.reference import Reference, Target
+from armgpi.robot import AnyRobot, Robot, RobotBatch
+
+#: References of more operations than this are worked out by NumPy, as a table.
+_LONG_REFERENCE = 3000
+
+
+class Draws(NamedTuple):
+    """Random numbers, uniform in (0, 1), that one sample uses: one for every joint.
+
+    Attributes:
+        seed: of rollout 0.
+        stream: which of several independent sets of numbers.
+        offset: samples ahead of the one now.
+        symbols: what stands for them.
+    """
+
+    seed: int
+    stream: int
+    offset: int
+    symbols: list[Any]
+
+
+class Counter(Scalar):
+    """The number of samples taken, plus a whole number; it can draw random numbers.
+
+    Attributes:
+        offset: the whole number.
+    """
+
+    __slots__ = ("draws", "offset", "symbol")
+
+    def __init__(self, symbol: Any, offset: int, draws: list[Draws]) -> None:
+        """Count from a symbol on."""
+        super().__init__(symbol + offset)
+        self.symbol, self.offset, self.draws = symbol, offset, draws
+
+    def __add__(self, other: Any) -> Any:
+        """Return a later sample's number, or a sum."""
+        if isinstance(other, int):
+            return Counter(self.symbol, self.offset + other, self.draws)
+        return Scalar(self.sx) + other
+
+    def uniform(self, seed: int, shape: tuple[int, ...], stream: int) -> Symbols:
+        """Return what stands for random numbers; see :func:`armgpi.plants.noise.uniform`."""
+        for known in self.draws:
+            if known[:3] == (seed, stream, self.offset) and len(known.symbols) == shape[-1]:
+                return Symbols(np.array([Scalar(s) for s in known.symbols], dtype=object))
+        drawn = Symbols.new(f"u{len(self.draws)}", shape)
+        self.draws.append(Draws(seed, stream, self.offset, flat(drawn)))
+        return drawn
+
+
+@dataclass
+class Trace:
+    """One sample of a closed loop as expressions.
+
+    Attributes:
+        n: number of joints.
+        state: symbols of the state.
+        start: their values at the start, shape (rollouts, s).
+        after: expressions of the state after the sample.
+        calls: uses of the dynamics, in order.
+        shared: symbols and values of parameters that all rollouts share.
+        own: symbols and values (rollouts,) of those that each rollout has its own of.
+        table: symbols of what a table gives for every sample.
+        draws: random numbers used.
+        k: symbol of the sample's number.
+        recorded: name -> n expressions.
+        arms: the dynamics.
+    """
+
+    n: int
+    state: list[Any] = field(default_factory=list)
+    start: Array = field(default_factory=lambda: np.empty((0, 0)))
+    after: list[Any] = field(default_factory=list)
+    calls: list[Call] = field(default_factory=list)
+    shared: list[tuple[Any, float]] = field(default_factory=list)
+    own: list[tuple[Any, Array]] = field(default_factory=list)
+    table: list[Any] = field(default_factory=list)
+    draws: list[Draws] = field(default_factory=list)
+    k: Any = None
+    recorded: dict[str, list[Any]] = field(default_factory=dict)
+    arms: list[Arm] = field(default_factory=list)
+
+
+class Lifting:
+    """Copies objects with symbols in place of their arrays.
+
+    One copy is made of each object, so that what was one thing still is. Robots keep their numbers, but for
+    those that differ between rollouts, and get traced dynamics.
+    """
+
+    def __init__(self, trace: Trace) -> None:
+        """Note symbols, values and calls in `trace`."""
+        self.trace = trace
+        self._copies: dict[int, Any] = {}
+        self._kept: list[Any] = []  # what ids in _copies belong to
+        self._arms: dict[int, Arm] = {}
+
+    def __call__(self, value: Any, numbers: bool = False) -> Any:
+        """Return the copy of a value; with `numbers`, floats become symbols as well."""
+        if id(value) in self._copies:
+            return self._copies[id(value)]
+        if isinstance(value, np.ndarray):
+            lifted = self.array(value)
+        elif isinstance(value, float) and numbers:
+            return self.array(np.array(value))
+        elif isinstance(value, Robot | RobotBatch):
+            return self._robot(value)
+        elif isinstance(value, BSplineBasis | Arm | str | bytes | int | float | type(None) | type):
+            return value
+        elif isinstance(value, types.MethodType):
+            return types.MethodType(value.__func__, self(value.__self__, numbers))
+        elif isinstance(value, types.FunctionType | types.BuiltinFunctionType | types.ModuleType):
+            return value
+        elif isinstance(value, tuple):
+            items = [self(item, numbers) for item in value]
+            lifted = tuple.__new__(type(value), items)
+        elif isinstance(value, list):
+            lifted = [self(item, numbers) for item in value]
+        elif isinstance(value, dict):
+            lifted = {key: self(item, numbers) for key, item in value.items()}
+        elif _is_dynamics(value):
+            lifted = self._dynamics(value)
+        elif isinstance(value, LoadTable):
+            lifted = _TracedLoads(self(value.plant, numbers), value.substeps)
+        elif hasattr(value, "__dict__"):
+            return self._object(value, numbers or isinstance(value, Load | Reference))
+        else:
+            return value
+        self._note(value, lifted)
+        return lifted
+
+    def array(self, values: Array) -> Any:
+        """Return symbols for an array of numbers: shared, or of each rollout its own."""
+        if values.dtype != np.float64 or values.ndim > 2:
+            return values
+        symbols = Symbols.new(f"p{len(self.trace.shared)}_{len(self.trace.own)}", values.shape[-1:])
+        if values.ndim == 2:
+            self.trace.own += zip(flat(symbols), values.T, strict=True)
+        else:
+            self.trace.shared += zip(flat(symbols), values.ravel().tolist(), strict=True)
+        return symbols
+
+    def _object(self, value: Any, numbers: bool) -> Any:
+        """Return a copy of an object with copies of its attributes."""
+        made = object.__new__(type(value))
+        self._note(value, made)
+        for name, attribute in vars(value).items():
+            object.__setattr__(made, name, self(attribute, numbers))
+        return made
+
+    def _robot(self, robot: AnyRobot) -> AnyRobot:
+        """Return a robot with traced dynamics."""
+        made = copy.copy(robot)
+        self._note(robot, made)
+        made.dynamics = self(robot.dynamics)
+        for name in ("limits", "friction"):
+            values = getattr(robot, name)
+            setattr(made, name, type(values)(*(self(a) if a.ndim == 2 else a for a in values)))
+        return made
+
+    def _dynamics(self, dynamics: Dynamics) -> Any:
+        """Return traced dynamics; those of one base share their kernels."""
+        base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
+        if id(base) not in self._arms:
+            arm = Arm(dynamics, f"arm{len(self.trace.arms)}")
+            self.trace.arms.append(arm)
+            self._arms[id(base)] = arm
+            columns = arm.table.T
+            self.trace.own += [(p.sx, c) for p, c in zip(arm.model.parameters, columns, strict=True)]
+        arm = self._arms[id(base)]
+        scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
+        made: Any = TracedDynamics(arm, self.trace.calls)
+        if isinstance(scale, float):
+            return made if scale == 1.0 else ScaledDynamics(made, self.array(np.array(scale)))
+        return ScaledDynamics(made, self.array(scale))
+
+    def _note(self, value: Any, made: Any) -> None:
+        """Remember the copy of a value."""
+        self._copies[id(value)] = made
+        self._kept.append(value)
+
+
+def _is_dynamics(value: Any) -> bool:
+    """Tell whether something is a robot's dynamics, by what it can do."""
+    return all(callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "bias"))
+
+
+class _TracedLoads:
+    """Disturbance torques at the stage times, as expressions: what the plant's table is."""
+
+    def __init__(self, plant: Any, substeps: int) -> None:
+        self._plant, self._substeps = plant, substeps
+
+    def at(self, k: Any, substep: int, dt: float) -> tuple[Any, ...]:
+        """Return the torque at the beginning, middle and end of a substep of sample `k`."""
+        stages = []
+        for stage in LoadTable.STAGES.tolist():
+            t = Symbols(np.array(dt * (Scalar(k.sx) + (substep + stage) / self._substeps), dtype=object))
+            stages.append(sum((load.torque(t) for load in self._plant.loads), np.zeros(self._plant.robot.n)))
+        return tuple(stages)
+
+
+def trace(loop: Any, state: Any, signals: bool) -> Trace:
+    """Return one sample of a closed loop as expressions.
+
+    Args:
+        loop: an :class:`armgpi.ClosedLoop`.
+        state: its state at the start.
+        signals: whether the controller's inner signals are recorded.
+
+    Raises:
+        NotElementwise: when the loop does what has no expression.
+    """
+    n = loop.plant.robot.n
+    result = Trace(n, k=ca.SX.sym("k"))
+    lifting = Lifting(result)
+    rollouts = loop.truth(state).q.shape[:-1]
+    columns: list[Array] = []
+
+    def place(value: Any) -> Any:
+        """Return symbols for a part of the state, and note its values."""
+        if isinstance(value, tuple):
+            return tuple.__new__(type(value), [place(part) for part in value])
+        if isinstance(value, int) and not isinstance(value, bool):
+            return Counter(result.k, value, result.draws)
+        if isinstance(value, np.ndarray | float):
+            values = np.asarray(value, dtype=np.float64)
+            # One array for all rollouts, or a row for each.
+            shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
+            symbols = Symbols.new(f"s{len(result.state)}", shape)
+            result.state.extend(flat(symbols))
+            count = rollouts[0] if rollouts else 1
+            columns.extend(np.broadcast_to(values, (*rollouts, *shape)).reshape(count, -1).T)
+            return symbols
+        if value is None:
+            return None
+        raise NotElementwise(f"its state holds a {type(value).__name__}")
+
+    before = place(tuple(state[1:]))
+    result.start = np.array(columns)
+    looked = copy.copy(loop)
+    looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
+    target = _target(loop, lifting, result)
+    plant, controller, measured, tau = looked._sample(*before, target)
+    truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
+    _collect((plant, controller), before, result.after)
+    recorded = {
+        "q": truth.q,
+        "v": truth.v,
+        "q_measured": measured.q,
+        "tau_command": tau,
+        "tau": moved.tau,
+        "q_ref": target.q,
+        "v_ref": target.v,
+    }
+    if signals:
+        recorded.update(looked.controller.signals(controller))
+    result.recorded = {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
+    return result
+
+
+def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:
+    """Return the target as expressions of the time, or as symbols of a table where it has none."""
+    if loop.reference.symbolic:
+        t = Symbols(np.array(Scalar(result.k * float(loop.dt)), dtype=object))
+        target = lifting(loop.reference).at(t)
+        if ca.n_nodes(ca.vertcat(*(x for part in target for x in flat(part)))) < _LONG_REFERENCE:
+            return Target(*(np.broadcast_to(part, (result.n,)) for part in target))
+    parts: list[Any] = [Symbols.new(name, (result.n,)) for name in Target._fields]
+    result.table = [x for part in parts for x in flat(part)]
+    return Target(*parts)
+
+
+def _collect(after: Any, before: Any, expressions: list[Any]) -> None:
+    """Append the expressions of a state after a sample, in the order of the state's symbols."""
+    if isinstance(before, Counter):
+        if not isinstance(after, Counter) or after.offset != before.offset + 1:
+            raise NotElementwise("its state counts by other than one a sample")
+    elif isinstance(before, Symbols):
+        expressions += flat(np.broadcast_to(after, before.shape))
+    elif isinstance(before, tuple):
+        if not isinstance(after, tuple) or len(after) != len(before):
+            raise NotElementwise("its state has another form after a sample than before")
+        for new, old in zip(after, before, strict=True):
+            _collect(new, old, expressions)
+    elif before is not None or after is not None:
+        raise NotElementwise("its state has another form after a sample than before")
