@@ -47,8 +47,40 @@ class Scalar:
         """Refuse: the value is not known yet."""
         raise NotElementwise("it needs the value of a symbol (float, int, an index)")
 
-    __int__ = __index__ = __float__  # type: ignore[assignment]
+    __int__ = __index__ = __float__
     __hash__ = None  # type: ignore[assignment]
+
+    def __add__(self, other: Any) -> Any:
+        """Return the sum."""
+        return _sum(self, other)
+
+    def __sub__(self, other: Any) -> Any:
+        """Return the difference."""
+        return _difference(self, other)
+
+    def __mul__(self, other: Any) -> Any:
+        """Return the product."""
+        return _product(self, other)
+
+    def __truediv__(self, other: Any) -> Any:
+        """Return the quotient."""
+        return _divide(self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        """Return the sum."""
+        return _sum(other, self)
+
+    def __rsub__(self, other: Any) -> Any:
+        """Return the difference."""
+        return _difference(other, self)
+
+    def __rmul__(self, other: Any) -> Any:
+        """Return the product."""
+        return _product(other, self)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        """Return the quotient."""
+        return _divide(other, self)
 
     def __neg__(self) -> Scalar:
         """Return the negative."""
@@ -125,9 +157,6 @@ def _difference(a: Any, b: Any) -> Any:
 _multiply, _add, _subtract, _divide = map(
     _binary, (operator.mul, operator.add, operator.sub, operator.truediv)
 )
-for _name, _operation in (("add", _sum), ("sub", _difference), ("mul", _product), ("truediv", _divide)):
-    setattr(Scalar, f"__{_name}__", _operation)
-    setattr(Scalar, f"__r{_name}__", lambda a, b, f=_operation: f(b, a))
 
 
 def rint(x: Scalar) -> Scalar:
