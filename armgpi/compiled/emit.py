@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -19,8 +20,6 @@ _NUMBER = {
     ca.OP_NEG: "-{0}",
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "{0} + {0}",
-    ca.OP_FMIN: "v_min({0}, {1})",
-    ca.OP_FMAX: "v_max({0}, {1})",
     ca.OP_FABS: "v_abs({0})",
     ca.OP_SIN: "v_sin({0})",
     ca.OP_COS: "v_cos({0})",
@@ -63,11 +62,13 @@ class Dialect:
         number: type of a number.
         truth: type of a truth.
         constant: writes a constant.
+        sound: how the C of what is never NaN begins: constants and parameters.
     """
 
     number: str = "V"
     truth: str = "M"
     constant: Callable[[float], str] = lambda x: f"v_set({literal(x)})"
+    sound: tuple[str, ...] = ("v_set(", "o[", "m[")
 
 
 def literal(x: float) -> str:
@@ -98,70 +99,100 @@ def straight_line(
     Raises:
         NotElementwise: when an operation has no C here.
     """
-    symbols = [symbol for symbol, _ in inputs]
-    names = [name for _, name in inputs]
-    function = ca.Function("f", [ca.vertcat(*symbols)] if symbols else [], [ca.vertcat(*outputs)])
+    function = ca.Function(
+        "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.vertcat(*outputs)]
+    )
+    instructions = list(_instructions(function, [name for _, name in inputs], dialect))
     rows = function.sparsity_out(0).row()
+    divisors = Counter(step.operands[1] for step in instructions if step.kind == ca.OP_DIV)
     code = Code()
-    values: dict[int, str] = {}  # place in CasADi's working memory -> C
     truths: set[str] = set()
+    inverses: dict[str, str] = {}
     results: dict[int, str] = {}
     after = after or {}
+    zero, one = dialect.constant(0.0), dialect.constant(1.0)
     written = 0
-    count = 0
 
-    def number(place: int) -> str:
-        text = values[place]
+    def number(text: str) -> str:
         return f"v_number({text})" if text in truths else text
 
-    def truth(place: int) -> str:
-        text = values[place]
-        return text if text in truths else f"v_ne({text}, {dialect.constant(0.0)})"
+    def truth(text: str) -> str:
+        return text if text in truths else f"v_ne({text}, {zero})"
 
-    def hooks(known: int) -> None:
+    def call(known: int) -> None:
+        """Write what comes after so many outputs; those that are zero by structure are never put out."""
         nonlocal written
-        while written <= known:
-            if written in after:
-                # Structural zeros were never written.
-                known_now = [results.get(i, dialect.constant(0.0)) for i in range(written)]
-                code.lines.extend(after[written](known_now))
-            written += 1
+        for count in range(written, known + 1):
+            if count in after:
+                code.lines.extend(after[count]([results.get(i, zero) for i in range(count)]))
+        written = known + 1
 
+    for kind, name, operands in instructions:
+        if kind == ca.OP_OUTPUT:
+            index = rows[int(name)]
+            call(index)
+            results[index] = number(operands[0])
+            continue
+        numbers = [number(text) for text in operands]
+        if kind == ca.OP_DIV and divisors[operands[1]] > 1:
+            # One division for all that have a divisor in common.
+            if operands[1] not in inverses:
+                inverses[operands[1]] = f"i{name}"
+                code.lines.append(f"const {dialect.number} i{name} = {one} / {numbers[1]};")
+            text = f"{numbers[0]} * {inverses[operands[1]]}"
+        elif kind in (ca.OP_FMIN, ca.OP_FMAX):
+            text = _clamped(kind, *numbers, dialect)
+        elif kind in _NUMBER:
+            text = _NUMBER[kind].format(*numbers)
+        elif kind in _TRUTH:
+            text = _TRUTH[kind].format(*numbers)
+            truths.add(name)
+        elif kind in _LOGIC:
+            text = _LOGIC[kind].format(*map(truth, operands))
+            truths.add(name)
+        elif kind == ca.OP_IF_ELSE_ZERO:
+            text = f"v_only({truth(operands[0])}, {numbers[1]})"
+        elif kind == ca.OP_INV:
+            text = f"{one} / {numbers[0]}"
+        else:
+            raise NotElementwise(f"it uses CasADi's operation {kind}, which the generator does not know")
+        code.lines.append(f"const {dialect.truth if name in truths else dialect.number} {name} = {text};")
+        code.operations += 1
+    call(len(outputs))
+    code.results = [results.get(i, zero) for i in range(len(outputs))]
+    return code
+
+
+class _Instruction(NamedTuple):
+    kind: int
+    name: str  # of the result, for an output its place
+    operands: tuple[str, ...]
+
+
+def _instructions(function: Any, inputs: Sequence[str], dialect: Dialect) -> Iterator[_Instruction]:
+    """Give CasADi's instructions with a name for each result, in place of places in working memory."""
+    names: dict[int, str] = {}
     for i in range(function.n_instructions()):
         kind = function.instruction_id(i)
         if kind == ca.OP_OUTPUT:
-            index = rows[function.instruction_output(i)[1]]
-            (place,) = function.instruction_input(i)
-            hooks(index)
-            results[index] = number(place)
+            place = function.instruction_output(i)[1]
+            yield _Instruction(kind, str(place), (names[function.instruction_input(i)[0]],))
             continue
-        (out,) = function.instruction_output(i)
+        out = function.instruction_output(i)[0]
         if kind == ca.OP_INPUT:
-            values[out] = names[function.instruction_input(i)[1]]
-            continue
-        if kind == ca.OP_CONST:
-            values[out] = dialect.constant(function.instruction_constant(i))
-            continue
-        places = function.instruction_input(i)
-        count += 1
-        name = f"x{i}"
-        if kind in _NUMBER:
-            text, is_truth = _NUMBER[kind].format(*map(number, places)), False
-        elif kind in _TRUTH:
-            text, is_truth = _TRUTH[kind].format(*map(number, places)), True
-        elif kind in _LOGIC:
-            text, is_truth = _LOGIC[kind].format(*map(truth, places)), True
-        elif kind == ca.OP_IF_ELSE_ZERO:
-            text, is_truth = f"v_only({truth(places[0])}, {number(places[1])})", False
-        elif kind == ca.OP_INV:
-            text, is_truth = f"{dialect.constant(1.0)} / {number(places[0])}", False
+            names[out] = inputs[function.instruction_input(i)[1]]
+        elif kind == ca.OP_CONST:
+            names[out] = dialect.constant(function.instruction_constant(i))
         else:
-            raise NotElementwise(f"it uses CasADi's operation {kind}, which the generator does not know")
-        if is_truth:
-            truths.add(name)
-        code.lines.append(f"const {dialect.truth if is_truth else dialect.number} {name} = {text};")
-        values[out] = name
-    hooks(len(outputs))
-    code.results = [results.get(i, dialect.constant(0.0)) for i in range(len(outputs))]
-    code.operations = count
-    return code
+            operands = tuple(names[place] for place in function.instruction_input(i))
+            names[out] = f"x{i}"
+            yield _Instruction(kind, names[out], operands)
+
+
+def _clamped(kind: int, a: str, b: str, dialect: Dialect) -> str:
+    """Return the lower or upper of two numbers; where one is never NaN, by the faster way."""
+    name = "lower" if kind == ca.OP_FMIN else "upper"
+    for x, bound in ((a, b), (b, a)):
+        if bound.startswith(dialect.sound):
+            return f"v_{name}({x}, {bound})"
+    return f"v_{'min' if kind == ca.OP_FMIN else 'max'}({a}, {b})"
