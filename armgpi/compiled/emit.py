@@ -141,7 +141,7 @@ def straight_line(
                 code.lines.append(f"const {dialect.number} i{name} = {one} / {numbers[1]};")
             text = f"{numbers[0]} * {inverses[operands[1]]}"
         elif kind in (ca.OP_FMIN, ca.OP_FMAX):
-            text = _clamped(kind, *numbers, dialect)
+            text = _clamped(kind, numbers[0], numbers[1], dialect)
         elif kind in _NUMBER:
             text = _NUMBER[kind].format(*numbers)
         elif kind in _TRUTH:

@@ -6,6 +6,7 @@ differ between rollouts (payloads, masses) are parameters.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -68,6 +69,7 @@ class SymbolicModel:
         n: number of joints.
         table: what differs between rollouts, shape (rollouts, k): the values of `parameters`.
         parameters: one symbol for each column of the table.
+        digest: a name for the equations: equal ones have the same.
     """
 
     def __init__(
@@ -75,11 +77,8 @@ class SymbolicModel:
         models: Sequence[Any],
         ratio: Array | None = None,
         offset: Array | None = None,
-        prefix: str = "m",
     ) -> None:
         """Take one `pin.Model`, or one per rollout; `ratio` and `offset` as in ``CoupledDynamics``.
-
-        The parameters' names begin with `prefix`.
 
         Raises:
             ValueError: when the models have joints of different kinds or another order.
@@ -97,12 +96,15 @@ class SymbolicModel:
         )
         differs = (table != table[0]).any(axis=0)
         self.table = np.ascontiguousarray(table[:, differs])
-        self.parameters = [Scalar(ca.SX.sym(f"{prefix}{i}")) for i in range(self.table.shape[1])]
+        self.parameters = [Scalar(ca.SX.sym(f"m{i}")) for i in range(self.table.shape[1])]
         values = table[0].astype(object)
         values[differs] = self.parameters
         self._numbers = values[:-3].reshape(len(self._bodies), -1)
         self._gravity = values[-3:]
         self._ratio, self._offset = ratio, offset
+        literals = [table[0][~differs].tobytes(), differs.tobytes(), repr(shape).encode()]
+        literals += [x.tobytes() for x in (ratio, offset) if x is not None]
+        self.digest = hashlib.sha256(b"".join(literals)).hexdigest()[:8]
         self.n = len(self._bodies) if ratio is None else ratio.shape[1]
 
     def inverse(
@@ -161,8 +163,7 @@ class SymbolicModel:
         """Return D(q), shape (n, n), by composite rigid bodies (Featherstone 2008, ch. 6)."""
         q, count = self._all(q), len(self._bodies)
         places = [self._placed(i, q[i]) for i in range(count)]
-        masses, firsts, seconds = zip(*(self._split(i)[3:6] for i in range(count)), strict=True)
-        masses, firsts, seconds = list(masses), list(firsts), list(seconds)
+        masses, firsts, seconds = ([self._split(i)[k] for i in range(count)] for k in (3, 4, 5))
         matrix: Expressions = np.zeros((count, count), dtype=object)
         for i in reversed(range(count)):
             body = self._bodies[i]

@@ -73,7 +73,7 @@ def source(traced: Trace, lanes: int) -> str:
     for i, call in enumerate(traced.calls):
         begin = len(outputs)
         outputs += call.arguments
-        first = own[str(call.kernel.parameters[0])] if call.kernel.parameters else 0
+        first = own[str(call.parameters[0])] if call.parameters else 0
         calls[len(outputs)] = _call(i, call.kernel, begin, first)
         inputs += [(x, f"y{i}[{j}]") for j, x in enumerate(call.results)]
     body = straight_line(inputs, [*outputs, *traced.after, *recorded], dialect, calls)
@@ -281,7 +281,7 @@ def _keep_used(traced: Trace) -> None:
     ]
     used = {str(symbol) for symbol in ca.symvar(ca.vertcat(*expressions))}
     for call in traced.calls:
-        used.update(map(str, call.kernel.parameters))
+        used.update(map(str, call.parameters))
     traced.shared = [(symbol, value) for symbol, value in traced.shared if str(symbol) in used]
     traced.own = [(symbol, values) for symbol, values in traced.own if str(symbol) in used]
     if not math.prod(traced.start.shape):

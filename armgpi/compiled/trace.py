@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.compiled.kernels import Arm, Call, TracedDynamics
+from armgpi.compiled.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
 from armgpi.control.splines import BSplineBasis
 from armgpi.dynamics import Dynamics, ScaledDynamics
@@ -91,7 +91,6 @@ class Trace:
         draws: random numbers used.
         k: symbol of the sample's number.
         recorded: name -> n expressions.
-        arms: the dynamics.
     """
 
     n: int
@@ -105,7 +104,6 @@ class Trace:
     draws: list[Draws] = field(default_factory=list)
     k: Any = None
     recorded: dict[str, list[Any]] = field(default_factory=dict)
-    arms: list[Arm] = field(default_factory=list)
 
 
 class Lifting:
@@ -120,7 +118,7 @@ class Lifting:
         self.trace = trace
         self._copies: dict[int, Any] = {}
         self._kept: list[Any] = []  # what ids in _copies belong to
-        self._arms: dict[int, Arm] = {}
+        self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
         """Return the copy of a value; with `numbers`, floats become symbols as well."""
@@ -188,15 +186,14 @@ class Lifting:
     def _dynamics(self, dynamics: Dynamics) -> Any:
         """Return traced dynamics; those of one base share their kernels."""
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
-        if id(base) not in self._arms:
-            arm = Arm(dynamics, f"arm{len(self.trace.arms)}")
-            self.trace.arms.append(arm)
-            self._arms[id(base)] = arm
+        arm = arm_of(base)
+        if id(base) not in self._parameters:
             columns = arm.table.T
-            self.trace.own += [(p.sx, c) for p, c in zip(arm.model.parameters, columns, strict=True)]
-        arm = self._arms[id(base)]
+            symbols = flat(Symbols.new(f"m{len(self._parameters)}", (len(columns),)))
+            self._parameters[id(base)] = symbols
+            self.trace.own += zip(symbols, columns, strict=True)
         scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
-        made: Any = TracedDynamics(arm, self.trace.calls)
+        made: Any = TracedDynamics(arm, self.trace.calls, self._parameters[id(base)])
         if isinstance(scale, float):
             return made if scale == 1.0 else ScaledDynamics(made, self.array(np.array(scale)))
         return ScaledDynamics(made, self.array(scale))
