@@ -118,22 +118,28 @@ def straight_line(
         text = values[place]
         return text if text in truths else f"v_ne({text}, {dialect.constant(0.0)})"
 
-    def hooks(known: int) -> None:
+    def hooks(place: int) -> None:
+        """Write what comes once the outputs before `place` of CasADi's nonzeros are known.
+
+        It must come before the next output is worked out, which may use it; structural zeros are not put out.
+        """
         nonlocal written
+        known = rows[place] if place < len(rows) else len(outputs)
         while written <= known:
             if written in after:
-                # Structural zeros were never written.
                 known_now = [results.get(i, dialect.constant(0.0)) for i in range(written)]
                 code.lines.extend(after[written](known_now))
             written += 1
 
+    hooks(0)
+
     for i in range(function.n_instructions()):
         kind = function.instruction_id(i)
         if kind == ca.OP_OUTPUT:
-            index = rows[function.instruction_output(i)[1]]
+            at = function.instruction_output(i)[1]
             (place,) = function.instruction_input(i)
-            hooks(index)
-            results[index] = number(place)
+            results[rows[at]] = number(place)
+            hooks(at + 1)
             continue
         (out,) = function.instruction_output(i)
         if kind == ca.OP_INPUT:
@@ -161,7 +167,6 @@ def straight_line(
             truths.add(name)
         code.lines.append(f"const {dialect.truth if is_truth else dialect.number} {name} = {text};")
         values[out] = name
-    hooks(len(outputs))
     code.results = [results.get(i, dialect.constant(0.0)) for i in range(len(outputs))]
     code.operations = count
     return code
