@@ -148,7 +148,12 @@ class Arm:
                 x = random.normal(size=(len(kernel.sizes), kernel.sizes[0]))
                 theirs = np.ravel(getattr(base, name)(*x))
                 ours = np.array(function(x.ravel(), values)).ravel()
-                wrong = float(np.abs(ours - theirs).max() / max(np.abs(theirs).max(), 1e-300))
+                size = np.abs(theirs).max()
+                if kernel.skip is None and name != "forward":
+                    # Gravity's torque on a level arm is zero but for rounding: measure by another torque.
+                    other = base.inverse(*random.normal(size=(3, len(x[0]))))
+                    size = max(size, 1e-3 * np.abs(other).max())
+                wrong = float(np.abs(ours - theirs).max() / size)
                 if not wrong <= _AGREEMENT:
                     raise NotElementwise(
                         f"its generated {name} differs from Pinocchio's by {wrong:.2g} relative"
