@@ -66,7 +66,7 @@ def bits(x: Array) -> npt.NDArray[np.int64]:
 
 
 def angles() -> Array:
-    """Return angles of all sizes up to 1e6, and those next to multiples of pi / 4, where reduction is hardest."""
+    """Return angles of all sizes up to 1e6, and those beside multiples of pi / 4, the hardest ones."""
     rng = np.random.default_rng(0)
     count = 100_000
     sizes = 10.0 ** rng.uniform(-12.0, 6.0, count) * rng.choice([-1.0, 1.0], count)
