@@ -30,7 +30,7 @@ class Body(NamedTuple):
         parent: index of the body that the joint stands on, -1 for the base.
         turns: whether the joint turns; it slides otherwise.
         numbers: joint axis (3), placement in the parent (rotation 9, position 3), mass, mass times centre
-            (3), inertia about the joint's origin (6: xx, xy, yy, xz, yz, zz) and armature: 27 numbers.
+            (3), inertia about the joint's origin (6: xx, xy, yy, xz, yz, zz) and armature: 26 numbers.
     """
 
     parent: int

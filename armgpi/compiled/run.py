@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from importlib.resources import files
 from itertools import pairwise
@@ -16,7 +15,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.compiled import build
-from armgpi.compiled.emit import Dialect, straight_line
+from armgpi.compiled.emit import CallSite, Dialect, straight_line
+from armgpi.compiled.kernels import Kernel
 from armgpi.compiled.symbols import NotElementwise
 from armgpi.compiled.trace import Trace, trace
 from armgpi.dynamics import thread_count
@@ -51,15 +51,13 @@ def source(traced: Trace, lanes: int) -> str:
         _text("lanes.h"),
     ]
     for kernel in kernels.values():
-        code = kernel.code(dialect)
         parts += [
-            f"static __attribute__((noinline)) void {kernel.name}(const V *x, const V *m, V *y)",
+            f"static __attribute__((noinline)) void {kernel.name}(",
+            "    const V *restrict x, const V *m, V *restrict y)",
             "{",
-            *code.lines,
-            *(f"y[{i}] = {text};" for i, text in enumerate(code.results)),
+            *kernel.code(dialect).lines,
             "}",
         ]
-    recorded = [x for name in names for x in traced.recorded[name]]
     inputs = [
         (traced.k, "k"),
         *((x, f"s[{i}]") for i, x in enumerate(traced.state)),
@@ -69,47 +67,47 @@ def source(traced: Trace, lanes: int) -> str:
         *((x, f"u[{i * traced.n + j}]") for i, d in enumerate(traced.draws) for j, x in enumerate(d.symbols)),
     ]
     outputs: list[Any] = []
-    calls = {}
+    targets: list[str] = []
+    order: list[int] = []
+    calls = []
     for i, call in enumerate(traced.calls):
-        begin = len(outputs)
+        begin, size = len(outputs), call.kernel.sizes[0]
         outputs += call.arguments
+        targets += [f"x_{i}[{j}]" for j in range(len(call.arguments))]
+        order += [j % size for j in range(len(call.arguments))]
+        results = [f"y{i}[{j}]" for j in range(call.kernel.size)]
+        inputs += zip(call.results, results, strict=True)
         first = own[str(call.parameters[0])] if call.parameters else 0
-        calls[len(outputs)] = _call(i, call.kernel, begin, first)
-        inputs += [(x, f"y{i}[{j}]") for j, x in enumerate(call.results)]
-    body = straight_line(inputs, [*outputs, *traced.after, *recorded], dialect, calls)
-    results = body.results[len(outputs) :]
+        calls.append(CallSite((begin, len(outputs)), results, _written(i, call.kernel, first)))
+    recorded = [x for name in names for x in traced.recorded[name]]
+    outputs += [*traced.after, *recorded]
+    targets += [f"z[{i}]" for i in range(len(traced.after))] + [f"r[{i}]" for i in range(len(recorded))]
+    order += [*traced.joints, *(i % traced.n for i in range(len(recorded)))]
     parts += [
-        "static void sample(const V *s, V *z, const double *p, const V *o, const V *t,",
-        "                   const V *u, V k, V *r)",
+        "static __attribute__((noinline)) void sample(const V *restrict s, V *restrict z, const double *p,",
+        "    const V *o, const V *t, const V *u, V k, V *restrict r)",
         "{",
-        *body.lines,
-        *(f"z[{i}] = {text};" for i, text in enumerate(results[: len(traced.after)])),
-        *(f"r[{i}] = {text};" for i, text in enumerate(results[len(traced.after) :])),
+        *(
+            f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];"
+            for i, call in enumerate(traced.calls)
+        ),
+        *straight_line(inputs, outputs, targets, dialect, calls, order).lines,
         "}",
         _text("loop.h"),
     ]
     return "\n".join(parts)
 
 
-def _call(i: int, kernel: Any, begin: int, first: int) -> Any:
-    """Return what writes the call of a kernel, given the C of all that is known."""
-
-    def write(known: Sequence[str]) -> list[str]:
-        texts = known[begin:]
-        lines = [f"V x_{i}[{len(texts)}], y{i}[{kernel.size}];"]
-        lines += [f"x_{i}[{j}] = {text};" for j, text in enumerate(texts)]
-        call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
-        if kernel.skip is None:
-            return [*lines, call]
-        # Where the argument is zero so is the result, at no cost.
-        start = sum(kernel.sizes[: kernel.skip])
-        tests = " | ".join(
-            f"v_ne(x_{i}[{j}], v_set(0.0))" for j in range(start, start + kernel.sizes[kernel.skip])
-        )
-        zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
-        return [*lines, f"if (v_any({tests})) {call} else {{ {zeros} }}"]
-
-    return write
+def _written(i: int, kernel: Kernel, first: int) -> list[str]:
+    """Return the lines of a call; where an argument makes the result zero, it costs nothing when it is."""
+    call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
+    if kernel.skip is None:
+        return [call]
+    start = sum(kernel.sizes[: kernel.skip])
+    places = range(start, start + kernel.sizes[kernel.skip])
+    tests = " | ".join(f"v_ne(x_{i}[{j}], v_set(0.0))" for j in places)
+    zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
+    return [f"if (v_any({tests})) {call} else {{ {zeros} }}"]
 
 
 def _text(name: str) -> str:

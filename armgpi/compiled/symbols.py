@@ -52,35 +52,35 @@ class Scalar:
 
     def __add__(self, other: Any) -> Any:
         """Return the sum."""
-        return _sum(self, other)
+        return _sum(self, other) if _is_one(other) else NotImplemented
 
     def __sub__(self, other: Any) -> Any:
         """Return the difference."""
-        return _difference(self, other)
+        return _difference(self, other) if _is_one(other) else NotImplemented
 
     def __mul__(self, other: Any) -> Any:
         """Return the product."""
-        return _product(self, other)
+        return _product(self, other) if _is_one(other) else NotImplemented
 
     def __truediv__(self, other: Any) -> Any:
         """Return the quotient."""
-        return _divide(self, other)
+        return _divide(self, other) if _is_one(other) else NotImplemented
 
     def __radd__(self, other: Any) -> Any:
         """Return the sum."""
-        return _sum(other, self)
+        return _sum(other, self) if _is_one(other) else NotImplemented
 
     def __rsub__(self, other: Any) -> Any:
         """Return the difference."""
-        return _difference(other, self)
+        return _difference(other, self) if _is_one(other) else NotImplemented
 
     def __rmul__(self, other: Any) -> Any:
         """Return the product."""
-        return _product(other, self)
+        return _product(other, self) if _is_one(other) else NotImplemented
 
     def __rtruediv__(self, other: Any) -> Any:
         """Return the quotient."""
-        return _divide(other, self)
+        return _divide(other, self) if _is_one(other) else NotImplemented
 
     def __neg__(self) -> Scalar:
         """Return the negative."""
@@ -109,6 +109,11 @@ class Scalar:
     def __mod__(self, other: Any) -> Scalar:
         """Return the remainder with the sign of the divisor, as Python's."""
         return Scalar(self.sx - ca.floor(self.sx / _sx(other)) * _sx(other))
+
+
+def _is_one(x: Any) -> bool:
+    """Tell one number from an array, whose operators work through its entries."""
+    return isinstance(x, Scalar | int | float | np.number)
 
 
 def _sx(x: Any) -> Any:

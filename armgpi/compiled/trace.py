@@ -84,6 +84,7 @@ class Trace:
         state: symbols of the state.
         start: their values at the start, shape (rollouts, s).
         after: expressions of the state after the sample.
+        joints: the joint that each part of the state belongs to.
         calls: uses of the dynamics, in order.
         shared: symbols and values of parameters that all rollouts share.
         own: symbols and values (rollouts,) of those that each rollout has its own of.
@@ -97,6 +98,7 @@ class Trace:
     state: list[Any] = field(default_factory=list)
     start: Array = field(default_factory=lambda: np.empty((0, 0)))
     after: list[Any] = field(default_factory=list)
+    joints: list[int] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
     shared: list[tuple[Any, float]] = field(default_factory=list)
     own: list[tuple[Any, Array]] = field(default_factory=list)
@@ -253,6 +255,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
             shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
             symbols = Symbols.new(f"s{len(result.state)}", shape)
             result.state.extend(flat(symbols))
+            result.joints.extend(i % n for i in range(symbols.size))
             count = rollouts[0] if rollouts else 1
             columns.extend(np.broadcast_to(values, (*rollouts, *shape)).reshape(count, -1).T)
             return symbols
