@@ -153,7 +153,8 @@ class CompiledRun:
             _keep_used(traced)
             self.rows = len(recording.status)
             self.lanes = lanes or (1 if self.rows == 1 else build.widest())
-            self._library = build.library(source(traced, self.lanes))
+            flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
+            self._library = build.library(source(traced, self.lanes), flags)
         except NotElementwise as error:
             raise BackendError(f"this loop has no generated code: {error}") from None
         self.loop, self.recording = loop, recording
@@ -176,7 +177,7 @@ class CompiledRun:
             "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
             "ended": np.full(self.rows, -1, dtype=np.int64),
         }
-        arrays = [recording.room(name) for name in names]
+        arrays = [recording.room(name, blank=False) for name in names]
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job = _Job(
             **{name: array.ctypes.data for name, array in self._keep.items()},
@@ -257,8 +258,14 @@ class CompiledRun:
         recording.t_end[rows] = ended[rows] * self.loop.dt
 
     def _store(self, samples: int) -> None:
-        """Say how many samples the recording has."""
-        self.recording.stored = -(-samples // self.recording.every)
+        """Say how many samples the recording has, and blank what there is none of."""
+        recording, ended = self.recording, self._keep["ended"]
+        recording.stored = -(-samples // recording.every)
+        for values in recording.variables.values():
+            rows = values.reshape(len(values), self.rows, -1)
+            rows[recording.stored :] = np.nan
+            for row in np.flatnonzero(ended >= 0):
+                rows[-(-ended[row] // recording.every) :, row] = np.nan
 
     def _packed(self, columns: Array) -> Array:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
