@@ -189,7 +189,7 @@ class Lifting:
         """Return traced dynamics; those of one base share their kernels."""
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
         if id(base) not in self._arms:
-            arm = Arm(dynamics, f"arm{len(self.trace.arms)}")
+            arm = Arm(base, f"arm{len(self.trace.arms)}")
             self.trace.arms.append(arm)
             self._arms[id(base)] = arm
             columns = arm.table.T
