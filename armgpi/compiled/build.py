@@ -31,6 +31,8 @@ FLAGS = (
     "-shared",
     "-w",
 )
+#: For one number at a time: operations that wait for each other are put farther apart.
+SCALAR = ("-fschedule-insns",)
 #: Libraries kept at most; the ones used least recently go.
 _KEPT = 256
 #: Longest time that a compiler may take [s].

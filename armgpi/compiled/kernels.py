@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -43,12 +44,18 @@ class Kernel:
     inputs: Sequence[Any]
     outputs: Sequence[Any]
     skip: int | None = None
+    _written: dict[Dialect, Code] = field(default_factory=dict, compare=False)
 
     def code(self, dialect: Dialect) -> Code:
-        """Return the lines that work it out from x (arguments one after the other) and m (parameters)."""
+        """Return the lines that work out y from x (arguments one after the other) and m (parameters)."""
+        if dialect not in self._written:
+            self._written[dialect] = self._code(dialect)
+        return self._written[dialect]
+
+    def _code(self, dialect: Dialect) -> Code:
         inputs = [(symbol, f"x[{i}]") for i, symbol in enumerate(self.inputs)]
         inputs += [(symbol, f"m[{i}]") for i, symbol in enumerate(self.parameters)]
-        return straight_line(inputs, self.outputs, dialect)
+        return straight_line(inputs, self.outputs, [f"y[{i}]" for i in range(self.size)], dialect)
 
 
 @dataclass(frozen=True)
@@ -58,11 +65,13 @@ class Call:
     Attributes:
         kernel: which.
         arguments: CasADi expressions, one after the other.
+        parameters: the symbols of what differs between rollouts, in the trace.
         results: the symbols that stand for what it returns.
     """
 
     kernel: Kernel
     arguments: list[Any]
+    parameters: list[Any]
     results: list[Any]
 
 
@@ -75,23 +84,24 @@ class Arm:
         kernels: the functions by name.
     """
 
-    def __init__(self, dynamics: Dynamics, prefix: str) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
         """Generate from the models behind `dynamics`.
 
         Raises:
             NotElementwise: for dynamics that are not Pinocchio's, or arms that differ in their joints.
         """
-        self._prefix = prefix
-        self._bases, self._rows, self.scale = _parts(dynamics)
-        models, couplings = zip(*map(_unpacked, self._bases), strict=True)
+        bases, self._rows, self.scale = _parts(dynamics)
+        models, couplings = zip(*map(_unpacked, bases), strict=True)
         ratio, offset = couplings[0]
         for other_ratio, other_offset in couplings[1:]:
             if not (np.array_equal(ratio, other_ratio) and np.array_equal(offset, other_offset)):
                 raise NotElementwise("its arms differ in how joints follow others")
         try:
-            self.model = SymbolicModel(models, ratio, offset, f"{prefix}_m")
+            self.model = SymbolicModel(models, ratio, offset)
         except ValueError as error:
             raise NotElementwise(str(error)) from None
+        # Dynamics of its own to check against: those given are the key under which this arm is kept.
+        self._bases = [_again(*parts) for parts in zip(models, couplings, strict=True)][:_ARMS]
         self.kernels: dict[str, Kernel] = {}
 
     @property
@@ -126,7 +136,7 @@ class Arm:
         else:
             result = model.inertia(q).ravel()
         kernel = Kernel(
-            f"{self._prefix}_{name}",
+            f"{name}_{self.model.digest}",
             (n,) * count,
             len(result),
             [p.sx for p in model.parameters],
@@ -143,7 +153,7 @@ class Arm:
             "f", [ca.vertcat(*kernel.inputs), ca.vertcat(*kernel.parameters)], [ca.vertcat(*kernel.outputs)]
         )
         random = np.random.default_rng(0)
-        for base, values in list(zip(self._bases, self.model.table, strict=True))[:_ARMS]:
+        for base, values in zip(self._bases, self.model.table, strict=False):
             for _ in range(_STATES):
                 x = random.normal(size=(len(kernel.sizes), kernel.sizes[0]))
                 theirs = np.ravel(getattr(base, name)(*x))
@@ -167,10 +177,11 @@ class TracedDynamics:
         calls: every use so far, in order; shared by all dynamics of a trace.
     """
 
-    def __init__(self, arm: Arm, calls: list[Call]) -> None:
-        """Trace the uses of an arm."""
+    def __init__(self, arm: Arm, calls: list[Call], parameters: list[Any]) -> None:
+        """Trace the uses of an arm whose parameters have these symbols."""
         self.arm = arm
         self.calls = calls
+        self._parameters = parameters
 
     def forward(self, q: Any, v: Any, tau: Any) -> Symbols:
         """Return the acceleration."""
@@ -208,8 +219,18 @@ class TracedDynamics:
         for size, argument in zip(kernel.sizes, arguments, strict=True):
             expressions += flat(np.broadcast_to(argument, (size,)))
         results = Symbols.new(f"call{len(self.calls)}", (kernel.size,))
-        self.calls.append(Call(kernel, expressions, flat(results)))
+        self.calls.append(Call(kernel, expressions, self._parameters, flat(results)))
         return results
+
+
+_arms: WeakKeyDictionary[Dynamics, Arm] = WeakKeyDictionary()
+
+
+def arm_of(dynamics: Dynamics) -> Arm:
+    """Return the generated functions of some dynamics, the same ones each time."""
+    if dynamics not in _arms:
+        _arms[dynamics] = Arm(dynamics)
+    return _arms[dynamics]
 
 
 def _parts(dynamics: Dynamics) -> tuple[list[Dynamics], npt.NDArray[np.int64], float | Array]:
@@ -236,3 +257,9 @@ def _unpacked(dynamics: Dynamics) -> tuple[Any, tuple[Array | None, Array | None
     if isinstance(dynamics, CoupledDynamics):
         return dynamics.whole.model, (dynamics.ratio, dynamics.offset)
     raise NotElementwise(f"its dynamics are {type(dynamics).__name__}, not Pinocchio's")
+
+
+def _again(model: Any, coupling: tuple[Array | None, Array | None]) -> Dynamics:
+    """Return new dynamics of a model."""
+    whole, (ratio, offset) = PinocchioDynamics(model), coupling
+    return whole if ratio is None or offset is None else CoupledDynamics(whole, ratio, offset)

@@ -5,44 +5,94 @@
 
 #if LANES > 1
 typedef double V __attribute__((vector_size(8 * LANES)));
-typedef int64_t M __attribute__((vector_size(8 * LANES)));
 typedef uint64_t U __attribute__((vector_size(8 * LANES)));
 #define LANE(x, i) ((x)[i])
-#define v_lt(a, b) ((M)((a) < (b)))
-#define v_le(a, b) ((M)((a) <= (b)))
-#define v_eq(a, b) ((M)((a) == (b)))
-#define v_ne(a, b) ((M)((a) != (b)))
 static inline V v_set(double x) { return x - (V){0}; }
 static inline U v_bits(V x) { return (U)x; }
 static inline V v_from(U x) { return (V)x; }
 #else
 typedef double V;
-typedef int64_t M;
 typedef uint64_t U;
 #define LANE(x, i) (x)
-#define v_lt(a, b) (-(M)((a) < (b)))
-#define v_le(a, b) (-(M)((a) <= (b)))
-#define v_eq(a, b) (-(M)((a) == (b)))
-#define v_ne(a, b) (-(M)((a) != (b)))
 static inline V v_set(double x) { return x; }
 static inline U v_bits(V x) { U u; memcpy(&u, &x, sizeof u); return u; }
 static inline V v_from(U u) { V x; memcpy(&x, &u, sizeof x); return x; }
 #endif
 
+/* M holds a truth for each lane: a mask register where there are such, else all bits of a number. */
+#if LANES == 8 && defined __AVX512F__ && defined __AVX512DQ__
+#include <immintrin.h>
+typedef __mmask8 M;
+#define v_lt(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_LT_OQ)
+#define v_le(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_LE_OQ)
+#define v_eq(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_EQ_OQ)
+#define v_ne(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_NEQ_UQ)
+#define v_not(m) ((M)~(m))
+static inline V v_only(M m, V x) { return (V)_mm512_maskz_mov_pd(m, (__m512d)x); }
+static inline V v_select(M m, V x, V y) { return (V)_mm512_mask_blend_pd(m, (__m512d)y, (__m512d)x); }
+static inline M v_odd(U x) { return _mm512_test_epi64_mask((__m512i)x, _mm512_set1_epi64(1)); }
+static inline int v_any(M m) { return m != 0; }
+static inline int v_holds(M m, int i) { return m >> i & 1; }
+static inline M v_holding(const int *flags)
+{
+    M m = 0;
+    for (int i = 0; i < LANES; ++i) m |= (M)((flags[i] != 0) << i);
+    return m;
+}
+/* The hardware's minimum gives its second operand where one is NaN. */
+static inline V v_lower(V a, V b) { return (V)_mm512_min_pd((__m512d)b, (__m512d)a); }
+static inline V v_upper(V a, V b) { return (V)_mm512_max_pd((__m512d)b, (__m512d)a); }
+#else
+#if LANES > 1
+typedef int64_t M __attribute__((vector_size(8 * LANES)));
+#define v_lt(a, b) ((M)((a) < (b)))
+#define v_le(a, b) ((M)((a) <= (b)))
+#define v_eq(a, b) ((M)((a) == (b)))
+#define v_ne(a, b) ((M)((a) != (b)))
+#else
+typedef int64_t M;
+#define v_lt(a, b) (-(M)((a) < (b)))
+#define v_le(a, b) (-(M)((a) <= (b)))
+#define v_eq(a, b) (-(M)((a) == (b)))
+#define v_ne(a, b) (-(M)((a) != (b)))
+#endif
 #define v_not(m) (~(m))
 static inline V v_only(M m, V x) { return v_from((U)m & v_bits(x)); }
-static inline V v_select(M m, V x, V y) { return v_from(((U)m & v_bits(x)) | (~(U)m & v_bits(y))); }
-static inline V v_number(M m) { return v_only(m, v_set(1.0)); }
-static inline V v_abs(V x) { return v_from(v_bits(x) & ((U)v_bits(v_set(0.0)) + INT64_MAX)); }
+static inline M v_odd(U x) { return (M)(-(x & 1)); }
+static inline int v_holds(M m, int i) { return LANE(m, i) != 0; }
 static inline int v_any(M m)
 {
     int64_t one = 0;
     for (int i = 0; i < LANES; ++i) one |= LANE(m, i);
     return one != 0;
 }
-/* NaN on either side comes out, as from NumPy's minimum and maximum. */
-static inline V v_min(V a, V b) { return v_select(v_lt(a, b) | v_ne(a, a), a, b); }
-static inline V v_max(V a, V b) { return v_select(v_lt(b, a) | v_ne(a, a), a, b); }
+static inline M v_holding(const int *flags)
+{
+    M m = {0};
+    for (int i = 0; i < LANES; ++i) LANE(m, i) = flags[i] ? -1 : 0;
+    return m;
+}
+#if LANES == 4 && defined __AVX__
+#include <immintrin.h>
+static inline V v_select(M m, V x, V y) { return (V)_mm256_blendv_pd((__m256d)y, (__m256d)x, (__m256d)m); }
+static inline V v_lower(V a, V b) { return (V)_mm256_min_pd((__m256d)b, (__m256d)a); }
+static inline V v_upper(V a, V b) { return (V)_mm256_max_pd((__m256d)b, (__m256d)a); }
+#elif LANES == 1
+static inline V v_select(M m, V x, V y) { return m ? x : y; }
+static inline V v_lower(V a, V b) { return b < a ? b : a; }
+static inline V v_upper(V a, V b) { return b > a ? b : a; }
+#else
+static inline V v_select(M m, V x, V y) { return v_from(((U)m & v_bits(x)) | (~(U)m & v_bits(y))); }
+static inline V v_lower(V a, V b) { return v_select(v_lt(b, a), b, a); }
+static inline V v_upper(V a, V b) { return v_select(v_lt(a, b), b, a); }
+#endif
+#endif
+
+static inline V v_number(M m) { return v_only(m, v_set(1.0)); }
+static inline V v_abs(V x) { return v_from(v_bits(x) & ((U)v_bits(v_set(0.0)) + INT64_MAX)); }
+/* NaN on either side comes out, as from NumPy's minimum and maximum; v_lower and v_upper look at a alone. */
+static inline V v_min(V a, V b) { return v_select(v_ne(b, b), b, v_lower(a, b)); }
+static inline V v_max(V a, V b) { return v_select(v_ne(b, b), b, v_upper(a, b)); }
 
 /* Nearest whole number, an even one from halfway: adding 2^52 leaves no room for a fraction. */
 static inline V v_rint(V x)
@@ -96,12 +146,12 @@ static inline Quarter v_quarter(V x)
 static inline V v_sin(V x)
 {
     const Quarter q = v_quarter(x);
-    const V y = v_select((M)(-(q.quadrant & 1)), q.cosine, q.sine);
+    const V y = v_select(v_odd(q.quadrant), q.cosine, q.sine);
     return v_from(v_bits(y) ^ ((q.quadrant & 2) << 62));
 }
 static inline V v_cos(V x)
 {
     const Quarter q = v_quarter(x);
-    const V y = v_select((M)(-(q.quadrant & 1)), q.sine, q.cosine);
+    const V y = v_select(v_odd(q.quadrant), q.sine, q.cosine);
     return v_from(v_bits(y) ^ (((q.quadrant + 1) & 2) << 62));
 }

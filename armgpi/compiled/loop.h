@@ -58,11 +58,12 @@ void run(const Job *job, int64_t first, int64_t last)
     for (int64_t block = first; block < last; ++block) {
         double *memory = job->state + block * (NS + NR) * LANES;
         const V *own = (const V *)(job->own + block * NO * LANES);
-        M running = {0};
+        int runs[LANES];
         for (int i = 0; i < LANES; ++i) {
             const int64_t row = block * LANES + i;
-            LANE(running, i) = row < job->rows && job->ended[row] < 0 ? -1 : 0;
+            runs[i] = row < job->rows && job->ended[row] < 0;
         }
+        M running = v_holding(runs);
         if (!v_any(running)) continue;
         memcpy(state[0], memory, NS * sizeof(V));
         memcpy(now, memory + NS * LANES, sizeof now);
@@ -84,9 +85,9 @@ void run(const Job *job, int64_t first, int64_t last)
                 good &= v_lt(v_abs(now[N + j]), v_set(INFINITY));
                 good &= v_lt(v_abs(now[TAU * N + j]), v_set(INFINITY));
             }
-            if (v_any(running & ~good)) {
+            if (v_any(running & v_not(good))) {
                 for (int i = 0; i < LANES; ++i)
-                    if (LANE(running, i) && !LANE(good, i)) job->ended[block * LANES + i] = k;
+                    if (v_holds(running, i) && !v_holds(good, i)) job->ended[block * LANES + i] = k;
                 running = good;
                 if (!v_any(running)) break;
             }

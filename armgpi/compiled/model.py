@@ -6,7 +6,8 @@ differ between rollouts (payloads, masses) are parameters.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -68,6 +69,7 @@ class SymbolicModel:
         n: number of joints.
         table: what differs between rollouts, shape (rollouts, k): the values of `parameters`.
         parameters: one symbol for each column of the table.
+        digest: a name for the equations: equal ones have the same.
     """
 
     def __init__(
@@ -75,11 +77,8 @@ class SymbolicModel:
         models: Sequence[Any],
         ratio: Array | None = None,
         offset: Array | None = None,
-        prefix: str = "m",
     ) -> None:
         """Take one `pin.Model`, or one per rollout; `ratio` and `offset` as in ``CoupledDynamics``.
-
-        The parameters' names begin with `prefix`.
 
         Raises:
             ValueError: when the models have joints of different kinds or another order.
@@ -97,12 +96,15 @@ class SymbolicModel:
         )
         differs = (table != table[0]).any(axis=0)
         self.table = np.ascontiguousarray(table[:, differs])
-        self.parameters = [Scalar(ca.SX.sym(f"{prefix}{i}")) for i in range(self.table.shape[1])]
+        self.parameters = [Scalar(ca.SX.sym(f"m{i}")) for i in range(self.table.shape[1])]
         values = table[0].astype(object)
         values[differs] = self.parameters
         self._numbers = values[:-3].reshape(len(self._bodies), -1)
         self._gravity = values[-3:]
         self._ratio, self._offset = ratio, offset
+        literals = [table[0][~differs].tobytes(), differs.tobytes(), repr(shape).encode()]
+        literals += [x.tobytes() for x in (ratio, offset) if x is not None]
+        self.digest = hashlib.sha256(b"".join(literals)).hexdigest()[:8]
         self.n = len(self._bodies) if ratio is None else ratio.shape[1]
 
     def inverse(
@@ -116,30 +118,20 @@ class SymbolicModel:
             a: accelerations (n,); None for none.
             weight: whether gravity acts.
         """
-        if self._ratio is not None:
-            q, v, a = (
-                self._offset + self._ratio @ q,
-                None if v is None else self._ratio @ v,
-                None if a is None else self._ratio @ a,
-            )
+        q, v, a = self._all(q), self._rates(v), self._rates(a)
         zero: Expressions = np.zeros(3, dtype=object)
-        # Velocity and acceleration of each body's origin, in its own axes: gravity as an acceleration up.
-        turning: list[Expressions] = []
-        turned: list[Expressions] = []
-        moved: list[Expressions] = []
-        rotations: list[tuple[Expressions, Expressions]] = []
+        # Of each body, in its own axes: angular velocity, its derivative, acceleration of the origin (gravity
+        # is one upwards), and the matrix that makes a point's acceleration of its position.
+        states: list[tuple[Expressions, ...]] = []
+        places = [self._placed(i, q[i]) for i in range(len(self._bodies))]
         for i, body in enumerate(self._bodies):
-            axis, rotation, position, *_ = self._split(i)
-            base = body.parent < 0
-            w0 = zero if base else turning[body.parent]
-            dw0 = zero if base else turned[body.parent]
-            a0 = (-self._gravity if weight else zero) if base else moved[body.parent]
-            if body.turns:
-                rotation = rotation @ _rotation(axis, q[i])
+            axis = self._numbers[i][:3]
+            rotation, position = places[i]
+            if body.parent < 0:
+                w, dw, at = zero, zero, rotation.T @ (-self._gravity if weight else zero)
             else:
-                position = position + rotation @ axis * q[i]
-            at = a0 + _cross(dw0, position) + _cross(w0, _cross(w0, position))
-            w, dw, at = rotation.T @ w0, rotation.T @ dw0, rotation.T @ at
+                w0, dw0, a0, spread0 = states[body.parent]
+                w, dw, at = rotation.T @ w0, rotation.T @ dw0, rotation.T @ (a0 + spread0 @ position)
             speed = zero if v is None else axis * v[i]
             gain = zero if a is None else axis * a[i]
             if body.turns:
@@ -147,35 +139,61 @@ class SymbolicModel:
                 w = w + speed
             else:
                 at = at + gain + 2.0 * _cross(w, speed)
-            turning.append(w)
-            turned.append(dw)
-            moved.append(at)
-            rotations.append((rotation, position))
-        forces: list[Expressions] = [zero] * len(self._bodies)
-        moments: list[Expressions] = [zero] * len(self._bodies)
+            states.append((w, dw, at, _spread(w, dw)))
+        forces = [zero] * len(self._bodies)
+        moments = [zero] * len(self._bodies)
         tau: Expressions = np.zeros(len(self._bodies), dtype=object)
         for i in reversed(range(len(self._bodies))):
             body = self._bodies[i]
             axis, _, _, mass, first, second, armature = self._split(i)
-            w, dw, at = turning[i], turned[i], moved[i]
-            force = forces[i] + mass * at + _cross(dw, first) + _cross(w, _cross(w, first))
+            w, dw, at, spread = states[i]
+            force = forces[i] + mass * at + spread @ first
             moment = moments[i] + second @ dw + _cross(w, second @ w) + _cross(first, at)
             tau[i] = axis @ (moment if body.turns else force)
             if a is not None:
                 tau[i] = tau[i] + armature * a[i]
             if body.parent >= 0:
-                rotation, position = rotations[i]
+                rotation, position = places[i]
                 force, moment = rotation @ force, rotation @ moment
                 forces[body.parent] = forces[body.parent] + force
                 moments[body.parent] = moments[body.parent] + moment + _cross(position, force)
         return tau if self._ratio is None else self._ratio.T @ tau
 
     def inertia(self, q: Expressions) -> Expressions:
-        """Return D(q), shape (n, n): the Jacobian of the inverse dynamics in the accelerations."""
-        a = ca.SX.sym("a", self.n)
-        moving = self.inverse(q, None, scalars(a), weight=False)
-        matrix = ca.jacobian(ca.vertcat(*(x.sx for x in moving)), a)
-        return np.array([[Scalar(matrix[i, j]) for j in range(self.n)] for i in range(self.n)], dtype=object)
+        """Return D(q), shape (n, n), by composite rigid bodies (Featherstone 2008, ch. 6)."""
+        q, count = self._all(q), len(self._bodies)
+        places = [self._placed(i, q[i]) for i in range(count)]
+        masses, firsts, seconds = ([self._split(i)[k] for i in range(count)] for k in (3, 4, 5))
+        matrix: Expressions = np.zeros((count, count), dtype=object)
+        for i in reversed(range(count)):
+            body = self._bodies[i]
+            axis, *_, armature = self._split(i)
+            # What it takes to accelerate the joint by one, with all that hangs on it.
+            if body.turns:
+                force, moment = _cross(axis, firsts[i]), seconds[i] @ axis
+            else:
+                force, moment = masses[i] * axis, _cross(firsts[i], axis)
+            matrix[i, i] = axis @ (moment if body.turns else force) + armature
+            j, parent = i, body.parent
+            while parent >= 0:
+                rotation, position = places[j]
+                force, moment = rotation @ force, rotation @ moment
+                moment = moment + _cross(position, force)
+                along = self._numbers[parent][:3]
+                matrix[i, parent] = along @ (moment if self._bodies[parent].turns else force)
+                matrix[parent, i] = matrix[i, parent]
+                j, parent = parent, self._bodies[parent].parent
+            if (parent := body.parent) >= 0:
+                rotation, position = places[i]
+                first = rotation @ firsts[i]
+                masses[parent] = masses[parent] + masses[i]
+                firsts[parent] = firsts[parent] + first + masses[i] * position
+                shift = _outer(position, first) + _outer(first + masses[i] * position, position)
+                turned = self._turned(i, q[i], seconds[i])
+                seconds[parent] = seconds[parent] + turned + np.eye(3) * np.trace(shift) - shift
+        if self._ratio is None:
+            return matrix
+        return self._ratio.T @ matrix @ self._ratio
 
     def forward(self, q: Expressions, v: Expressions, tau: Expressions) -> Expressions:
         """Return D(q)^-1 (tau - C(q, v) v - G(q))."""
@@ -184,6 +202,33 @@ class SymbolicModel:
     def solved(self, q: Expressions, tau: Expressions) -> Expressions:
         """Return D(q)^-1 tau."""
         return solve(self.inertia(q), tau)
+
+    def _all(self, q: Expressions) -> Expressions:
+        """Return the positions of all bodies' joints."""
+        return q if self._ratio is None else self._offset + self._ratio @ q
+
+    def _rates(self, x: Expressions | None) -> Expressions | None:
+        """Return velocities or accelerations of all bodies' joints."""
+        return x if x is None or self._ratio is None else self._ratio @ x
+
+    def _placed(self, i: int, q: Any) -> tuple[Expressions, Expressions]:
+        """Return rotation and position of a body in its parent."""
+        axis, rotation, position, *_ = self._split(i)
+        if self._bodies[i].turns:
+            return rotation @ _rotation(axis, q), position
+        return rotation, position + rotation @ axis * q
+
+    def _turned(self, i: int, q: Any, tensor: Expressions) -> Expressions:
+        """Return a symmetric tensor of a body's axes in its parent's."""
+        axis, rotation, *_ = self._split(i)
+        if self._bodies[i].turns:
+            along = [k for k in range(3) if not isinstance(axis[k], Scalar) and abs(axis[k]) == 1.0]
+            if along:
+                tensor = _turned_about(along[0], float(axis[along[0]]), q, tensor)
+            else:
+                rotation = rotation @ _rotation(axis, q)
+        half = rotation @ tensor
+        return _symmetric(lambda i, j: half[i] @ rotation[j])
 
     def _split(self, i: int) -> tuple[Any, ...]:
         """Return axis, rotation, position, mass, mass times centre, inertia and armature of a body."""
@@ -224,11 +269,57 @@ def solve(matrix: Expressions, column: Expressions) -> Expressions:
 
 def _rotation(axis: Expressions, angle: Any) -> Expressions:
     """Return the rotation matrix about an axis of length one (Rodrigues)."""
-    x, y, z = axis
     s, c = Scalar(ca.sin(angle.sx)), Scalar(ca.cos(angle.sx))
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=object)
-    outer = np.outer(axis, axis)
-    return np.eye(3) * c + skew * s + outer * (1.0 - c)
+    along = _outer(axis, axis)
+    return (np.eye(3) - along) * c + _skew(axis) * s + along
+
+
+def _turned_about(k: int, sign: float, angle: Any, tensor: Expressions) -> Expressions:
+    """Return a symmetric tensor turned about a coordinate axis, in half the operations of R tensor R'."""
+    x, y, z = (k + 1) % 3, (k + 2) % 3, k
+    s, c = sign * Scalar(ca.sin(angle.sx)), Scalar(ca.cos(angle.sx))
+    across, between, sine2 = tensor[x, x] - tensor[y, y], tensor[x, y], s * s
+    both = s * c
+    moved = sine2 * across + 2.0 * both * between
+    turned: Expressions = np.empty((3, 3), dtype=object)
+    turned[x, x], turned[y, y], turned[z, z] = tensor[x, x] - moved, tensor[y, y] + moved, tensor[z, z]
+    turned[x, y] = turned[y, x] = both * across + (1.0 - 2.0 * sine2) * between
+    turned[x, z] = turned[z, x] = c * tensor[x, z] - s * tensor[y, z]
+    turned[y, z] = turned[z, y] = s * tensor[x, z] + c * tensor[y, z]
+    return turned
+
+
+def _symmetric(entry: Callable[[int, int], Any]) -> Expressions:
+    """Return a symmetric matrix (3, 3) of which only one half is worked out."""
+    matrix: Expressions = np.empty((3, 3), dtype=object)
+    for i in range(3):
+        for j in range(i + 1):
+            matrix[i, j] = matrix[j, i] = entry(i, j)
+    return matrix
+
+
+def _outer(a: Expressions, b: Expressions) -> Expressions:
+    """Return the products of the entries of two vectors, shape (3, 3)."""
+    return a[:, None] * b[None, :]
+
+
+def _spread(w: Expressions, dw: Expressions) -> Expressions:
+    """Return [dw]x + [w]x [w]x: what makes of a point's position its acceleration about the origin."""
+    x, y, z = w
+    xx, yy, zz = x * x, y * y, z * z
+    return np.array(
+        [
+            [-(yy + zz), x * y - dw[2], x * z + dw[1]],
+            [x * y + dw[2], -(xx + zz), y * z - dw[0]],
+            [x * z - dw[1], y * z + dw[0], -(xx + yy)],
+        ],
+        dtype=object,
+    )
+
+
+def _skew(a: Expressions) -> Expressions:
+    """Return the matrix of a cross product with `a` on the left."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]], dtype=object)
 
 
 def _cross(a: Expressions, b: Expressions) -> Expressions:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.compiled.kernels import Arm, Call, TracedDynamics
+from armgpi.compiled.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
 from armgpi.control.splines import BSplineBasis
 from armgpi.dynamics import Dynamics, ScaledDynamics
@@ -84,6 +84,7 @@ class Trace:
         state: symbols of the state.
         start: their values at the start, shape (rollouts, s).
         after: expressions of the state after the sample.
+        joints: the joint that each part of the state belongs to.
         calls: uses of the dynamics, in order.
         shared: symbols and values of parameters that all rollouts share.
         own: symbols and values (rollouts,) of those that each rollout has its own of.
@@ -91,13 +92,13 @@ class Trace:
         draws: random numbers used.
         k: symbol of the sample's number.
         recorded: name -> n expressions.
-        arms: the dynamics.
     """
 
     n: int
     state: list[Any] = field(default_factory=list)
     start: Array = field(default_factory=lambda: np.empty((0, 0)))
     after: list[Any] = field(default_factory=list)
+    joints: list[int] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
     shared: list[tuple[Any, float]] = field(default_factory=list)
     own: list[tuple[Any, Array]] = field(default_factory=list)
@@ -105,7 +106,6 @@ class Trace:
     draws: list[Draws] = field(default_factory=list)
     k: Any = None
     recorded: dict[str, list[Any]] = field(default_factory=dict)
-    arms: list[Arm] = field(default_factory=list)
 
 
 class Lifting:
@@ -120,7 +120,7 @@ class Lifting:
         self.trace = trace
         self._copies: dict[int, Any] = {}
         self._kept: list[Any] = []  # what ids in _copies belong to
-        self._arms: dict[int, Arm] = {}
+        self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
         """Return the copy of a value; with `numbers`, floats become symbols as well."""
@@ -188,15 +188,14 @@ class Lifting:
     def _dynamics(self, dynamics: Dynamics) -> Any:
         """Return traced dynamics; those of one base share their kernels."""
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
-        if id(base) not in self._arms:
-            arm = Arm(base, f"arm{len(self.trace.arms)}")
-            self.trace.arms.append(arm)
-            self._arms[id(base)] = arm
+        arm = arm_of(base)
+        if id(base) not in self._parameters:
             columns = arm.table.T
-            self.trace.own += [(p.sx, c) for p, c in zip(arm.model.parameters, columns, strict=True)]
-        arm = self._arms[id(base)]
+            symbols = flat(Symbols.new(f"m{len(self._parameters)}", (len(columns),)))
+            self._parameters[id(base)] = symbols
+            self.trace.own += zip(symbols, columns, strict=True)
         scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
-        made: Any = TracedDynamics(arm, self.trace.calls)
+        made: Any = TracedDynamics(arm, self.trace.calls, self._parameters[id(base)])
         if isinstance(scale, float):
             return made if scale == 1.0 else ScaledDynamics(made, self.array(np.array(scale)))
         return ScaledDynamics(made, self.array(scale))
@@ -256,6 +255,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
             shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
             symbols = Symbols.new(f"s{len(result.state)}", shape)
             result.state.extend(flat(symbols))
+            result.joints.extend(i % n for i in range(symbols.size))
             count = rollouts[0] if rollouts else 1
             columns.extend(np.broadcast_to(values, (*rollouts, *shape)).reshape(count, -1).T)
             return symbols
