@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import os
@@ -150,6 +151,7 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
         work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
     except OSError:  # a home that cannot be written: compile for this process alone
         folder = work = Path(tempfile.mkdtemp(prefix="armgpi-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     try:
         (work / "loop.c").write_text(source)
         built = work / "loop.so"
