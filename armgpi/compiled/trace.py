@@ -8,8 +8,10 @@ sample is taken.
 from __future__ import annotations
 
 import copy
+import traceback
 import types
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -268,7 +270,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     looked = copy.copy(loop)
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
-    plant, controller, measured, tau = looked._sample(*before, target)
+    plant, controller, measured, tau = _taken(looked, before, target)
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
     recorded = {
@@ -284,6 +286,21 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
         recorded.update(looked.controller.signals(controller))
     result.recorded = {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
     return result
+
+
+def _taken(loop: Any, before: Any, target: Target) -> Any:
+    """Return what one sample of the loop gives; whatever stands in its way is told with its place."""
+    try:
+        return loop._sample(*before, target)
+    except Exception as error:  # a law of the user's may do anything to what is no array
+        ours = str(Path(__file__).parent)
+        places = [
+            f"{Path(frame.filename).name}, line {frame.lineno}"
+            for frame in traceback.extract_tb(error.__traceback__)
+            if not frame.filename.startswith(ours) and "site-packages" not in frame.filename
+        ]
+        said = str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__}: {error}"
+        raise NotElementwise(f"{places[-1]}: {said}" if places else said) from None
 
 
 def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:
