@@ -94,6 +94,7 @@ class Trace:
         draws: random numbers used.
         k: symbol of the sample's number.
         recorded: name -> n expressions.
+        foreign: whether there are laws among it that do not come with armgpi.
     """
 
     n: int
@@ -108,6 +109,7 @@ class Trace:
     draws: list[Draws] = field(default_factory=list)
     k: Any = None
     recorded: dict[str, list[Any]] = field(default_factory=dict)
+    foreign: bool = False
 
 
 class Lifting:
@@ -122,6 +124,8 @@ class Lifting:
         self.trace = trace
         self._copies: dict[int, Any] = {}
         self._kept: list[Any] = []  # what ids in _copies belong to
+        self._made: list[tuple[Any, dict[str, Any]]] = []  # copies of objects, and their attributes
+        self._symbols: list[tuple[Symbols, Any]] = []  # symbols made, and their entries
         self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
@@ -167,7 +171,25 @@ class Lifting:
             self.trace.own += zip(flat(symbols), values.T, strict=True)
         else:
             self.trace.shared += zip(flat(symbols), values.ravel().tolist(), strict=True)
+        self._symbols.append((symbols, symbols.x.copy()))
         return symbols
+
+    def check_unchanged(self) -> None:
+        """Refuse parts of the loop that changed themselves: generated code would not.
+
+        Raises:
+            NotElementwise: naming the part and what it changed.
+        """
+        for made, attributes in self._made:
+            now = vars(made)
+            for name in now.keys() | attributes.keys():
+                if now.get(name) is not attributes.get(name):
+                    raise NotElementwise(
+                        f"{type(made).__name__} changes its own {name}; what changes belongs into the state"
+                    )
+        for symbols, entries in self._symbols:
+            if not all(a is b for a, b in zip(symbols.x.flat, entries.flat, strict=True)):
+                raise NotElementwise("it writes into its own arrays; what changes belongs into the state")
 
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
@@ -175,6 +197,8 @@ class Lifting:
         self._note(value, made)
         for name, attribute in vars(value).items():
             object.__setattr__(made, name, self(attribute, numbers))
+        self._made.append((made, dict(vars(made))))
+        self.trace.foreign |= not type(value).__module__.startswith("armgpi.")
         return made
 
     def _robot(self, robot: AnyRobot) -> AnyRobot:
@@ -271,6 +295,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
     plant, controller, measured, tau = _taken(looked, before, target)
+    lifting.check_unchanged()
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
     recorded = {
