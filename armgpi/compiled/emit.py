@@ -118,7 +118,7 @@ def straight_line(
         NotElementwise: when an operation has no C here.
     """
     function = ca.Function(
-        "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.vertcat(*outputs)]
+        "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.SX(ca.vertcat(*outputs))]
     )
     graph = _graph(function, [name for _, name in inputs], dialect)
     writer = _Writer(graph, dialect)

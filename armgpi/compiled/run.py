@@ -284,7 +284,7 @@ def _keep_used(traced: Trace) -> None:
         *(x for call in traced.calls for x in call.arguments),
         *(x for xs in traced.recorded.values() for x in xs),
     ]
-    used = {str(symbol) for symbol in ca.symvar(ca.vertcat(*expressions))}
+    used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
     for call in traced.calls:
         used.update(map(str, call.parameters))
     traced.shared = [(symbol, value) for symbol, value in traced.shared if str(symbol) in used]

@@ -291,7 +291,7 @@ def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:
     if loop.reference.symbolic:
         t = Symbols(np.array(Scalar(result.k * float(loop.dt)), dtype=object))
         target = lifting(loop.reference).at(t)
-        if ca.n_nodes(ca.vertcat(*(x for part in target for x in flat(part)))) < _LONG_REFERENCE:
+        if ca.n_nodes(ca.SX(ca.vertcat(*(x for part in target for x in flat(part))))) < _LONG_REFERENCE:
             return Target(*(np.broadcast_to(part, (result.n,)) for part in target))
     parts: list[Any] = [Symbols.new(name, (result.n,)) for name in Target._fields]
     result.table = [x for part in parts for x in flat(part)]
