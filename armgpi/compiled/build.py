@@ -71,9 +71,10 @@ def compiler() -> Compiler:
     """
     asked = os.environ.get("CC", "")
     for name in (asked,) if asked else ("cc", "gcc", "clang"):
-        found = _probed(tuple(shlex.split(name)) or ("",))
-        if found is not None:
-            return found
+        with suppress(ValueError):  # a quotation without an end
+            found = _probed(tuple(shlex.split(name)) or ("",))
+            if found is not None:
+                return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
     raise BackendError(f"no C compiler: {wanted}; install GCC or Clang, or set CC")
 

@@ -160,6 +160,12 @@ class CompiledRun:
             self._library = build.library(text, flags)
         except NotElementwise as error:
             raise BackendError(f"this loop has no generated code: {error}") from None
+        except (BackendError, MemoryError):
+            raise
+        except Exception as error:  # whatever a law does with symbols in place of numbers
+            words = " ".join(str(error).split()) or "no reason given"
+            text = f"this loop has no generated code: {type(error).__name__} on symbols: {words}"
+            raise BackendError(text) from error
         self.loop, self.recording = loop, recording
         self.done = 0
         self.chunk = 16

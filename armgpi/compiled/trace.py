@@ -11,6 +11,7 @@ import copy
 import traceback
 import types
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,11 @@ from armgpi.plants.rigid_body import LoadTable
 from armgpi.references.reference import Reference, Target
 from armgpi.robot import AnyRobot, Robot, RobotBatch
 
+#: What is taken as it is: it does not change.
+_PLAIN = (
+    *(str, bytes, int, float, complex, type(None), type, range, slice, frozenset, Enum, np.generic, np.ufunc),
+    *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
+)
 #: References of more operations than this are worked out by NumPy, as a table.
 _LONG_REFERENCE = 3000
 
@@ -119,13 +125,12 @@ class Lifting:
     those that differ between rollouts, and get traced dynamics.
     """
 
-    def __init__(self, trace: Trace) -> None:
-        """Note symbols, values and calls in `trace`."""
+    def __init__(self, trace: Trace, rollouts: int) -> None:
+        """Note symbols, values and calls in `trace`, of a loop of so many rollouts."""
         self.trace = trace
+        self._rollouts = rollouts
         self._copies: dict[int, Any] = {}
-        self._kept: list[Any] = []  # what ids in _copies belong to
-        self._made: list[tuple[Any, dict[str, Any]]] = []  # copies of objects, and their attributes
-        self._symbols: list[tuple[Symbols, Any]] = []  # symbols made, and their entries
+        self._kept: list[tuple[Any, Any, Any]] = []  # what ids in _copies belong to, copies and their content
         self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
@@ -138,12 +143,10 @@ class Lifting:
             return self.array(np.array(value))
         elif isinstance(value, Robot | RobotBatch):
             return self._robot(value)
-        elif isinstance(value, BSplineBasis | Arm | str | bytes | int | float | type(None) | type):
+        elif isinstance(value, (BSplineBasis, Arm, *_PLAIN)):
             return value
         elif isinstance(value, types.MethodType):
             return types.MethodType(value.__func__, self(value.__self__, numbers))
-        elif isinstance(value, types.FunctionType | types.BuiltinFunctionType | types.ModuleType):
-            return value
         elif isinstance(value, tuple):
             items = [self(item, numbers) for item in value]
             lifted = tuple.__new__(type(value), items)
@@ -155,60 +158,49 @@ class Lifting:
             lifted = self._dynamics(value)
         elif isinstance(value, LoadTable):
             lifted = _TracedLoads(self(value.plant, numbers), value.substeps)
-        elif hasattr(value, "__dict__"):
+        elif _is_plain_object(value):
             return self._object(value, numbers or isinstance(value, Load | Reference))
-        else:
-            return value
+        else:  # it may hold anything: random numbers, a queue, a file
+            raise NotElementwise(f"it holds a {type(value).__name__}")
         self._note(value, lifted)
         return lifted
 
     def array(self, values: Array) -> Any:
         """Return symbols for an array of numbers: shared, or of each rollout its own."""
-        if values.dtype != np.float64 or values.ndim > 2:
+        rows = values.ndim == 2 and len(values) in (1, self._rollouts)
+        if values.dtype != np.float64 or (values.ndim > 1 and not rows):
             return values
         symbols = Symbols.new(f"p{len(self.trace.shared)}_{len(self.trace.own)}", values.shape[-1:])
-        if values.ndim == 2:
+        if rows:
             self.trace.own += zip(flat(symbols), values.T, strict=True)
         else:
             self.trace.shared += zip(flat(symbols), values.ravel().tolist(), strict=True)
-        self._symbols.append((symbols, symbols.x.copy()))
         return symbols
-
-    def check_unchanged(self) -> None:
-        """Refuse parts of the loop that changed themselves: generated code would not.
-
-        Raises:
-            NotElementwise: naming the part and what it changed.
-        """
-        for made, attributes in self._made:
-            now = vars(made)
-            for name in now.keys() | attributes.keys():
-                if now.get(name) is not attributes.get(name):
-                    raise NotElementwise(
-                        f"{type(made).__name__} changes its own {name}; what changes belongs into the state"
-                    )
-        for symbols, entries in self._symbols:
-            if not all(a is b for a, b in zip(symbols.x.flat, entries.flat, strict=True)):
-                raise NotElementwise("it writes into its own arrays; what changes belongs into the state")
 
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
         made = object.__new__(type(value))
-        self._note(value, made)
+        self._copies[id(value)] = made
+        ours = type(value).__module__.startswith("armgpi.")
+        self.trace.foreign |= not ours
         for name, attribute in vars(value).items():
+            if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
+                raise NotElementwise(
+                    f"{type(value).__name__}.{name} may be a matrix or have a row for each rollout"
+                )
             object.__setattr__(made, name, self(attribute, numbers))
-        self._made.append((made, dict(vars(made))))
-        self.trace.foreign |= not type(value).__module__.startswith("armgpi.")
+        self._note(value, made)
         return made
 
     def _robot(self, robot: AnyRobot) -> AnyRobot:
         """Return a robot with traced dynamics."""
         made = copy.copy(robot)
-        self._note(robot, made)
+        self._copies[id(robot)] = made
         made.dynamics = self(robot.dynamics)
         for name in ("limits", "friction"):
             values = getattr(robot, name)
             setattr(made, name, type(values)(*(self(a) if a.ndim == 2 else a for a in values)))
+        self._note(robot, made)
         return made
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
@@ -223,18 +215,57 @@ class Lifting:
         scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
         made: Any = TracedDynamics(arm, self.trace.calls, self._parameters[id(base)])
         if isinstance(scale, float):
-            return made if scale == 1.0 else ScaledDynamics(made, self.array(np.array(scale)))
-        return ScaledDynamics(made, self.array(scale))
+            return made if scale == 1.0 else _Scaled(made, self.array(np.array(scale)))
+        return _Scaled(made, self.array(scale))
 
     def _note(self, value: Any, made: Any) -> None:
         """Remember the copy of a value."""
         self._copies[id(value)] = made
-        self._kept.append(value)
+        self._kept.append((value, made, _content(made)))
+
+    def check_unchanged(self) -> None:
+        """Refuse what remembers anything but in its state.
+
+        Raises:
+            NotElementwise: when an attribute of a copy, or what is in it, is not what it was.
+        """
+        for value, made, content in self._kept:
+            now = _content(made)
+            if now == content:
+                continue
+            name = f"a {type(value).__name__} in it"
+            if isinstance(now, dict):
+                name += " (" + ", ".join(str(key) for key in now if now[key] != content.get(key)) + ")"
+            raise NotElementwise(f"{name} changes; what changes belongs into the state")
+
+
+def _is_plain_object(value: Any) -> bool:
+    """Tell whether all that something is made of is its attributes."""
+    kind: Any = type(value)
+    return kind.__new__ is object.__new__ and hasattr(value, "__dict__")
+
+
+def _content(made: Any) -> Any:
+    """Return the identities of what is in a copy."""
+    if isinstance(made, Symbols):
+        return [id(x) for x in made.x.ravel()]
+    if isinstance(made, list):
+        return [id(x) for x in made]
+    attributes = made if isinstance(made, dict) else getattr(made, "__dict__", {})
+    return {key: id(x) for key, x in attributes.items()}
 
 
 def _is_dynamics(value: Any) -> bool:
     """Tell whether something is a robot's dynamics, by what it can do."""
     return all(callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "bias"))
+
+
+class _Scaled(ScaledDynamics):
+    """A scaled robot without the look at whether a torque is zero, which generated code takes itself."""
+
+    def inertia_solve(self, q: Any, tau: Any) -> Any:
+        """Return D(q)^-1 tau."""
+        return self.base.inertia_solve(q, tau / self.scale)
 
 
 class _TracedLoads:
@@ -265,8 +296,8 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     """
     n = loop.plant.robot.n
     result = Trace(n, k=ca.SX.sym("k"))
-    lifting = Lifting(result)
     rollouts = loop.truth(state).q.shape[:-1]
+    lifting = Lifting(result, *rollouts or (1,))
     columns: list[Array] = []
 
     def place(value: Any) -> Any:
@@ -295,9 +326,9 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
     plant, controller, measured, tau = _taken(looked, before, target)
-    lifting.check_unchanged()
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
+    lifting.check_unchanged()
     recorded = {
         "q": truth.q,
         "v": truth.v,
@@ -324,7 +355,9 @@ def _taken(loop: Any, before: Any, target: Target) -> Any:
             for frame in traceback.extract_tb(error.__traceback__)
             if not frame.filename.startswith(ours) and "site-packages" not in frame.filename
         ]
-        said = str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__}: {error}"
+        said = (
+            str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__} on symbols: {error}"
+        )
         raise NotElementwise(f"{places[-1]}: {said}" if places else said) from None
 
 
