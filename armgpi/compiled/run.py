@@ -26,6 +26,7 @@ from armgpi.rollout import Recording, Status
 #: What every run records, in this order; the first five belong to the sample, the others to the torque.
 _ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
 _HELD, _TAU = _ORDER.index("tau_command"), _ORDER.index("tau")
+_TARGETS = ("q_ref", "v_ref")
 #: How long one call of the generated code should take [s]: between two calls Ctrl-C is heard.
 _CALL = 0.05
 #: Numbers in a table of targets, at most.
@@ -214,6 +215,8 @@ class CompiledRun:
         self._job.final = 1
         self._run(self.done, self.done + 1)
         self._store(self.done + 1)
+        for values in self.recording.variables.values():  # where all diverged, time goes on without them
+            values[self.recording.stored :] = np.nan
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -267,14 +270,32 @@ class CompiledRun:
         recording.t_end[rows] = ended[rows] * self.loop.dt
 
     def _store(self, samples: int) -> None:
-        """Say how many samples the recording has, and blank what there is none of."""
+        """Say how many samples there are; a rollout that diverged has its targets alone from then on."""
         recording, ended = self.recording, self._keep["ended"]
         recording.stored = -(-samples // recording.every)
-        for values in recording.variables.values():
+        for name, values in recording.variables.items():
             rows = values.reshape(len(values), self.rows, -1)
-            rows[recording.stored :] = np.nan
-            for row in np.flatnonzero(ended >= 0):
-                rows[-(-ended[row] // recording.every) :, row] = np.nan
+            for row in np.flatnonzero(ended >= 0) if name not in _TARGETS else ():
+                rows[-(-ended[row] // recording.every) : recording.stored, row] = np.nan
+        self._store_targets()
+
+    def _store_targets(self) -> None:
+        """Record the targets of rollouts that have diverged, which the generated code no longer does."""
+        recording, ended = self.recording, self._keep["ended"]
+        diverged = np.flatnonzero(ended >= 0)
+        if not len(diverged):
+            return
+        first = int(-(-ended[diverged].min() // recording.every))
+        at_once = max(1, _TABLE // (self.rows * self._traced.n))
+        for begin in range(first, recording.stored, at_once):
+            times = slice(begin, min(begin + at_once, recording.stored))
+            target = self.loop.reference.at(recording.times[times])
+            for name, part in zip(_TARGETS, target, strict=False):
+                rows = recording.variables[name][times].reshape(-1, self.rows, self._traced.n)
+                values = np.broadcast_to(part if part.ndim == 3 else part[:, None], rows.shape)
+                for row in diverged:
+                    late = max(0, int(-(-ended[row] // recording.every)) - begin)
+                    rows[late:, row] = values[late:, row]
 
     def _packed(self, columns: Array) -> Array:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
