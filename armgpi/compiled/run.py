@@ -155,7 +155,10 @@ class CompiledRun:
             self.rows = len(recording.status)
             self.lanes = lanes or (1 if self.rows == 1 else build.widest())
             flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
-            self._library = build.library(source(traced, self.lanes), flags)
+            text = source(traced, self.lanes)
+            if traced.foreign and text != _again(loop, state, signals, self.lanes):
+                raise NotElementwise("it gives something else each time that it is asked (random numbers?)")
+            self._library = build.library(text, flags)
         except NotElementwise as error:
             raise BackendError(f"this loop has no generated code: {error}") from None
         except (BackendError, MemoryError):
@@ -302,6 +305,13 @@ class CompiledRun:
         aligned = room[begin : begin + blocks.size]
         aligned[:] = blocks.ravel()
         return aligned
+
+
+def _again(loop: Any, state: Any, signals: bool, lanes: int) -> str:
+    """Return the C of a loop that is traced once more."""
+    traced = trace(loop, state, signals)
+    _keep_used(traced)
+    return source(traced, lanes)
 
 
 def _keep_used(traced: Trace) -> None:

@@ -82,6 +82,30 @@ class Scalar:
         """Return the quotient."""
         return _divide(other, self) if _is_one(other) else NotImplemented
 
+    def __lt__(self, other: Any) -> Any:
+        """Return whether it is below."""
+        return _less(self, other)
+
+    def __le__(self, other: Any) -> Any:
+        """Return whether it is not above."""
+        return _not_above(self, other)
+
+    def __gt__(self, other: Any) -> Any:
+        """Return whether it is above."""
+        return _less(other, self)
+
+    def __ge__(self, other: Any) -> Any:
+        """Return whether it is not below."""
+        return _not_above(other, self)
+
+    def __eq__(self, other: Any) -> Any:
+        """Return whether the two are equal."""
+        return _equal(self, other)
+
+    def __ne__(self, other: Any) -> Any:
+        """Return whether the two differ."""
+        return _unequal(self, other)
+
     def __neg__(self) -> Scalar:
         """Return the negative."""
         return Scalar(-self.sx)
@@ -159,6 +183,7 @@ def _difference(a: Any, b: Any) -> Any:
     return a if not isinstance(b, Scalar) and b == 0.0 else _subtract(a, b)
 
 
+_less, _not_above, _equal, _unequal = map(_binary, (operator.lt, operator.le, operator.eq, operator.ne))
 _multiply, _add, _subtract, _divide = map(
     _binary, (operator.mul, operator.add, operator.sub, operator.truediv)
 )
@@ -186,12 +211,12 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.true_divide: _divide,
     np.minimum: _binary(ca.fmin),
     np.maximum: _binary(ca.fmax),
-    np.less: _binary(operator.lt),
-    np.less_equal: _binary(operator.le),
-    np.greater: _binary(operator.gt),
-    np.greater_equal: _binary(operator.ge),
-    np.equal: _binary(operator.eq),
-    np.not_equal: _binary(operator.ne),
+    np.less: _less,
+    np.less_equal: _not_above,
+    np.greater: lambda a, b: _less(b, a),
+    np.greater_equal: lambda a, b: _not_above(b, a),
+    np.equal: _equal,
+    np.not_equal: _unequal,
     np.logical_and: _binary(ca.logic_and),
     np.logical_or: _binary(ca.logic_or),
     np.bitwise_and: _binary(ca.logic_and),
