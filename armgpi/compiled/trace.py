@@ -33,7 +33,6 @@ _PLAIN = (
     *(str, bytes, int, float, complex, type(None), type, range, slice, frozenset, Enum, np.generic, np.ufunc),
     *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
 )
-_STATE = "what changes belongs into the state"
 #: References of more operations than this are worked out by NumPy, as a table.
 _LONG_REFERENCE = 3000
 
@@ -131,10 +130,7 @@ class Lifting:
         self.trace = trace
         self._rollouts = rollouts
         self._copies: dict[int, Any] = {}
-        self._kept: list[Any] = []  # what ids in _copies belong to
-        self._made: list[tuple[Any, dict[str, Any]]] = []  # copies of objects, and their attributes
-        self._held: list[tuple[Any, Any]] = []  # copies of lists and dictionaries, and what is in them
-        self._symbols: list[tuple[Symbols, Any]] = []  # symbols made, and their entries
+        self._kept: list[tuple[Any, Any, Any]] = []  # what ids in _copies belong to, copies and their content
         self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
@@ -156,10 +152,8 @@ class Lifting:
             lifted = tuple.__new__(type(value), items)
         elif isinstance(value, list):
             lifted = [self(item, numbers) for item in value]
-            self._held.append((lifted, list(lifted)))
         elif isinstance(value, dict):
             lifted = {key: self(item, numbers) for key, item in value.items()}
-            self._held.append((lifted, dict(lifted)))
         elif _is_dynamics(value):
             lifted = self._dynamics(value)
         elif isinstance(value, LoadTable):
@@ -181,53 +175,32 @@ class Lifting:
             self.trace.own += zip(flat(symbols), values.T, strict=True)
         else:
             self.trace.shared += zip(flat(symbols), values.ravel().tolist(), strict=True)
-        self._symbols.append((symbols, symbols.x.copy()))
         return symbols
-
-    def check_unchanged(self) -> None:
-        """Refuse parts of the loop that changed themselves: generated code would not.
-
-        Raises:
-            NotElementwise: naming the part and what it changed.
-        """
-        for made, attributes in self._made:
-            now = vars(made)
-            for name in now.keys() | attributes.keys():
-                if now.get(name) is not attributes.get(name):
-                    raise NotElementwise(f"{type(made).__name__} changes its own {name}; {_STATE}")
-        for held, items in self._held:
-            pairs = zip(
-                *(x.items() if isinstance(x, dict) else enumerate(x) for x in (held, items)), strict=False
-            )
-            if len(held) != len(items) or any(a != b or x is not y for (a, x), (b, y) in pairs):
-                raise NotElementwise(f"it changes its own {type(held).__name__}; {_STATE}")
-        for symbols, entries in self._symbols:
-            if not all(a is b for a, b in zip(symbols.x.flat, entries.flat, strict=True)):
-                raise NotElementwise(f"it writes into its own arrays; {_STATE}")
 
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
         made = object.__new__(type(value))
-        self._note(value, made)
-        own = type(value).__module__.startswith("armgpi.")
+        self._copies[id(value)] = made
+        ours = type(value).__module__.startswith("armgpi.")
+        self.trace.foreign |= not ours
         for name, attribute in vars(value).items():
-            square = (self._rollouts,) * 2 == (self.trace.n,) * 2 == getattr(attribute, "shape", ())
-            if square and not own:
-                name = f"{type(value).__name__}.{name}"
-                raise NotElementwise(f"{name} may be a matrix or have a row for each rollout")
+            if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
+                raise NotElementwise(
+                    f"{type(value).__name__}.{name} may be a matrix or have a row for each rollout"
+                )
             object.__setattr__(made, name, self(attribute, numbers))
-        self._made.append((made, dict(vars(made))))
-        self.trace.foreign |= not own
+        self._note(value, made)
         return made
 
     def _robot(self, robot: AnyRobot) -> AnyRobot:
         """Return a robot with traced dynamics."""
         made = copy.copy(robot)
-        self._note(robot, made)
+        self._copies[id(robot)] = made
         made.dynamics = self(robot.dynamics)
         for name in ("limits", "friction"):
             values = getattr(robot, name)
             setattr(made, name, type(values)(*(self(a) if a.ndim == 2 else a for a in values)))
+        self._note(robot, made)
         return made
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
@@ -248,18 +221,43 @@ class Lifting:
     def _note(self, value: Any, made: Any) -> None:
         """Remember the copy of a value."""
         self._copies[id(value)] = made
-        self._kept.append(value)
+        self._kept.append((value, made, _content(made)))
 
+    def check_unchanged(self) -> None:
+        """Refuse what remembers anything but in its state.
 
-def _is_dynamics(value: Any) -> bool:
-    """Tell whether something is a robot's dynamics, by what it can do."""
-    return all(callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "bias"))
+        Raises:
+            NotElementwise: when an attribute of a copy, or what is in it, is not what it was.
+        """
+        for value, made, content in self._kept:
+            now = _content(made)
+            if now == content:
+                continue
+            name = f"a {type(value).__name__} in it"
+            if isinstance(now, dict):
+                name += " (" + ", ".join(str(key) for key in now if now[key] != content.get(key)) + ")"
+            raise NotElementwise(f"{name} changes; what changes belongs into the state")
 
 
 def _is_plain_object(value: Any) -> bool:
     """Tell whether all that something is made of is its attributes."""
     kind: Any = type(value)
     return kind.__new__ is object.__new__ and hasattr(value, "__dict__")
+
+
+def _content(made: Any) -> Any:
+    """Return the identities of what is in a copy."""
+    if isinstance(made, Symbols):
+        return [id(x) for x in made.x.ravel()]
+    if isinstance(made, list):
+        return [id(x) for x in made]
+    attributes = made if isinstance(made, dict) else getattr(made, "__dict__", {})
+    return {key: id(x) for key, x in attributes.items()}
+
+
+def _is_dynamics(value: Any) -> bool:
+    """Tell whether something is a robot's dynamics, by what it can do."""
+    return all(callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "bias"))
 
 
 class _Scaled(ScaledDynamics):
@@ -328,9 +326,9 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
     plant, controller, measured, tau = _taken(looked, before, target)
-    lifting.check_unchanged()
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
+    lifting.check_unchanged()
     recorded = {
         "q": truth.q,
         "v": truth.v,
@@ -357,7 +355,9 @@ def _taken(loop: Any, before: Any, target: Target) -> Any:
             for frame in traceback.extract_tb(error.__traceback__)
             if not frame.filename.startswith(ours) and "site-packages" not in frame.filename
         ]
-        said = str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__}: {error}"
+        said = (
+            str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__} on symbols: {error}"
+        )
         raise NotElementwise(f"{places[-1]}: {said}" if places else said) from None
 
 

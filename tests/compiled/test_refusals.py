@@ -99,21 +99,17 @@ def keeps(self: Any, e: Any) -> Any:
 
 LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
     "if": (lambda self, e: e if (e > 0.0).any() else 2.0 * e, "it decides by the values of symbols", dict),
-    "if one": (lambda self, e: e if e[..., 0].ravel()[0] > 0.0 else 2.0 * e, "no attribute 'ravel'", dict),
+    "if one": (lambda self, e: e if e[..., 0].ravel()[0] > 0.0 else 2.0 * e, "on symbols", dict),
     "and": (lambda self, e: e if np.all(e > 0.0) and e is not None else 2.0 * e, "np.all", dict),
     "count_nonzero": (lambda self, e: e if np.count_nonzero(e) else e + 1.0, "np.count_nonzero", dict),
     "sort": (lambda self, e: np.sort(e), "np.sort", dict),
     "ufunc": (lambda self, e: np.arctan2(e, 1.0), "np.arctan2", dict),
     "reduce": (lambda self, e: e + np.add.reduce(e, axis=-1, keepdims=True), "np.add", dict),
     "array": (lambda self, e: np.asarray(e) * 1.0, "makes an array of numbers", dict),
-    "float": (lambda self, e: e * float(np.float64(1.0) + 0.0 * e.flat[0]), "no attribute 'flat'", dict),
+    "float": (lambda self, e: e * float(np.float64(1.0) + 0.0 * e.flat[0]), "on symbols", dict),
     "method": (lambda self, e: e + 0.1 * e.mean(), "mean", dict),
     "power": (lambda self, e: np.abs(e) ** 0.5 * np.sign(e), "power 0.5", dict),
-    "raises": (
-        lambda self, e: [e][1 if type(e) is not np.ndarray else 0],
-        "IndexError: list index out of range",
-        dict,
-    ),
+    "raises": (lambda self, e: [e][1 if type(e) is not np.ndarray else 0], "IndexError on symbols", dict),
     "random": (
         lambda self, e: e * (1.0 + 1e-3 * self.random.normal()),
         "holds a Generator",
@@ -125,15 +121,11 @@ LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
         lambda: {"random": random.Random(0)},
     ),
     "queue": (remembers, "holds a deque", lambda: {"memory": collections.deque()}),
-    "list": (
-        remembers,
-        "it changes its own list; what changes belongs into the state",
-        lambda: {"memory": []},
-    ),
-    "dictionary": (keeps, "it changes its own dict", lambda: {"kept": {}}),
-    "counter": (counts, "Law changes its own count", lambda: {"count": 0}),
-    "integral": (integrates, "Law changes its own integral", lambda: {"integral": np.zeros(3)}),
-    "integral in place": (integrates_in_place, "its own ", lambda: {"integral": np.zeros(3)}),
+    "list": (remembers, "a list in it changes; what changes belongs into the state", lambda: {"memory": []}),
+    "dictionary": (keeps, "a dict in it (last) changes", lambda: {"kept": {}}),
+    "counter": (counts, "a Law in it (count) changes", lambda: {"count": 0}),
+    "integral": (integrates, "a Law in it (integral) changes", lambda: {"integral": np.zeros(3)}),
+    "integral in place": (integrates_in_place, "changes", lambda: {"integral": np.zeros(3)}),
 }
 
 
