@@ -49,8 +49,8 @@ SAME = 1e-10
 EULER = 1e-3
 #: A Runge-Kutta method of order 3 in place of 4 [rad].
 ORDER_3 = 1e-6
-#: Under the same torques without feedback differences grow with the arm's own dynamics [rad].
-REPLAYED = 1e-6
+#: Under the same torques without feedback, for half a second, differences grow with the arm's dynamics [rad].
+REPLAYED = 1e-9
 #: Share of the effort limit that is no saturation.
 UNSATURATED = 0.99
 #: Kernels against Pinocchio's, relative to the largest entry.

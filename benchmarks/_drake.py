@@ -9,7 +9,7 @@ import numpy as np
 from _peer import Array, Law, Trajectory, bare_urdf, refuse_cut
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.analysis import RungeKutta3Integrator, Simulator
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
 
 def load(urdf: str, fixed: Sequence[str], joint_names: Sequence[str]) -> Any:
@@ -69,10 +69,7 @@ def run_simulator(plant: Any, law: Law, q0: Array, q_ref: Array, effort: Array, 
     """
     n = len(q0)
     simulator = Simulator(plant)
-    simulator.reset_integrator(RungeKutta3Integrator(plant))
-    integrator = simulator.get_mutable_integrator()
-    integrator.set_maximum_step_size(dt)
-    integrator.set_fixed_step_mode(True)
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", dt).set_fixed_step_mode(True)
     context = simulator.get_mutable_context()
     torque = plant.get_applied_generalized_force_input_port().FixValue(context, np.zeros(n))
     plant.SetPositionsAndVelocities(context, np.concatenate([q0, np.zeros(n)]))

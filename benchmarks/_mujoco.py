@@ -14,6 +14,8 @@ EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 _FULL_STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 _APPLIED_FORCE = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+#: Samples in one call of a replay.
+STRETCH = 500
 #: Nothing but rigid bodies; and no automatic reset, which would hide that a run has diverged.
 _DISABLED = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -140,17 +142,29 @@ class Batch:
             self._roll(start, taus[k][:, None], state)
         return Trajectory(q, v, taus, positions.copy())
 
-    def replayed(self, taus: Array) -> Trajectory:
-        """Run all samples in one call under torques known beforehand, shape (steps, batch, n): no law at all."""
-        batch, n = self._q0.shape
-        start = np.zeros((batch, self._numbers))
-        start[:, 1 : 1 + n] = self._q0
-        state = np.empty((batch, len(taus), self._numbers))
-        self._roll(start, taus.swapaxes(0, 1), state)
+    def replayed(self, q: Array, v: Array, taus: Array) -> Trajectory:
+        """Run under torques known beforehand, with no law at all: `STRETCH` samples in one call.
+
+        Every stretch begins at the state given for it, as what an arm does without feedback soon depends on the
+        last digit.
+
+        Args:
+            q: positions at every sample [rad], shape (steps, batch, n); those in a stretch are not looked at.
+            v: velocities [rad/s].
+            taus: torques [N m].
+        """
+        steps, batch, n = taus.shape
+        state = np.empty((batch, steps, self._numbers))
+        for k in range(0, steps, STRETCH):
+            part = slice(k, k + STRETCH)
+            start = np.zeros((batch, self._numbers))
+            start[:, 1 : 1 + n], start[:, 1 + n : 1 + 2 * n] = q[k], v[k]
+            taken = np.empty((batch, len(taus[part]), self._numbers))
+            self._roll(start, np.ascontiguousarray(taus[part].swapaxes(0, 1)), taken)
+            state[:, part] = taken
         after = state[:, :, 1 : 1 + 2 * n].swapaxes(0, 1)
-        q = np.concatenate([self._q0[None], after[:-1, :, :n]])
-        v = np.concatenate([np.zeros((1, batch, n)), after[:-1, :, n:]])
-        return Trajectory(q, v, taus, after[-1, :, :n])
+        before = np.concatenate([np.concatenate([q[:1], v[:1]], axis=-1), after[:-1]])
+        return Trajectory(before[..., :n], before[..., n:], taus, after[-1, :, :n])
 
     def _roll(self, start: Array, control: Array, state: Array) -> None:
         """Take as many steps as there are controls, shape (batch, steps, n)."""
