@@ -17,6 +17,7 @@ import xarray as xr
 from _arms import (
     DT,
     EULER,
+    EULER_REPLAYED,
     ON_TRACK,
     REPLAYED,
     SAME,
@@ -173,7 +174,7 @@ def _mujoco(
         (RK4, lambda: rk4.closed(law(), steps), SAME),
         (EULER_WORD, lambda: euler.closed(law(), steps), EULER),
         (RK4_REPLAY, lambda: rk4.replayed(*recorded), REPLAYED),
-        (EULER_REPLAY, lambda: euler.replayed(*recorded), EULER),
+        (EULER_REPLAY, lambda: euler.replayed(*recorded), EULER_REPLAYED),
     ]
 
 
