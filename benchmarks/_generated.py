@@ -56,21 +56,19 @@ class Kernels:
         lanes: how many states one evaluation takes.
     """
 
-    def __init__(
-        self, robot: Robot, lanes: int, names: Sequence[str], flags: tuple[str, ...] = build.FLAGS
-    ) -> None:
+    def __init__(self, robot: Robot, lanes: int, names: Sequence[str]) -> None:
         """Generate and compile the kernels that are methods of the robot's dynamics by these names."""
-        arm = Arm(robot.dynamics, "arm")
+        arm = Arm(robot.dynamics)
         self.lanes = lanes
         self._kernels = {name: arm.kernel(name) for name in names}
         codes = {name: kernel.code(Dialect()) for name, kernel in self._kernels.items()}
         self.operations = {name: code.operations for name, code in codes.items()}
         parts = [f"#define LANES {lanes}", (files("armgpi.compiled") / "lanes.h").read_text()]
         for name, kernel in self._kernels.items():
-            body = [*codes[name].lines, *(f"y[{i}] = {x};" for i, x in enumerate(codes[name].results))]
             parts.append(
-                f"static __attribute__((noinline)) void {kernel.name}(const V *x, const V *m, V *y)\n{{\n"
-                + "\n".join(body)
+                f"static __attribute__((noinline)) void {kernel.name}(\n"
+                "    const V *restrict x, const V *m, V *restrict y)\n{\n"
+                + "\n".join(codes[name].lines)
                 + "\n}\n"
                 + _LOOP.format(name=kernel.name, inputs=len(kernel.inputs), outputs=kernel.size)
             )
@@ -79,7 +77,9 @@ class Kernels:
             self._sizes["step"] = robot.n
             forward, times = (self._kernels[name].name for name in ("forward", "inertia_times"))
             parts.append(_STEP.format(n=robot.n, forward=forward, times=times))
-        self._library = build.library("\n".join(parts), flags)
+        self._library = build.library(
+            "\n".join(parts), (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
+        )
 
     def call(self, name: str, at: Array, to: Array, repeats: int) -> None:
         """Evaluate a kernel for packed arguments, again and again; `to` is packed as well.

@@ -49,6 +49,7 @@ def _ran(name: str, quick: bool, docs: bool) -> bool:
             print(line, end="", flush=True)
             lines.append(line)
     if process.returncode:
+        print(f"benchmarks/{name}.py ended with {process.returncode}", file=sys.stderr)
         return False
     for folder in (PAGES, DOCS) if docs else (PAGES,):
         folder.mkdir(parents=True, exist_ok=True)
