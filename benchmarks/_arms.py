@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
@@ -20,12 +21,9 @@ from _generated import Kernels, aligned
 
 from armgpi.compiled import build
 
-mujoco: Any = None
-drake: Any = None
-if find_spec("mujoco"):
-    import _mujoco as mujoco  # type: ignore[no-redef]
-if find_spec("pydrake"):
-    import _drake as drake  # type: ignore[no-redef]
+#: The peers that need not be there; None where they are not.
+mujoco: Any = import_module("_mujoco") if find_spec("mujoco") else None
+drake: Any = import_module("_drake") if find_spec("pydrake") else None
 
 DT = 1e-3  # [s]
 OMEGA = 20.0  # [rad/s]
@@ -162,7 +160,12 @@ class Arm:
             return one
         models, frees = pin.ModelPool(model, threads), pin.ModelPool(free, threads)
         rows = self.starts(batch)
-        v, x, rest, out = np.full_like(rows, 0.1), np.ones_like(rows), np.zeros_like(rows), np.empty_like(rows)
+        v, x, rest, out = (
+            np.full_like(rows, 0.1),
+            np.ones_like(rows),
+            np.zeros_like(rows),
+            np.empty_like(rows),
+        )
 
         def many(steps: int) -> None:
             for _ in range(steps):

@@ -77,9 +77,7 @@ class Kernels:
             self._sizes["step"] = robot.n
             forward, times = (self._kernels[name].name for name in ("forward", "inertia_times"))
             parts.append(_STEP.format(n=robot.n, forward=forward, times=times))
-        self._library = build.library(
-            "\n".join(parts), (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
-        )
+        self._library = build.library("\n".join(parts), (*build.FLAGS, *(build.SCALAR if lanes == 1 else ())))
 
     def call(self, name: str, at: Array, to: Array, repeats: int) -> None:
         """Evaluate a kernel for packed arguments, again and again; `to` is packed as well.

@@ -145,8 +145,8 @@ class Batch:
     def replayed(self, q: Array, v: Array, taus: Array) -> Trajectory:
         """Run under torques known beforehand, with no law at all: `STRETCH` samples in one call.
 
-        Every stretch begins at the state given for it, as what an arm does without feedback soon depends on the
-        last digit.
+        Every stretch begins at the state given for it, as what an arm does without feedback soon depends on
+        the last digit.
 
         Args:
             q: positions at every sample [rad], shape (steps, batch, n); those in a stretch are not looked at.

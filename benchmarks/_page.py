@@ -1,9 +1,10 @@
-"""What every benchmark does around its measurements: options, the head of its page, and its file of figures."""
+"""What every benchmark does around its measurements: options, the head of its page, its file of figures."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import textwrap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +37,11 @@ class Page(NamedTuple):
         (FOLDER / f"{self.name}.json").write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
 
 
+def say(text: str) -> None:
+    """Print a paragraph."""
+    print("\n" + textwrap.fill(text, 105, break_long_words=False, break_on_hyphens=False))
+
+
 def begin(file: str, title: str) -> Page:
     """Read the options and print the head of the page."""
     parser = argparse.ArgumentParser(description=title)
@@ -43,8 +49,9 @@ def begin(file: str, title: str) -> Page:
     quick = parser.parse_args().quick
     name = Path(file).stem
     facts = _timing.machine(PACKAGES)
-    print(f"# {title}\n")
-    print(f"`python benchmarks/{name}.py{' --quick' if quick else ''}`, on {_timing.machine_line(facts)}.")
+    print(f"# {title}")
+    command = f"`python benchmarks/{name}.py{' --quick' if quick else ''}`"
+    say(f"{command}, on {_timing.machine_line(facts)}.")
     if quick:
         print("\nQuick: too few rounds to judge by.")
     return Page(name, quick, facts, {})

@@ -70,7 +70,7 @@ class Law:
 
 
 def bare_urdf(urdf: str, fixed: Sequence[str]) -> str:
-    """Return a URDF of bodies and joints only: no shapes, no friction, and the joints of `fixed` held at zero."""
+    """Return a URDF of bodies and joints only, without friction, and the joints of `fixed` held at zero."""
     root = ElementTree.fromstring(urdf)
     for link in root.findall("link"):
         for child in [*link.findall("visual"), *link.findall("collision")]:

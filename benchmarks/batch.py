@@ -1,6 +1,6 @@
 """Speed of batches: compiled and NumPy on one and two threads, against MuJoCo doing the same work.
 
-    python benchmarks/batch.py [--quick]
+python benchmarks/batch.py [--quick]
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from _arms import (
     REPLAYED,
     SAME,
     SETTLED,
-
     Arm,
     Check,
     check_rollout,
@@ -40,10 +39,17 @@ EVERY = 10
 QUIET = 0.75
 #: Compiled against NumPy, which round differently [rad].
 BACKENDS = 1e-9
-FLOOR, COMPILED, WHOLE = "floor: generated kernels alone", "armgpi, compiled", "armgpi, compiled, all recorded"
+FLOOR, COMPILED, WHOLE = (
+    "floor: generated kernels alone",
+    "armgpi, compiled",
+    "armgpi, compiled, all recorded",
+)
 START, LOOP = "start", "armgpi, compiled, without its start"
 NUMPY, KERNELS = "armgpi, NumPy", "Pinocchio's parallel kernels alone"
-RK4, EULER_WORD = "mujoco.rollout, RK4, law in NumPy", "mujoco.rollout, Euler, law in NumPy (other integrator)"
+RK4, EULER_WORD = (
+    "mujoco.rollout, RK4, law in NumPy",
+    "mujoco.rollout, Euler, law in NumPy (other integrator)",
+)
 RK4_REPLAY = "mujoco.rollout, RK4, torques replayed (no law)"
 EULER_REPLAY = "mujoco.rollout, Euler, torques replayed (no law, other integrator)"
 
@@ -52,14 +58,15 @@ def main() -> None:
     page = _page.begin(__file__, "Batches")
     rounds, batches = (2, (16, 256)) if page.quick else (7, (16, 256, 4096))
     units, few = (100_000, 8_000) if page.quick else (4_000_000, 80_000)
-    print(
-        f"\nMicroseconds per rollout-step at {1.0 / DT:g} Hz, median (least..greatest) of {rounds} rounds in which all"
-        f"\ntake turns; × is how many times longer than armgpi, compiled, on as many threads. One thread is timed by"
-        f"\nits processor time, two by wall time. A compiled run takes about {units} rollout-steps, its start included,"
-        f"\nand records every {EVERY}th, or all; the others take about {few} and record all of them."
-        f"\nEvery run is finite and on its reference, none saturates; a batch of 32 that settles for 2 s ends within"
-        f"\n{SETTLED:g} rad of its goal. The last column is the largest distance of a position from armgpi's NumPy run"
-        "\nof the same start [rad], at any sample that both took."
+    _page.say(
+        f"Microseconds per rollout-step at {1.0 / DT:g} Hz, median (least..greatest) of {rounds} "
+        "rounds in which all take turns; × is how many times longer than armgpi, compiled, on as many "
+        "threads. One thread is timed by its processor time, two by wall time. A compiled run takes "
+        f"about {units} rollout-steps, its start included, and records every {EVERY}th, or all; the "
+        f"others take about {few} and record all of them. Every run is finite and on its reference, "
+        f"none saturates; a batch of 32 that settles for 2 s ends within {SETTLED:g} rad of its goal. "
+        "The last column is the largest distance of a position from armgpi's NumPy run of the same "
+        "start [rad], at any sample that both took."
     )
     rows: list[list[object]] = []
     for name, networks in (("panda", True), ("panda", False), ("anthropomorphic3", True)):
@@ -72,13 +79,14 @@ def main() -> None:
         rows += _goals(name, networks, batches[-1], samples)
     print("\n## What was asked for\n")
     print(table(["", "goal", "found", "kept"], rows))
-    print(
-        "\nFloor: one D(q) v and four forward dynamics of generated code, in a loop in C. mujoco.rollout with the law"
-        "\nin NumPy: one call a step, on 2 threads; D(q) v by Pinocchio's parallel kernel, as MuJoCo has none for"
-        "\na batch; fixed gains by a law written apart, networks by armgpi's own controller, the NumPy one. Torques"
-        "\nreplayed: all steps in one call under the torques that armgpi found, so MuJoCo's part of the work alone,"
-        "\nwhich no better law of theirs could undercut. Euler is one evaluation of the dynamics a step in place of four"
-        "\nand another trajectory. Drake and Pinocchio have no rollouts of a batch; see the single run."
+    _page.say(
+        "Floor: one D(q) v and four forward dynamics of generated code, in a loop in C. "
+        "mujoco.rollout with the law in NumPy: one call a step, on 2 threads; D(q) v by Pinocchio's "
+        "parallel kernel, as MuJoCo has none for a batch; fixed gains by a law written apart, "
+        "networks by armgpi's own controller, the NumPy one. Torques replayed: all steps in one call "
+        "under the torques that armgpi found, so MuJoCo's part of the work alone, which no better law "
+        "of theirs could undercut. Euler is one evaluation of the dynamics a step in place of four "
+        "and another trajectory. Drake and Pinocchio have no rollouts of a batch; see the single run."
     )
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:
@@ -120,7 +128,9 @@ def _batch(
         floor, kernels = arm.floor(batch, threads), arm.pinocchio_floor(batch, threads)
         steps = max(1, units // 4 // batch)
 
-        def add(label: str, run: Callable[[], Any], count: int, check: Any = lambda _: None, t: int = threads) -> None:
+        def add(
+            label: str, run: Callable[[], Any], count: int, check: Any = lambda _: None, t: int = threads
+        ) -> None:
             contenders[f"{label}, {t}"] = Contender(run, count * batch, check, t)
 
         add(FLOOR, partial(floor, steps), steps)
@@ -157,7 +167,11 @@ def _batch(
         row: list[object] = [label]
         for threads in (1, 2):
             one = samples.get(f"{label}, {threads}")
-            row += ["", ""] if one is None else [spread(one.times), ratio(one, samples[f"{COMPILED}, {threads}"])]
+            row += (
+                ["", ""]
+                if one is None
+                else [spread(one.times), ratio(one, samples[f"{COMPILED}, {threads}"])]
+            )
         distance = distances.get(label)
         rows.append([*row, "" if distance is None else f"{distance:.1e}"])
     start = spread(1e-3 * taken[f"{START}, 1"].times)
@@ -196,7 +210,12 @@ def _mujoco(
 def _fixed(arm: Arm, q0: Array, steps: int) -> Callable[[int, Array], Array]:
     """Return the law with fixed gains, written apart from armgpi's."""
     arm.use(2)
-    law, targets, effort, times = arm.law(q0), arm.targets(steps), arm.effort, arm.robot.dynamics.inertia_times
+    law, targets, effort, times = (
+        arm.law(q0),
+        arm.targets(steps),
+        arm.effort,
+        arm.robot.dynamics.inertia_times,
+    )
     floor = -effort
 
     def torque(k: int, q: Array) -> Array:
@@ -234,7 +253,12 @@ def _goals(name: str, networks: bool, batch: int, samples: dict[str, Samples]) -
     loop = spread(samples[f"{LOOP}, 2"].times)
     rows: list[list[object]] = [
         [f"{title}: µs per rollout-step", f"at most {bound:.2f}", time, _kept(time.median <= bound, own)],
-        [f"{title}: the same without the start", f"at most {bound:.2f}", loop, _kept(loop.median <= bound, own)],
+        [
+            f"{title}: the same without the start",
+            f"at most {bound:.2f}",
+            loop,
+            _kept(loop.median <= bound, own),
+        ],
     ]
     for label, least in ((RK4, 15.0), (RK4_REPLAY, 15.0), (EULER_WORD, 1.0), (EULER_REPLAY, 1.0)):
         if f"{label}, 2" in samples:
@@ -250,8 +274,6 @@ def _kept(kept: bool, own: Samples) -> str:
     if float(np.median(own.cores)) < 2 * QUIET:
         return "machine busy"
     return "yes" if kept else "no"
-
-
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Time of a step of the exported controller, against what it is made of, and against the controllers in Python.
+"""Time of a step of the exported controller, against what it is made of, and against Python.
 
-    python benchmarks/export.py [--quick]
+python benchmarks/export.py [--quick]
 """
 
 from __future__ import annotations
@@ -49,11 +49,12 @@ def main() -> None:
         print("\nThis armgpi exports no controllers: nothing to measure.")
         return
     rounds, samples = (3, 2000) if page.quick else (15, 40_000)
-    print(
-        f"\nNanoseconds of processor time per step, median (least..greatest) of {rounds} rounds in which all take turns;"
-        f"\n× is how many times longer than the exported step in double. A log of {samples} samples at {1.0 / DT:g} Hz is"
-        "\nreplayed in a loop in C; torques agree with the log's to 1e-9 of the largest (double), or 1e-2 (float),"
-        "\nbefore a time counts. State: bytes of the struct."
+    _page.say(
+        f"Nanoseconds of processor time per step, median (least..greatest) of {rounds} rounds in which "
+        "all take turns; × is how many times longer than the exported step in double. A log of "
+        f"{samples} samples at {1.0 / DT:g} Hz is replayed in a loop in C; torques agree with the "
+        "log's to 1e-9 of the largest (double), or 1e-2 (float), before a time counts. State: bytes "
+        "of the struct."
     )
     goals: list[list[object]] = []
     for networks in (True, False):
@@ -74,9 +75,10 @@ def main() -> None:
                 goals.append([f"{name}, {word}: a step in double", f"{GOAL:g} µs", f"{time} µs", kept])
     print("\n## What was asked for\n")
     print(table(["", "at most", "found", "kept"], goals))
-    print(
-        "\nFloor: D(q) v alone, generated, one state at a time. NumPy: `controller.step` called from Python. Exported,"
-        "\nfrom Python: the same code as an `ExportedController`, so ctypes and copies included."
+    _page.say(
+        "Floor: D(q) v alone, generated, one state at a time. NumPy: `controller.step` called from "
+        "Python. Exported, from Python: the same code as an `ExportedController`, so ctypes and "
+        "copies included."
     )
     page.write()
 
@@ -110,7 +112,7 @@ def _robot(
 
 
 def _compiled(arm: Arm, real: str) -> tuple[ctypes.CDLL, int]:
-    """Export a controller, compile it with a loop over a log, and return the library and the state's bytes."""
+    """Export a controller, compile it with a loop over a log; return the library and the state's bytes."""
     with tempfile.TemporaryDirectory() as folder:
         armgpi.export_controller(arm.controller, folder, real=real, measure=False)
         header, source = ((Path(folder) / f"armgpi_controller.{end}").read_text() for end in "hc")

@@ -1,6 +1,6 @@
-"""Time to the first result of the compiled backend, in a fresh process: from a cold cache, and from a cached one.
+"""Time to the first result of the compiled backend in a fresh process, its code cached or not.
 
-    python benchmarks/first_result.py [--quick]
+python benchmarks/first_result.py [--quick]
 """
 
 from __future__ import annotations
@@ -40,11 +40,12 @@ print(loaded - begun, done - loaded)
 def main() -> None:
     page = _page.begin(__file__, "Time to the first result")
     rounds = 1 if page.quick else 5
-    print(
-        f"\nSeconds on the wall, median (least..greatest) of {rounds} fresh processes each: a single run of 1 s at 1 kHz,"
-        "\nGPI with networks. Cold: nothing in the cache, so the code is generated and compiled. Cached: generated again,"
-        "\nfound by its hash and loaded. The call is `armgpi.simulate`; before it come importing armgpi and loading the"
-        "\nrobot; all is the whole process, Python's own start included."
+    _page.say(
+        f"Seconds on the wall, median (least..greatest) of {rounds} fresh processes each: a single run "
+        "of 1 s at 1 kHz, GPI with networks. Cold: nothing in the cache, so the code is generated and "
+        "compiled. Cached: generated again, found by its hash and loaded. The call is "
+        "`armgpi.simulate`; before it come importing armgpi and loading the robot; all is the whole "
+        "process, Python's own start included."
     )
     rows: list[list[object]] = []
     goals: list[list[object]] = []

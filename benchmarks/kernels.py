@@ -1,6 +1,6 @@
 """Speed of the equations of motion: generated code, Pinocchio, MuJoCo and Drake, on the same states.
 
-    python benchmarks/kernels.py [--quick]
+python benchmarks/kernels.py [--quick]
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import _arms
 import _page
 import _timing
 import numpy as np
+import pinocchio as pin
 from _arms import KERNEL, Arm, require
 from _generated import Kernels, aligned
 from _peer import Array
 from _pinocchio import WORLD, without_gravity
 from _timing import Contender, digits, ratio, spread, table, take_turns
-
-import pinocchio as pin
 
 #: What is evaluated, in Pinocchio's words and in MuJoCo's.
 KERNELS = {
@@ -38,10 +37,11 @@ def main() -> None:
     page = _page.begin(__file__, "Kernels")
     batch, rounds = (1024, 3) if page.quick else (4096, 15)
     work = SHORT if page.quick else LONG
-    print(
-        f"\nNanoseconds per state, median (least..greatest) of {rounds} rounds in which all take turns; × is how"
-        f"\nmany times longer than {FLOOR}. {batch} random states; results agree with Pinocchio's to {KERNEL:g} of the"
-        "\nlargest entry before a time counts. One thread is timed by its processor time, two by wall time."
+    _page.say(
+        f"Nanoseconds per state, median (least..greatest) of {rounds} rounds in which all take turns; "
+        f"× is how many times longer than {FLOOR}. {batch} random states; results agree with "
+        f"Pinocchio's to {KERNEL:g} of the largest entry before a time counts. One thread is timed by "
+        "its processor time, two by wall time."
     )
     for kernel, title in KERNELS.items():
         found: dict[str, dict[str, Any]] = {}
@@ -65,12 +65,13 @@ def main() -> None:
         print(table(["", *(x for name in found for x in (f"{name}, n = {Arm(name).n}", "×"))], rows))
         counts = ", ".join(f"{count} for {name}" for name, count in operations.items())
         print(f"\nOperations in the generated code: {counts}.")
-    print(
-        "\nPinocchio from Python: aba; rnea on a copy without gravity; rnea. In parallel: abaInParallel and"
-        "\nrneaInParallel, whose threads run C++ alone. MuJoCo from Python: mj_forward (it finds its actuator and"
-        "\nsensor stages empty); mj_fwdPosition and mj_mulM; mj_inverse. Drake from Python: CalcTimeDerivatives."
-        "\nWhat is called from Python for one state at a time pays 0.5 to 2 microseconds for that. Neither MuJoCo nor"
-        "\nDrake takes the first arm: no rigid body has the inertia of its link 2."
+    _page.say(
+        "Pinocchio from Python: aba; rnea on a copy without gravity; rnea. In parallel: abaInParallel "
+        "and rneaInParallel, whose threads run C++ alone. MuJoCo from Python: mj_forward (it finds "
+        "its actuator and sensor stages empty); mj_fwdPosition and mj_mulM; mj_inverse. Drake from "
+        "Python: CalcTimeDerivatives. What is called from Python for one state at a time pays 0.5 to "
+        "2 microseconds for that. Neither MuJoCo nor Drake takes the first arm: no rigid body has the "
+        "inertia of its link 2."
     )
     for missing, word in ((_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
         if missing is None:

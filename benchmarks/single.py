@@ -1,6 +1,6 @@
 """Speed of a single run: compiled and NumPy, against Pinocchio, MuJoCo and Drake doing the same work.
 
-    python benchmarks/single.py [--quick]
+python benchmarks/single.py [--quick]
 """
 
 from __future__ import annotations
@@ -35,12 +35,13 @@ BACKENDS = 1e-9
 def main() -> None:
     page = _page.begin(__file__, "Single run")
     rounds, steps, long = (2, 2500, 40_000) if page.quick else (9, 4000, 40_000)
-    print(
-        f"\nMicroseconds of processor time per control step at {1.0 / DT:g} Hz, median (least..greatest) of"
-        f"\n{rounds} rounds in which all take turns; × is how many times longer than armgpi, compiled. Every step is"
-        f"\nrecorded. A compiled run has {long} steps, start included; the others have {steps}."
-        "\nEvery run is finite, ends within 1e-6 rad of its goal, never saturates, and stays as near to armgpi's NumPy"
-        "\nrun as the last column says, at every sample: largest distance of a position [rad]."
+    _page.say(
+        f"Microseconds of processor time per control step at {1.0 / DT:g} Hz, median (least..greatest) "
+        f"of {rounds} rounds in which all take turns; × is how many times longer than armgpi, "
+        f"compiled. Every step is recorded. A compiled run has {long} steps, start included; the "
+        f"others have {steps}. Every run is finite, ends within 1e-6 rad of its goal, never saturates, "
+        "and stays as near to armgpi's NumPy run as the last column says, at every sample: largest "
+        "distance of a position [rad]."
     )
     found: list[list[object]] = []
     for networks, title in ((True, "GPI with networks"), (False, "GPI with fixed gains")):
@@ -57,16 +58,18 @@ def main() -> None:
     found += _paper(page, 2 if page.quick else 7)
     print("\n## What was asked for\n")
     print(table(["", "at most", "found", "kept"], found))
-    print(
-        "\nFloor: one D(q) v and four forward dynamics of generated code for one state at a time, in a loop in C."
-        "\nPinocchio: a plain Python loop, the law in NumPy, rnea and four aba. MuJoCo in parts: the same loop with"
-        "\nmj_fwdPosition, mj_mulM, mj_forwardSkip, mj_RungeKutta, so that D(q) is computed once; Euler is one"
-        "\nevaluation of the dynamics a step in place of four, and another trajectory. MuJoCo, torques replayed:"
-        "\nmujoco.rollout in C for 500 steps a call, with no law in it. Drake, stages: a Python loop with the four"
-        "\nstages written there, CalcTimeDerivatives each, D(q) by CalcMassMatrix: the same integrator. Drake,"
-        "\nSimulator: AdvanceTo for each sample, continuous plant, runge_kutta3 with fixed steps: the same"
-        "\nlaw and hold, but order 3, as Drake has no order 4 with fixed steps. MuJoCo and Drake refuse the paper's"
-        "\narm. The networks have no twin for the peers: with them a peer's Python loop could only get slower."
+    _page.say(
+        "Floor: one D(q) v and four forward dynamics of generated code for one state at a time, in a "
+        "loop in C. Pinocchio: a plain Python loop, the law in NumPy, rnea and four aba. MuJoCo in "
+        "parts: the same loop with mj_fwdPosition, mj_mulM, mj_forwardSkip, mj_RungeKutta, so that "
+        "D(q) is computed once; Euler is one evaluation of the dynamics a step in place of four, and "
+        "another trajectory. MuJoCo, torques replayed: mujoco.rollout in C for 500 steps a call, with "
+        "no law in it. Drake, stages: a Python loop with the four stages written there, "
+        "CalcTimeDerivatives each, D(q) by CalcMassMatrix: the same integrator. Drake, Simulator: "
+        "AdvanceTo for each sample, continuous plant, runge_kutta3 with fixed steps: the same law and "
+        "hold, but order 3, as Drake has no order 4 with fixed steps. MuJoCo and Drake refuse the "
+        "paper's arm. The networks have no twin for the peers: with them a peer's Python loop could "
+        "only get slower."
     )
     page.write()
 
@@ -169,24 +172,14 @@ def _paper(page: _page.Page, rounds: int) -> list[list[object]]:
     _arms.os.environ["OMP_NUM_THREADS"] = "1"
     rows: list[list[object]] = []
     goals: list[list[object]] = []
-    for title, path in (("demo.yaml", DEMO), ("scenario-5.3.yaml", scenarios.locate("scenario-5.3"))):
+    for path in (DEMO, scenarios.locate("scenario-5.3")):
         experiment = config.build(*config.read(path))
-        plant, reference = experiment.plant, experiment.reference
+        run = partial(_run, experiment)
         (controller, *_) = experiment.controllers.values()
-
-        def run(backend: str, t_final: float) -> Any:
-            every = experiment.config.record_every
-            rollout = armgpi.simulate(
-                plant, controller, reference, t_final, record_every=every, progress=False, backend=backend
-            )
-            if (rollout["status"] != armgpi.Status.FINISHED).any():
-                raise RuntimeError(f"{title} did not finish")
-            return rollout
-
         short = 2.0
         both = [run(backend, short)["q"].values for backend in ("numpy", "compiled")]
         apart = float(np.abs(both[0] - both[1]).max())
-        require(f"{title}: compiled against NumPy [rad]", apart, BACKENDS)
+        require(f"{path.name}: compiled against NumPy [rad]", apart, BACKENDS)
         steps = round(experiment.t_final / controller.dt)
         samples = take_turns(
             {
@@ -195,15 +188,33 @@ def _paper(page: _page.Page, rounds: int) -> list[list[object]]:
             },
             rounds,
         )
-        page.figures[title] = {"times": _timing.plain(samples), "apart": apart}
+        page.figures[path.name] = {"times": _timing.plain(samples), "apart": apart}
         seconds = spread(1e-6 * steps * samples["compiled"].times)
         kept = "yes" if seconds.median <= PAPER_GOAL else "no"
         faster = ratio(samples["numpy"], samples["compiled"])
-        rows.append([f"{title}, {1.0 / controller.dt:g} Hz, {steps} steps", seconds, faster, f"{apart:.1e}"])
+        title = f"{path.name}, {1.0 / controller.dt:g} Hz"
+        rows.append([f"{title}, {steps} steps", seconds, faster, f"{apart:.1e}"])
         goals.append([f"{title}: 40 s of the paper's arm", f"{PAPER_GOAL} s", f"{seconds} s", kept])
     print(table(["", "compiled, seconds", "NumPy, ×", "apart"], rows))
-    print("\nNumPy's time is that of the first 2 s, for as many steps.")
+    _page.say("NumPy's time is that of the first 2 s, for as many steps.")
     return goals
+
+
+def _run(experiment: config.Experiment, backend: str, t_final: float) -> Any:
+    """Run an experiment's first controller."""
+    (controller, *_) = experiment.controllers.values()
+    rollout = armgpi.simulate(
+        experiment.plant,
+        controller,
+        experiment.reference,
+        t_final,
+        record_every=experiment.config.record_every,
+        progress=False,
+        backend=backend,
+    )
+    if (rollout["status"] != armgpi.Status.FINISHED).any():
+        raise RuntimeError("a run of the paper's arm did not finish")
+    return rollout
 
 
 if __name__ == "__main__":
