@@ -56,8 +56,8 @@ EULER_REPLAY = "mujoco.rollout, Euler, torques replayed (no law, other integrato
 
 def main() -> None:
     page = _page.begin(__file__, "Batches")
-    rounds, batches = (2, (16, 256)) if page.quick else (7, (16, 256, 4096))
-    units, few = (100_000, 8_000) if page.quick else (4_000_000, 80_000)
+    rounds, batches = (2, (16, 256)) if page.quick else (5, (16, 256, 4096))
+    units, few = (100_000, 8_000) if page.quick else (2_000_000, 40_000)
     _page.say(
         f"Microseconds per rollout-step at {1.0 / DT:g} Hz, median (least..greatest) of {rounds} "
         "rounds in which all take turns; × is how many times longer than armgpi, compiled, on as many "

@@ -55,8 +55,8 @@ def main() -> None:
         f"Nanoseconds of processor time per step, median (least..greatest) of {rounds} rounds in which "
         "all take turns; × is how many times longer than the exported step in double. A log of "
         f"{samples} samples at {1.0 / DT:g} Hz is replayed in a loop in C; torques agree with the "
-        "log's to 1e-9 of the largest (double), or 1e-2 (float), over the first 2000 samples, before a time counts. State: bytes "
-        "of the struct."
+        "log's to 1e-9 of the largest (double), or 1e-2 (float), over the first 2000 samples, before a "
+        "time counts. State: bytes of the struct."
     )
     goals: list[list[object]] = []
     for networks in (True, False):

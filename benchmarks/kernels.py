@@ -30,12 +30,12 @@ FLOOR = f"generated, {LANES[-1]} lanes"
 #: About what generated code takes for an operation [us].
 OPERATION = 5e-5
 #: Microseconds of work for each time that is taken, about.
-LONG, SHORT = 100_000, 10_000
+LONG, SHORT = 30_000, 10_000
 
 
 def main() -> None:
     page = _page.begin(__file__, "Kernels")
-    batch, rounds = (1024, 3) if page.quick else (4096, 15)
+    batch, rounds = (1024, 3) if page.quick else (4096, 9)
     work = SHORT if page.quick else LONG
     _page.say(
         f"Nanoseconds per state, median (least..greatest) of {rounds} rounds in which all take turns; "

@@ -34,7 +34,7 @@ BACKENDS = 1e-9
 
 def main() -> None:
     page = _page.begin(__file__, "Single run")
-    rounds, steps, long = (2, 2500, 40_000) if page.quick else (9, 4000, 40_000)
+    rounds, steps, long = (2, 2500, 40_000) if page.quick else (7, 4000, 40_000)
     _page.say(
         f"Microseconds of processor time per control step at {1.0 / DT:g} Hz, median (least..greatest) "
         f"of {rounds} rounds in which all take turns; × is how many times longer than armgpi, "
@@ -55,7 +55,7 @@ def main() -> None:
                     what = f"{name}, networks: per step, {label}"
                     found.append([what, f"{GOALS[name]} µs", f"{time} µs", kept])
     print("\n## The paper's arm for 40 s, with disturbances\n")
-    found += _paper(page, 2 if page.quick else 7)
+    found += _paper(page, 2 if page.quick else 5)
     print("\n## What was asked for\n")
     print(table(["", "at most", "found", "kept"], found))
     _page.say(
