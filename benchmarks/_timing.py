@@ -24,6 +24,9 @@ import numpy.typing as npt
 from armgpi.compiled import build
 from armgpi.errors import BackendError
 
+#: Share of a core that each of two threads has to get: 0.86 on an idle machine, 0.5 beside one busy process.
+QUIET = 0.75
+
 
 class Contender(NamedTuple):
     """Something to be timed.
@@ -80,6 +83,11 @@ def spread(values: npt.NDArray[np.float64]) -> Spread:
 def ratio(contender: Samples, floor: Samples) -> Spread:
     """Return how many times longer a contender takes than another, round by round."""
     return spread(contender.times / floor.times)
+
+
+def busy(samples: Samples, threads: int) -> bool:
+    """Tell whether something else kept several threads from their cores, so that wall times do not count."""
+    return float(np.median(samples.cores)) < QUIET * threads
 
 
 def take_turns(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Samples]:

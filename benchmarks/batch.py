@@ -35,8 +35,6 @@ from armgpi.references.reference import Target
 
 #: Recorded by a compiled run that is not recorded whole.
 EVERY = 10
-#: Share of a core that each of two threads has to get: 0.86 on an idle machine, 0.5 beside one busy process.
-QUIET = 0.75
 #: Compiled against NumPy, which round differently [rad].
 BACKENDS = 1e-9
 FLOOR, COMPILED, WHOLE = (
@@ -178,7 +176,7 @@ def _batch(
     print(f"\n### Batch of {batch}\n")
     print(table(["", "1 thread", "×", "2 threads", "×", "apart"], rows))
     print(f"\nThe start of a compiled run, its code in the cache: {start} ms.")
-    if cores < 2 * QUIET:
+    if _timing.busy(samples[f"{COMPILED}, 2"], 2):
         print(f"\nThe machine was busy: two threads had {cores:.2g} cores, so their times do not count.")
     return samples
 
@@ -271,7 +269,7 @@ def _goals(name: str, networks: bool, batch: int, samples: dict[str, Samples]) -
 
 def _kept(kept: bool, own: Samples) -> str:
     """Return whether a goal is kept, if the machine let itself be measured."""
-    if float(np.median(own.cores)) < 2 * QUIET:
+    if _timing.busy(own, 2):
         return "machine busy"
     return "yes" if kept else "no"
 
