@@ -47,9 +47,9 @@ SAME = 1e-10
 EULER = 1e-3
 #: A Runge-Kutta method of order 3 in place of 4 [rad].
 ORDER_3 = 1e-6
-#: Under the same torques without feedback, for half a second, differences grow with the arm's dynamics [rad].
+#: Under the same torques without feedback, for 0.2 s, differences grow with the arm's dynamics [rad].
 REPLAYED = 1e-9
-#: The Euler method under the same torques, without feedback that would hold it, for half a second [rad].
+#: The Euler method under the same torques, without feedback that would hold it, for 0.2 s [rad].
 EULER_REPLAYED = 5e-3
 #: Share of the effort limit that is no saturation.
 UNSATURATED = 0.99

@@ -15,7 +15,7 @@ _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 _FULL_STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 _APPLIED_FORCE = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 #: Samples in one call of a replay.
-STRETCH = 500
+STRETCH = 200
 #: Nothing but rigid bodies; and no automatic reset, which would hide that a run has diverged.
 _DISABLED = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT

@@ -63,7 +63,7 @@ def main() -> None:
         "loop in C. Pinocchio: a plain Python loop, the law in NumPy, rnea and four aba. MuJoCo in "
         "parts: the same loop with mj_fwdPosition, mj_mulM, mj_forwardSkip, mj_RungeKutta, so that "
         "D(q) is computed once; Euler is one evaluation of the dynamics a step in place of four, and "
-        "another trajectory. MuJoCo, torques replayed: mujoco.rollout in C for 500 steps a call, with "
+        "another trajectory. MuJoCo, torques replayed: mujoco.rollout in C for 200 steps a call, with "
         "no law in it. Drake, stages: a Python loop with the four stages written there, "
         "CalcTimeDerivatives each, D(q) by CalcMassMatrix: the same integrator. Drake, Simulator: "
         "AdvanceTo for each sample, continuous plant, runge_kutta3 with fixed steps: the same law and "
