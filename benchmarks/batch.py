@@ -35,6 +35,8 @@ from armgpi.references.reference import Target
 
 #: Recorded by a compiled run that is not recorded whole.
 EVERY = 10
+#: Steps of those who record all, at most.
+MOST_SHORT = 400
 #: Compiled against NumPy, which round differently [rad].
 BACKENDS = 1e-9
 FLOOR, COMPILED, WHOLE = (
@@ -61,7 +63,8 @@ def main() -> None:
         "rounds in which all take turns; × is how many times longer than armgpi, compiled, on as many "
         "threads. One thread is timed by its processor time, two by wall time. A compiled run takes "
         f"about {units} rollout-steps, its start included, and records every {EVERY}th, or all; the "
-        f"others take about {few} and record all of them. Every run is finite and on its reference, "
+        f"others take about {few}, or {MOST_SHORT} steps, and record all. "
+        f"Every run is finite and on its reference, "
         f"none saturates; a batch of 32 that settles for 2 s ends within {SETTLED:g} rad of its goal. "
         "The last column is the largest distance of a position from armgpi's NumPy run of the same "
         "start [rad], at any sample that both took."
@@ -106,7 +109,7 @@ def _batch(
     page: _page.Page, arm: Arm, word: str, batch: int, rounds: int, units: int, few: int
 ) -> dict[str, Samples]:
     """Time all who run a batch and print their table."""
-    long, short = max(100, units // batch), max(10, few // batch)
+    long, short = max(100, units // batch), max(10, min(MOST_SHORT, few // batch))
     whole = max(100, min(long, 1_000_000 // batch))
     q0 = arm.starts(batch)
     expected = arm.simulate("numpy", short, q0)
