@@ -64,7 +64,7 @@ def main() -> None:
         "threads. One thread is timed by its processor time, two by wall time. A compiled run takes "
         f"about {units} rollout-steps, its start included, and records every {EVERY}th, or all; the "
         f"others take about {few}, or {MOST_SHORT} steps, and record all. "
-        f"Every run is finite and on its reference, "
+        "Every run is finite and on its reference, "
         f"none saturates; a batch of 32 that settles for 2 s ends within {SETTLED:g} rad of its goal. "
         "The last column is the largest distance of a position from armgpi's NumPy run of the same "
         "start [rad], at any sample that both took."
