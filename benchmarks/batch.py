@@ -82,7 +82,7 @@ def main() -> None:
     print(table(["", "goal", "found", "kept"], rows))
     _page.say(
         "Floor: one D(q) v and four forward dynamics of generated code, in a loop in C. "
-        "mujoco.rollout with the law in NumPy: one call a step, on 2 threads; D(q) v by Pinocchio's "
+        "mujoco.rollout with the law in NumPy: one call a step; D(q) v by Pinocchio's "
         "parallel kernel, as MuJoCo has none for a batch; fixed gains by a law written apart, "
         "networks by armgpi's own controller, the NumPy one. Torques replayed: all steps in one call "
         "under the torques that armgpi found, so MuJoCo's part of the work alone, which no better law "
@@ -142,9 +142,10 @@ def _batch(
         add(WHOLE, partial(arm.simulate, "compiled", whole, q0, threads), whole, track)
         add(NUMPY, partial(arm.simulate, "numpy", short, q0, threads), short, track)
         add(KERNELS, partial(kernels, short), short)
-    for label, run, bound in _mujoco(arm, q0, expected, short, word == "networks"):
-        apart[label] = Check(f"{arm.name}, {label}", arm, expected, bound, ON_TRACK)
-        contenders[f"{label}, 2"] = Contender(run, short * batch, apart[label], 2)
+    for threads in (1, 2):
+        for label, run, bound in _mujoco(arm, q0, expected, short, word == "networks", threads):
+            check = apart.setdefault(label, Check(f"{arm.name}, {label}", arm, expected, bound, ON_TRACK))
+            contenders[f"{label}, {threads}"] = Contender(run, short * batch, check, threads)
     taken = take_turns(contenders, rounds)
     samples: dict[str, Samples] = {}
     for key, one in taken.items():
@@ -185,7 +186,7 @@ def _batch(
 
 
 def _mujoco(
-    arm: Arm, q0: Array, expected: xr.Dataset, steps: int, networks: bool
+    arm: Arm, q0: Array, expected: xr.Dataset, steps: int, networks: bool, threads: int
 ) -> list[tuple[str, Callable[[], Any], float]]:
     """Return what MuJoCo runs: label, function, and how near it has to stay."""
     if _arms.mujoco is None or arm.name not in _arms.PEER_ROBOTS:
@@ -194,12 +195,12 @@ def _mujoco(
         _arms.mujoco.compile_urdf(arm.urdf, _arms.ROBOTS[arm.name], arm.robot.joint_names, integrator, DT)
         for integrator in (_arms.mujoco.RK4, _arms.mujoco.EULER)
     ]
-    rk4, euler = (_arms.mujoco.Batch(model, 2, q0) for model in models)
+    rk4, euler = (_arms.mujoco.Batch(model, threads, q0) for model in models)
     recorded = [
         np.ascontiguousarray(expected[name].transpose("time", ..., "joint").values[:steps])
         for name in ("q", "v", "tau")
     ]
-    law = partial(_networks if networks else _fixed, arm, q0, steps)
+    law = partial(_networks if networks else _fixed, arm, q0, steps, threads)
     return [
         (RK4, lambda: rk4.closed(law(), steps), SAME),
         (EULER_WORD, lambda: euler.closed(law(), steps), EULER),
@@ -208,9 +209,9 @@ def _mujoco(
     ]
 
 
-def _fixed(arm: Arm, q0: Array, steps: int) -> Callable[[int, Array], Array]:
+def _fixed(arm: Arm, q0: Array, steps: int, threads: int) -> Callable[[int, Array], Array]:
     """Return the law with fixed gains, written apart from armgpi's."""
-    arm.use(2)
+    arm.use(threads)
     law, targets, effort, times = (
         arm.law(q0),
         arm.targets(steps),
@@ -228,9 +229,9 @@ def _fixed(arm: Arm, q0: Array, steps: int) -> Callable[[int, Array], Array]:
     return torque
 
 
-def _networks(arm: Arm, q0: Array, steps: int) -> Callable[[int, Array], Array]:
+def _networks(arm: Arm, q0: Array, steps: int, threads: int) -> Callable[[int, Array], Array]:
     """Return armgpi's own controller, by NumPy."""
-    arm.use(2)
+    arm.use(threads)
     controller = arm.controller
     targets = [Target(*parts) for parts in zip(*arm.reference.at(DT * np.arange(steps)), strict=True)]
     state = controller.init(Measurement(q0), targets[0])
