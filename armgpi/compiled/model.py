@@ -141,6 +141,7 @@ class SymbolicModel:
         self.parameters = [Scalar(ca.SX.sym(f"m{i}")) for i in range(self.table.shape[1])]
         values = table[0].astype(object)
         values[differs] = self.parameters
+        self._way: Callable[[Expressions], Expressions] | None = None  # the cheaper one to D(q)
         self._numbers = values[:-3].reshape(len(self._bodies), -1)
         self._gravity = values[-3:]
         self._ratio, self._offset = ratio, offset
@@ -203,9 +204,12 @@ class SymbolicModel:
 
     def inertia(self, q: Expressions) -> Expressions:
         """Return D(q), shape (n, n), in the way that takes fewer operations here."""
-        composite, jacobian = self._composite(q), self._jacobian(q)
+        if self._way is not None:
+            return self._way(q)
         below = np.tril_indices(self.n)
-        return min(composite, jacobian, key=lambda matrix: int(ca.n_nodes(_vector(matrix[below]))))
+        ways = [(way, way(q)) for way in (self._composite, self._jacobian)]
+        self._way, matrix = min(ways, key=lambda found: int(ca.n_nodes(_vector(found[1][below]))))
+        return matrix
 
     def _jacobian(self, q: Expressions) -> Expressions:
         """Return D(q) as the Jacobian of the inverse dynamics in the accelerations."""
