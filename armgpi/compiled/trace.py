@@ -231,11 +231,12 @@ class Lifting:
         """
         for value, made, content in self._kept:
             now = _content(made)
-            if now == content:
+            changed = [key for key in now.keys() | content.keys() if now.get(key) is not content.get(key)]
+            if not changed:
                 continue
             name = f"a {type(value).__name__} in it"
-            if isinstance(now, dict):
-                name += " (" + ", ".join(str(key) for key in now if now[key] != content.get(key)) + ")"
+            if not isinstance(value, list | np.ndarray):
+                name += " (" + ", ".join(map(str, changed)) + ")"
             raise NotElementwise(f"{name} changes; what changes belongs into the state")
 
 
@@ -245,14 +246,13 @@ def _is_plain_object(value: Any) -> bool:
     return kind.__new__ is object.__new__ and hasattr(value, "__dict__")
 
 
-def _content(made: Any) -> Any:
-    """Return the identities of what is in a copy."""
+def _content(made: Any) -> dict[Any, Any]:
+    """Return what is in a copy, by place or name: the things themselves, as an id may be used again."""
     if isinstance(made, Symbols):
-        return [id(x) for x in made.x.ravel()]
+        return dict(enumerate(made.x.ravel()))
     if isinstance(made, list):
-        return [id(x) for x in made]
-    attributes = made if isinstance(made, dict) else getattr(made, "__dict__", {})
-    return {key: id(x) for key, x in attributes.items()}
+        return dict(enumerate(made))
+    return dict(made if isinstance(made, dict) else getattr(made, "__dict__", {}))
 
 
 def _is_dynamics(value: Any) -> bool:
