@@ -29,6 +29,8 @@ _HELD, _TAU = _ORDER.index("tau_command"), _ORDER.index("tau")
 _TARGETS = ("q_ref", "v_ref")
 #: How long one call of the generated code should take [s]: between two calls Ctrl-C is heard.
 _CALL = 0.05
+#: A user's law is compared with NumPy over so many samples, relative to the largest entry.
+_COMPARED, _AGREEMENT = 3, 1e-8
 #: Numbers in a table of targets, at most.
 _TABLE = 1 << 20
 
@@ -197,6 +199,43 @@ class CompiledRun:
             divergence=divergence,
         )
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        if traced.foreign:
+            self._check_beginning(state, len(names))
+
+    def _check_beginning(self, state: Any, variables: int) -> None:
+        """Refuse code whose first samples are not NumPy's: a user's law that mixes rollouts, say.
+
+        Raises:
+            BackendError: naming the sample and the difference.
+        """
+        if self._traced.table:
+            self._fill_table(0, _COMPARED)
+        found = np.empty((variables, _COMPARED, self.rows, self._traced.n))
+        scratch = {
+            "state": _aligned(self._keep["state"]),
+            "out": np.array([part.ctypes.data for part in found], dtype=np.uintp),
+            "ended": self._keep["ended"].copy(),
+        }
+        job = _Job.from_buffer_copy(self._job)
+        for name, array in scratch.items():
+            setattr(job, name, array.ctypes.data)
+        job.k0, job.k1, job.every, job.final = 0, _COMPARED, 1, 0
+        self._library.run(ctypes.byref(job), ctypes.c_int64(0), ctypes.c_int64(self._blocks))
+        plant, controller = state[1:]
+        for k in range(_COMPARED):
+            target = self.loop.reference.at(k * self.loop.dt)
+            truth = self.loop.plant.truth(plant)
+            plant, controller, _, tau = self.loop._sample(plant, controller, target)
+            theirs = np.stack([truth.q, truth.v, tau]).reshape(3, self.rows, -1)
+            ours = found[[0, 1, _HELD], k]
+            runs = scratch["ended"] < 0
+            apart = np.abs(ours - theirs)[:, runs]
+            largest = np.abs(theirs[:, runs]).max(axis=(1, 2), keepdims=True, initial=1.0)
+            if not (apart <= _AGREEMENT * largest).all():
+                raise BackendError(
+                    f"this loop has no generated code: sample {k} of it differs from NumPy's by "
+                    f"{np.nanmax(apart):.2g} (does its law mix joints of several rollouts?)"
+                )
 
     def take(self, count: int) -> int:
         """Take `count` samples and record them."""
@@ -300,11 +339,16 @@ class CompiledRun:
     def _packed(self, columns: Array) -> Array:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
         blocks = np.ascontiguousarray(columns.reshape(len(columns), self._blocks, self.lanes).swapaxes(0, 1))
-        room = np.empty(blocks.size + 8)
-        begin = (-room.ctypes.data % 64) // 8
-        aligned = room[begin : begin + blocks.size]
-        aligned[:] = blocks.ravel()
-        return aligned
+        return _aligned(blocks)
+
+
+def _aligned(values: Array) -> Array:
+    """Return a flat copy that begins where vectors of lanes may."""
+    room = np.empty(values.size + 8)
+    begin = (-room.ctypes.data % 64) // 8
+    aligned = room[begin : begin + values.size]
+    aligned[:] = values.ravel()
+    return aligned
 
 
 def _again(loop: Any, state: Any, signals: bool, lanes: int) -> str:

@@ -257,3 +257,13 @@ def test_the_environment_is_left_as_it_was() -> None:
     before = dict(os.environ)
     compiled(RigidBodyPlant(ARM), GPI(ARM, DT), MOVE, 0.01)
     assert dict(os.environ) == before
+
+
+def test_a_law_that_mixes_rollouts() -> None:
+    # Traced for one rollout, e.mean() is over its joints; NumPy takes the mean of all rollouts.
+    mixes = lambda self, e: e + np.sum(e)  # noqa: E731
+    rows = Bezier(ROWS, ROWS + 0.1, 0.05)
+    expected = simulate(RigidBodyPlant(ARM), Law(mixes), rows, 0.03, q0=ROWS + 0.01)
+    with pytest.warns(ArmgpiWarning, match="sample 0 of it differs from NumPy's by"):
+        run = simulate(RigidBodyPlant(ARM), Law(mixes), rows, 0.03, q0=ROWS + 0.01, backend="compiled")
+    np.testing.assert_array_equal(run["q"], expected["q"])
