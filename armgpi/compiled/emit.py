@@ -127,11 +127,13 @@ def straight_line(
                 code.lines.extend(after[count]([results.get(i, zero) for i in range(count)]))
         written = known + 1
 
+    call(rows[0] if rows else len(outputs))
     for kind, name, operands in instructions:
         if kind == ca.OP_OUTPUT:
-            index = rows[int(name)]
-            call(index)
-            results[index] = number(operands[0])
+            place = int(name)
+            results[rows[place]] = number(operands[0])
+            # At once, as the next output may use what is called.
+            call(rows[place + 1] if place + 1 < len(rows) else len(outputs))
             continue
         numbers = [number(text) for text in operands]
         if kind == ca.OP_DIV and divisors[operands[1]] > 1:
@@ -158,7 +160,6 @@ def straight_line(
             raise NotElementwise(f"it uses CasADi's operation {kind}, which the generator does not know")
         code.lines.append(f"const {dialect.truth if name in truths else dialect.number} {name} = {text};")
         code.operations += 1
-    call(len(outputs))
     code.results = [results.get(i, zero) for i in range(len(outputs))]
     return code
 
