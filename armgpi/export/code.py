@@ -1,0 +1,623 @@
+"""From a law to the text of its C: header and source, with its counts."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from importlib.resources import files
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import __version__
+from armgpi.arrays import Array
+from armgpi.compiled.emit import Dialect, straight_line
+from armgpi.compiled.kernels import Call, Kernel
+from armgpi.control.controller import Controller
+from armgpi.errors import ParameterError
+from armgpi.export.faults import Bounds, Faults, bounds
+from armgpi.export.law import INPUTS, Law, Routine, Table, write_down
+from armgpi.export.names import identifiers, plain, source_of
+
+#: Number types: C's name, ending of literals and functions, largest number.
+_REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}
+#: Bits that say in `armgpi_info.inputs` which arguments there are besides q_measured and q_ref.
+INPUT_BITS = {"v_measured": 1, "v_ref": 2, "a_ref": 4}
+#: What the arguments are.
+MEANING = {
+    "q_measured": "measured positions [rad or m]; continuous joints unwrapped",
+    "v_measured": "measured velocities [rad/s or m/s]",
+    "q_ref": "reference positions [rad or m]",
+    "v_ref": "reference velocities [rad/s or m/s]",
+    "a_ref": "reference accelerations [rad/s^2 or m/s^2]",
+}
+#: What parts of states and constants mean, by the last step of their path in Python.
+_NOTES = {
+    "lam": "settles on the disturbance acceleration [rad/s^2]",
+    "chi": "settles on its slope [rad/s^3]",
+    "eta": "filtered derivative of the error, times its gain [rad/s^2]",
+    "int_v": "integral of v [rad/s]",
+    "int_e": "integral of the error [rad s]",
+    "int2_e": "second integral of the error [rad s^2]",
+    "int3_e": "third integral of the error [rad s^3]",
+    "integral": "integral part of the feedback [rad/s^2]",
+    "learn": "1 while the torque was applied as asked, 0 when cut",
+    "filtered": "low-passed error [rad]",
+    "omega_c": "natural frequency [rad/s]",
+    "zeta_c": "damping ratio [-]",
+    "p_c": "real pole [rad/s]",
+    "effort": "torque limits [N m or N]",
+    "_floor": "lower torque limits [N m or N]",
+}
+#: The emitter's elementary functions on one number; {R} is its type, {F} ends literals, {f} functions.
+_HELPERS = {
+    "v_lt": "static inline uint32_t v_lt({R} a, {R} b) { return (a < b) ? 1U : 0U; }",
+    "v_le": "static inline uint32_t v_le({R} a, {R} b) { return (a <= b) ? 1U : 0U; }",
+    "v_eq": "static inline uint32_t v_eq({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 1U : 0U; }",
+    "v_ne": "static inline uint32_t v_ne({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 0U : 1U; }",
+    "v_not": "static inline uint32_t v_not(uint32_t m) { return (m != 0U) ? 0U : 1U; }",
+    "v_only": "static inline {R} v_only(uint32_t m, {R} x) { return (m != 0U) ? x : 0.0{F}; }",
+    "v_number": "static inline {R} v_number(uint32_t m) { return (m != 0U) ? 1.0{F} : 0.0{F}; }",
+    "v_min": "static inline {R} v_min({R} a, {R} b) { return (a < b) ? a : b; }",
+    "v_max": "static inline {R} v_max({R} a, {R} b) { return (b < a) ? a : b; }",
+    "v_abs": "static inline {R} v_abs({R} x) { return fabs{f}(x); }",
+    "v_sin": "static inline {R} v_sin({R} x) { return sin{f}(x); }",
+    "v_cos": "static inline {R} v_cos({R} x) { return cos{f}(x); }",
+    "v_sqrt": "static inline {R} v_sqrt({R} x) { return sqrt{f}(x); }",
+    "v_exp": "static inline {R} v_exp({R} x) { return exp{f}(x); }",
+    "v_log": "static inline {R} v_log({R} x) { return log{f}(x); }",
+    "v_floor": "static inline {R} v_floor({R} x) { return floor{f}(x); }",
+    "v_rint": "static inline {R} v_rint({R} x) { return rint{f}(x); }",
+    "v_sign": (
+        "static inline {R} v_sign({R} x)\n"
+        "{\n    return (x > 0.0{F}) ? 1.0{F} : ((x < 0.0{F}) ? -1.0{F} : 0.0{F});\n}"
+    ),
+}
+_KERNEL_NOTES = {
+    "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
+    "inertia_solve": "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
+    "gravity": "Work out the torque y that gravity asks for at q.",
+    "bias": "Work out y = C(q, x) x + G(q), for velocities x.",
+    "inverse": "Work out the torque z for velocities x and accelerations y.",
+}
+
+
+class Counts(NamedTuple):
+    """Operations on numbers.
+
+    Attributes:
+        simple: additions, multiplications, comparisons and the like.
+        divisions: divisions and square roots.
+        transcendental: sines, cosines, exponentials, logarithms.
+    """
+
+    simple: int
+    divisions: int
+    transcendental: int
+
+    def plus(self, *others: Counts) -> Counts:
+        """Return the sum."""
+        return Counts(*(sum(column) for column in zip(self, *others, strict=True)))
+
+
+class Code(NamedTuple):
+    """A controller as C.
+
+    Attributes:
+        header: text of armgpi_controller.h.
+        source: text of armgpi_controller.c.
+        law: what it was written from.
+        real: "double" or "float".
+        bounds: what it takes for a fault.
+        usual: operations of a step whose torque is not cut.
+        worst: operations of any step, the one that meets a fault as well.
+    """
+
+    header: str
+    source: str
+    law: Law
+    real: str
+    bounds: Bounds
+    usual: Counts
+    worst: Counts
+
+
+def generate(controller: Controller, real: str = "double", faults: Faults | None = None) -> Code:
+    """Return a controller as C.
+
+    Args:
+        controller: for a single rollout.
+        real: number type, "double" or "float".
+        faults: how faults are handled; as :class:`Faults` has it when not given.
+
+    Raises:
+        ParameterError: when an argument is not as it should be.
+        BackendError: when the controller does what has no C.
+    """
+    if real not in _REALS:
+        raise ParameterError("real", real, f"one of {', '.join(_REALS)}")
+    if not isinstance(controller, Controller):
+        raise ParameterError("controller", controller, "a Controller")
+    limits = bounds(Faults() if faults is None else faults, controller)
+    return _Writer(write_down(controller), real, limits).code()
+
+
+class _Writer:
+    """Puts a law into C."""
+
+    def __init__(self, law: Law, real: str, limits: Bounds) -> None:
+        self.law, self.real, self.bounds = law, real, limits
+        self.ending = _REALS[real][1]
+        self.dialect = Dialect("armgpi_real_t", "uint32_t", self.literal, ())
+        robot = law.controller.robot
+        self.names = robot.joint_names
+        tables = law.tables
+        if not any(table.path == "effort" for table in tables):
+            effort = np.broadcast_to(law.controller.effort, (law.n,))
+            tables = [Table("EFFORT", "effort", (law.n,), [], effort.tolist()), *tables]
+        self.tables = tables
+        self.kernels: dict[str, Kernel] = {}
+        self.counts: dict[str, Counts] = {}
+
+    def literal(self, x: float) -> str:
+        """Return a number as C, to its last digit; beyond the largest one there is no limit."""
+        if np.isnan(x):
+            raise ParameterError("controller", x, "made of numbers; it has a constant that is none")
+        number = str(np.float32(x)) if self.real == "float" else repr(float(x))
+        if "inf" in number:
+            return "(-REAL_MAX)" if x < 0.0 else "REAL_MAX"
+        text = number + self.ending
+        return f"({text})" if number.startswith("-") else text
+
+    def code(self) -> Code:
+        """Return header and source."""
+        law, limits = self.law, self.bounds
+        robot = law.controller.robot
+        functions = [
+            self.routine("law_init", law.init, writes_torque=False),
+            self.routine("law_step", law.step, writes_torque=True),
+            self.hold(),
+        ]
+        kernels = [self.kernel(kernel) for kernel in self.kernels.values()]
+        frozen, hold = limits.frozen_samples > 0, limits.action == "hold"
+        weighed = frozen or hold
+        if not weighed:  # nobody asks for the weight
+            functions.pop()
+            used = {call.kernel.name for call in (*law.init.calls, *law.step.calls)}
+            kernels = [text for name, text in zip(self.kernels, kernels, strict=True) if name in used]
+        body = "\n".join([*kernels, *functions])
+        fill = {
+            **self._shared(),
+            "tables": "\n".join(map(self.table, self.tables)),
+            "bounds": self._bounds(),
+            "names": _listed(f'    "{plain(name)}"' for name in self.names),
+            "inputs": str(sum(INPUT_BITS.get(name, 0) for name in law.inputs)),
+            "dt_double": repr(float(law.controller.dt)),
+            "real_max": _REALS[self.real][2],
+            "law": f"{type(law.controller).__name__}.init and {type(law.controller).__name__}.step",
+            "helpers": self._helpers(body),
+            "kernels": "\n".join(kernels),
+            "law_functions": "\n".join(functions),
+            "parameters_inline": ", ".join(f"const armgpi_real_t {name}[ARMGPI_N]" for name in law.inputs),
+            "checks": self._checks(),
+            "zero": self.literal(0.0),
+            **self._jump(),
+            **self._frozen(),
+            "hold": _HOLD if hold else "",
+        }
+        law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
+        cut = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
+        usual = self.counts["law_step"].plus(
+            *(self.counts[call.kernel.name] for call in law.step.calls if call.kernel.name not in cut)
+        )
+        checking = law_hold if frozen else Counts(0, 0, 0)
+        return Code(
+            Template(template("armgpi_controller.h")).substitute(self._header(robot)),
+            Template(template("armgpi_controller.c")).substitute(fill),
+            law,
+            self.real,
+            limits,
+            usual.plus(checking),
+            law_step.plus(checking, law_hold if hold else Counts(0, 0, 0)),
+        )
+
+    def routine(self, name: str, routine: Routine, writes_torque: bool) -> str:
+        """Return a function of the law that writes the state."""
+        n = self.law.n
+        entries = [(part, i) for part in self.law.state for i in range(len(part.symbols))]
+        places = [f"state->{part.name}[{i}]" if part.shape else f"state->{part.name}" for part, i in entries]
+        locals_ = [f"{part.name}_{i}" if part.shape else part.name for part, i in entries]
+        old = [(part.symbols[i], local) for (part, i), local in zip(entries, locals_, strict=True)]
+        lines, results = self._lines(name, routine, old)
+        after = results[n:] if writes_torque else results
+        changed = [value for value, local in zip(after, locals_, strict=True) if value != local]
+        text = "\n".join([*lines, *changed, *results[: n * writes_torque]])
+        reads = [
+            f"const armgpi_real_t {local} = {place};"
+            for local, place in zip(locals_, places, strict=True)
+            if re.search(rf"\b{local}\b", text)
+        ]
+        writes = [
+            f"{place} = {value};"
+            for place, value, local in zip(places, after, locals_, strict=True)
+            if value != local  # it stays as it is
+        ]
+        if writes_torque:
+            torques = [f"tau[{j}] = {value};" for j, value in enumerate(results[:n])]
+            tail = [*torques, "joint = first_beyond(tau, EFFORT);"]
+            if writes:
+                tail += ["if (joint == ARMGPI_N) {", *(f"    {line}" for line in writes), "}"]
+            lines = ["uint32_t joint;", *reads, *lines, *tail, "return joint;"]
+            note = (
+                "/* Work out the torque, and the next state, which is written when no torque is beyond its\n"
+                "   limit. Return the first joint whose torque is, ARMGPI_N when none is. */"
+            )
+            kind, last = "uint32_t", ", armgpi_real_t tau[ARMGPI_N]"
+        else:
+            lines = [*reads, *lines, *writes]
+            note = "/* Work out the state before the first sample. */"
+            kind, last = "void", ""
+        parameters = ",\n    ".join(f"const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
+        head = f"static {kind} {name}(armgpi_state_t *state,\n    {parameters}{last})"
+        return f"{note}\n{head}\n{_block(lines, ['state', *self.law.inputs])}"
+
+    def hold(self) -> str:
+        """Return the function of the torque that carries the arm's weight."""
+        lines, results = self._lines("law_hold", self.law.hold, [])
+        lines += [f"tau[{j}] = {value};" for j, value in enumerate(results)]
+        note = "/* Work out the torque that carries the arm's weight, cut to the limits. */"
+        head = "static void law_hold(const armgpi_real_t q_measured[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])"
+        return f"{note}\n{head}\n{_block(lines, ['q_measured'])}"
+
+    def kernel(self, kernel: Kernel) -> str:
+        """Return a function of the arm."""
+        letters = "qxyz"[: len(kernel.sizes)]
+        result = "qxyz"[len(kernel.sizes)] if len(kernel.sizes) < 4 else "r"
+        inputs, begin = [], 0
+        for letter, size in zip(letters, kernel.sizes, strict=True):
+            inputs += [(kernel.inputs[begin + i], f"{letter}[{i}]") for i in range(size)]
+            begin += size
+        code = straight_line(inputs, kernel.outputs, self.dialect)
+        lines = [*code.lines, *(f"{result}[{i}] = {text};" for i, text in enumerate(code.results))]
+        self.counts[kernel.name] = _counted(code.lines)
+        kind = _kind(kernel)
+        note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").replace(" y", f" {result}", 1)
+        parameters = [f"const armgpi_real_t {x}[{n}]" for x, n in zip(letters, kernel.sizes, strict=True)]
+        head = ", ".join([*parameters, f"armgpi_real_t {result}[{kernel.size}]"])
+        return f"/* {note} */\nstatic void {self._kernel_name(kernel)}({head})\n{_block(lines, letters)}"
+
+    def _kernel_name(self, kernel: Kernel) -> str:
+        """Return the name of a kernel in C: arm_inertia_times, and arm2_... of a second arm."""
+        alike = [name for name, other in self.kernels.items() if _kind(other) == _kind(kernel)]
+        number = alike.index(kernel.name) + 1
+        return f"arm{number if number > 1 else ''}_{_kind(kernel)}"
+
+    def table(self, table: Table) -> str:
+        """Return a table of constants."""
+        numbers = [self.literal(x) for x in table.values]
+        note = _NOTES.get(table.path.rpartition(".")[2], "")
+        head = f"/* {table.path}{': ' if note else ''}{note} */\nstatic const armgpi_real_t {table.name}"
+        if not table.shape:
+            return f"{head} = {numbers[0]};\n"
+        return f"{head}[{len(numbers)}] = {{\n{self._rows(numbers)}\n}};\n"
+
+    def _rows(self, numbers: Sequence[str]) -> str:
+        """Return the entries of a table, with the names of the joints."""
+        named = len(numbers) == len(self.names)
+        commas = [f"{x}," for x in numbers[:-1]] + [numbers[-1]]
+        width = max(map(len, commas))
+        rows = [
+            f"    {x:{width}} /* {plain(name)} */" if named else f"    {x}"
+            for x, name in zip(commas, self.names if named else commas, strict=True)
+        ]
+        return "\n".join(rows)
+
+    def _lines(
+        self, name: str, routine: Routine, old: Sequence[tuple[Any, str]]
+    ) -> tuple[list[str], list[str]]:
+        """Return the lines of a function of the law, and what its outputs are in C."""
+        inputs = list(old)
+        for argument, symbols in self.law.inputs.items():
+            inputs += [(x, f"{argument}[{j}]") for j, x in enumerate(symbols)]
+        for table in self.tables:
+            inputs += [
+                (x, f"{table.name}[{i}]" if table.shape else table.name) for i, x in enumerate(table.symbols)
+            ]
+        outputs: list[Any] = []
+        hooks: dict[int, Callable[[Sequence[str]], Sequence[str]]] = {}
+        for i, call in enumerate(routine.calls):
+            begin = len(outputs)
+            outputs += call.arguments
+            self.kernels.setdefault(call.kernel.name, call.kernel)
+            hooks[len(outputs)] = _call(i, call, self._kernel_name(call.kernel), begin, self.literal(0.0))
+            inputs += [(x, f"result{i}[{j}]") for j, x in enumerate(call.results)]
+        code = straight_line(inputs, [*outputs, *routine.outputs], self.dialect, hooks)
+        self.counts[name] = _counted(code.lines)
+        return code.lines, code.results[len(outputs) :]
+
+    def _cost(self, name: str, routine: Routine) -> Counts:
+        """Return the operations of a routine with all that it calls."""
+        return self.counts[name].plus(*(self.counts[call.kernel.name] for call in routine.calls))
+
+    def _helpers(self, body: str) -> str:
+        """Return the elementary functions that are used."""
+        real = {"R": "armgpi_real_t", "F": self.ending, "f": self.ending.lower()}
+        used = [name for name in _HELPERS if re.search(rf"\b{name}\(", body)]
+        texts = [_filled(_HELPERS[name], real) for name in used]
+        if "any_nonzero(" in body:
+            zero = self.literal(0.0)
+            texts.append(
+                "\n/* Tell whether any of so many numbers is not zero. */\n"
+                "static uint32_t any_nonzero(const armgpi_real_t x[], uint32_t count)\n{\n"
+                "    uint32_t i;\n    uint32_t found = 0U;\n\n"
+                "    for (i = 0U; i < count; ++i) {\n"
+                f"        if ((x[i] < {zero}) || (x[i] > {zero})) {{\n"
+                "            found = 1U;\n        }\n    }\n    return found;\n}"
+            )
+        return "\n".join(texts) + "\n"
+
+    def _shared(self) -> dict[str, str]:
+        """Return what both templates need."""
+        robot: Any = self.law.controller.robot
+        parameters = ",\n".join(f"    const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
+        return {
+            "title": f"{type(self.law.controller).__name__} controller of {plain(robot.name)}, "
+            f"{self.law.n} joint{'s' if self.law.n > 1 else ''}, {self.law.controller.dt:g} s",
+            "version": __version__,
+            "source": source_of(robot),
+            "parameters": parameters,
+            "arguments": ", ".join(self.law.inputs),
+        }
+
+    def _header(self, robot: Any) -> dict[str, str]:
+        """Return what the header's template needs."""
+        law = self.law
+        width = max(map(len, self.names))
+        lower, upper, velocity, _ = robot.limits
+        joints = [
+            f" *   {j:2}  {plain(name):{width}}  {kind:10} [{lower[j]:.6g}, {upper[j]:.6g}], "
+            f"{velocity[j]:.6g} per s, at most {np.broadcast_to(law.controller.effort, law.n)[j]:.6g}"
+            for j, (name, kind) in enumerate(zip(self.names, robot.joint_types, strict=True))
+        ]
+        parts = identifiers(self.names)
+        enum = [f"    ARMGPI_JOINT_{name} = {j}" for j, name in enumerate(parts)]
+        fields = []
+        for part in law.state:
+            note = _NOTES.get(part.path.rpartition(".")[2], "")
+            size = f"[{len(part.symbols)}]" if part.shape else ""
+            fields.append(
+                f"    armgpi_real_t {part.name}{size}; /* {part.path}{': ' if note else ''}{note} */"
+            )
+        frozen = [
+            "    armgpi_real_t q_ref_mark[ARMGPI_N];  /* reference when the measurement last changed */",
+            "    armgpi_real_t excess_mark[ARMGPI_N]; /* torque less weight, likewise [N m or N] */",
+            "    uint32_t frozen_count[ARMGPI_N];     /* samples that it should have changed in since */",
+            "    uint32_t first;                      /* 1 before the first sample */",
+        ]
+        what = {
+            "hold": "the torque that carries the arm's weight\n * at the last good posture",
+            "zero": "zero",
+        }
+        return {
+            **self._shared(),
+            "joints": "\n".join(joints),
+            "n": str(law.n),
+            "dt": self.literal(law.controller.dt),
+            "real": _REALS[self.real][0],
+            "enum": _listed(enum),
+            "fields": "".join(f"{x}\n" for x in ["    /* The law, by its names in Python. */", *fields]),
+            "frozen_fields": "".join(f"{x}\n" for x in frozen) if self.bounds.frozen_samples else "",
+            "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),
+            "action": what[self.bounds.action],
+        }
+
+    def _bounds(self) -> str:
+        """Return the tables of the supervision."""
+        limits = self.bounds
+        parts: list[tuple[str, str, Array]] = []
+        if limits.jump is not None:
+            parts.append(("JUMP", "Largest change of a position in one sample [rad or m].", limits.jump))
+        if limits.frozen_samples:
+            travel = "Travel of the reference that asks a position to change [rad or m]."
+            torque = "Change of torque less weight that asks a position to change [N m or N]."
+            parts += [("FROZEN_TRAVEL", travel, limits.travel), ("FROZEN_TORQUE", torque, limits.torque)]
+        texts = [
+            f"/* {note} */\nstatic const armgpi_real_t {name}[ARMGPI_N] = {{\n"
+            f"{self._rows([self.literal(x) for x in values])}\n}};\n"
+            for name, note, values in parts
+        ]
+        if limits.frozen_samples:
+            texts.append(
+                "/* Samples without a change, while one is asked for, that make a position frozen. */\n"
+                f"static const uint32_t FROZEN_SAMPLES = {limits.frozen_samples}U;\n"
+            )
+        return "\n".join(texts)
+
+    def _checks(self) -> str:
+        """Return the tests of arguments for numbers that are not finite."""
+        lines = []
+        for name in self.law.inputs:
+            reason = "MEASUREMENT" if name.endswith("measured") else "REFERENCE"
+            lines += [
+                "    if (reason == ARMGPI_REASON_NONE) {",
+                f"        *joint = first_not_finite({name});",
+                "        if (*joint < ARMGPI_N) {",
+                f"            reason = ARMGPI_REASON_{reason};",
+                "        }",
+                "    }",
+            ]
+        return "\n".join(lines)
+
+    def _jump(self) -> dict[str, str]:
+        """Return the test for positions that jump, and its use."""
+        if self.bounds.jump is None:
+            return {"jump_check": "", "jump_call": ""}
+        return {"jump_check": _filled(_JUMP, {"f": self.ending.lower()}), "jump_call": _JUMP_CALL}
+
+    def _frozen(self) -> dict[str, str]:
+        """Return the test for positions that stand still, and its uses."""
+        if not self.bounds.frozen_samples:
+            return dict.fromkeys(("frozen_check", "frozen_call", "frozen_init", "frozen_first"), "")
+        zero = self.literal(0.0)
+        return {
+            "frozen_check": _filled(_FROZEN, {"f": self.ending.lower()}),
+            "frozen_call": _FROZEN_CALL,
+            "frozen_init": (
+                "            state->q_ref_mark[i] = q_ref[i];\n"
+                f"            state->excess_mark[i] = {zero};\n"
+                "            state->frozen_count[i] = 0U;\n"
+            ),
+            "frozen_first": "        state->first = 1U;\n",
+        }
+
+
+_HOLD = """\
+    if (state->status == ARMGPI_STATUS_RUN) {
+        law_hold(state->q_last, state->tau_fault);
+    }
+"""
+_JUMP = """
+/* Return the first joint whose position moved farther than it can in one sample, ARMGPI_N when none did. */
+static uint32_t first_jump(const armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N])
+{
+    uint32_t joint = 0U;
+
+    while ((joint < ARMGPI_N) && (fabs{f}(q[joint] - state->q_last[joint]) <= JUMP[joint])) {
+        ++joint;
+    }
+    return joint;
+}
+"""
+_JUMP_CALL = """\
+        if (reason == ARMGPI_REASON_NONE) {
+            joint = first_jump(state, q_measured);
+            if (joint < ARMGPI_N) {
+                reason = ARMGPI_REASON_JUMP;
+            }
+        }
+"""
+_FROZEN = """
+/* Return the first joint whose position stands still that should not, ARMGPI_N when none does. A still arm
+   repeats one number as a dead sensor does; so a change is asked for only where, since the last one, the
+   reference has moved on or the torque has changed by more than the arm's weight explains. */
+static uint32_t first_frozen(armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N],
+    const armgpi_real_t q_ref[ARMGPI_N], const armgpi_real_t tau[ARMGPI_N])
+{
+    armgpi_real_t weight[ARMGPI_N];
+    uint32_t joint = ARMGPI_N;
+    uint32_t i;
+
+    law_hold(q, weight);
+    for (i = 0U; i < ARMGPI_N; ++i) {
+        const armgpi_real_t excess = tau[i] - weight[i];
+
+        if ((state->first != 0U) || (q[i] < state->q_last[i]) || (q[i] > state->q_last[i])) {
+            state->q_ref_mark[i] = q_ref[i];
+            state->excess_mark[i] = excess;
+            state->frozen_count[i] = 0U;
+        } else if ((fabs{f}(q_ref[i] - state->q_ref_mark[i]) <= FROZEN_TRAVEL[i])
+            && (fabs{f}(excess - state->excess_mark[i]) <= FROZEN_TORQUE[i])) {
+            state->frozen_count[i] = 0U;
+        } else {
+            ++state->frozen_count[i];
+            if ((state->frozen_count[i] >= FROZEN_SAMPLES) && (joint == ARMGPI_N)) {
+                joint = i;
+            }
+        }
+    }
+    state->first = 0U;
+    return joint;
+}
+"""
+_FROZEN_CALL = """\
+        if (reason == ARMGPI_REASON_NONE) {
+            joint = first_frozen(state, q_measured, q_ref, tau_out);
+            if (joint < ARMGPI_N) {
+                reason = ARMGPI_REASON_FROZEN;
+            }
+        }
+"""
+
+
+def template(name: str) -> str:
+    """Return the text of a template."""
+    return (files("armgpi.export") / "templates" / name).read_text(encoding="utf-8")
+
+
+def inputs_of(bits: int) -> list[str]:
+    """Return the names of a step's arguments, from the bits of `armgpi_info.inputs`."""
+    return [name for name in INPUTS if not INPUT_BITS.get(name, 0) & ~bits]
+
+
+def _kind(kernel: Kernel) -> str:
+    """Return the name of a kernel without the digest of its model."""
+    return kernel.name.rpartition("_")[0]
+
+
+def _call(i: int, call: Call, name: str, begin: int, zero: str) -> Callable[[Sequence[str]], list[str]]:
+    """Return what writes the use of a kernel, given the C of all that is known."""
+    kernel = call.kernel
+
+    def write(known: Sequence[str]) -> list[str]:
+        texts = list(known[begin:])
+        lines, names = [f"armgpi_real_t result{i}[{kernel.size}];"], []
+        for k, size in enumerate(kernel.sizes):
+            own, texts = texts[:size], texts[size:]
+            bases = {text.partition("[")[0] for text in own}
+            if own == [f"{next(iter(bases))}[{j}]" for j in range(size)]:
+                names.append(own[0].partition("[")[0])  # an array as it is
+                continue
+            given = f"given{i}_{k}"
+            names.append(given)
+            lines.append(f"const armgpi_real_t {given}[{size}] = {{{', '.join(own)}}};")
+        used = f"{name}({', '.join([*names, f'result{i}'])});"
+        if kernel.skip is None:
+            return [*lines, used]
+        # Where the argument is zero so is the result, at no cost.
+        return [
+            *lines,
+            f"if (any_nonzero({names[kernel.skip]}, {kernel.sizes[kernel.skip]}U) != 0U) {{",
+            f"    {used}",
+            "} else {",
+            *(f"    result{i}[{j}] = {zero};" for j in range(kernel.size)),
+            "}",
+        ]
+
+    return write
+
+
+def _counted(lines: Iterable[str]) -> Counts:
+    """Count the operations in lines."""
+    kinds: Counter[str] = Counter()
+    for line in lines:
+        found = re.match(r"const \w+ i?x\d+ = (.*);$", line)
+        if found is None:
+            continue
+        if re.match(r"v_(sin|cos|exp|log)\(", found[1]):
+            kinds["transcendental"] += 1
+        elif " / " in found[1] or found[1].startswith("v_sqrt("):
+            kinds["divisions"] += 1
+        else:
+            kinds["simple"] += 1
+    return Counts(kinds["simple"], kinds["divisions"], kinds["transcendental"])
+
+
+def _block(lines: Sequence[str], arguments: Sequence[str]) -> str:
+    """Return the body of a function; arguments that it does not need are named as such."""
+    text = "\n".join(lines)
+    unused = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
+    return "{\n" + "".join(f"    {line}\n" for line in [*lines, *unused]) + "}\n"
+
+
+def _filled(text: str, values: dict[str, str]) -> str:
+    """Return a text of C, which is full of braces, with {names} replaced."""
+    for key, value in values.items():
+        text = text.replace(f"{{{key}}}", value)
+    return text
+
+
+def _listed(items: Iterable[str]) -> str:
+    """Return lines with commas between them."""
+    return ",\n".join(items)
