@@ -167,7 +167,10 @@ class Lifting:
 
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
-        made = object.__new__(type(value))
+        try:
+            made = object.__new__(type(value))
+        except TypeError:  # made by C, as what calls into a library is
+            raise NotElementwise(f"it holds a {type(value).__name__}, which has no expression") from None
         self._note(value, made)
         for name, attribute in vars(value).items():
             object.__setattr__(made, name, self(attribute, numbers))

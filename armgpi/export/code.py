@@ -9,6 +9,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from armgpi import __version__
@@ -48,8 +49,42 @@ _NOTES = {
     "omega_c": "natural frequency [rad/s]",
     "zeta_c": "damping ratio [-]",
     "p_c": "real pole [rad/s]",
+}
+#: What constants mean, by their path in Python.
+_TABLE_NOTES = {
     "effort": "torque limits [N m or N]",
     "_floor": "lower torque limits [N m or N]",
+    "inertia_scale": "factor of all masses and inertias [-]",
+    "_nominal.direct": "from the error into the virtual acceleration [1/s^2]",
+    "_nominal.lam": "from the error into lam, in a sample [1/s^2]",
+    "_nominal.chi": "from the error into chi, in a sample [1/s^3]",
+    "_nominal.eta": "from the error into eta, in a sample [1/s^2]",
+    "_nominal.decay": "of eta over a sample [-]",
+    "_nominal.dt": "sample time [s]",
+    "_nominal.back_lam": "anti-windup of lam [-]",
+    "_nominal.back_chi": "anti-windup of chi [1/s]",
+    "_nominal.solve": "v stands on both sides of eq. 17 [-]",
+    **{f"_nominal.beta{i}": f"gain of eq. 25 [1/s^{5 - i}]" for i in range(5)},
+    **{
+        f"gains.boxes.{name}.{end}": f"{('lowest', 'highest')[end]} {meaning}"
+        for name, meaning in (
+            ("omega_c", "natural frequency [rad/s]"),
+            ("zeta_c", "damping ratio [-]"),
+            ("p_c", "real pole [rad/s]"),
+        )
+        for end in (0, 1)
+    },
+    "gains._per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
+    "gains._per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
+    "gains._dead_zone": "error that raises no gain [rad or m]",
+    "gains._learning_rate": "l of eq. 23 [-]",
+    "gains._leak": "share that is forgotten in a sample [-]",
+    "gains._rate": "rho of the limit on omega_c [-]",
+    "kp": "proportional gain [1/s^2]",
+    "kd": "derivative gain [1/s]",
+    "_kp_now": "gain of the error now: proportional, and half a sample of the integral [1/s^2]",
+    "_ki_dt": "integral gain times the sample time [1/s^2]",
+    "_back": "anti-windup [-]",
 }
 #: The emitter's elementary functions on one number; {R} is its type, {F} ends literals, {f} functions.
 _HELPERS = {
@@ -228,7 +263,7 @@ class _Writer:
         n = self.law.n
         entries = [(part, i) for part in self.law.state for i in range(len(part.symbols))]
         places = [f"state->{part.name}[{i}]" if part.shape else f"state->{part.name}" for part, i in entries]
-        locals_ = [f"{part.name}_{i}" if part.shape else part.name for part, i in entries]
+        locals_ = [f"old_{part.name}_{i}" if part.shape else f"old_{part.name}" for part, i in entries]
         old = [(part.symbols[i], local) for (part, i), local in zip(entries, locals_, strict=True)]
         lines, results = self._lines(name, routine, old)
         after = results[n:] if writes_torque else results
@@ -279,7 +314,8 @@ class _Writer:
         for letter, size in zip(letters, kernel.sizes, strict=True):
             inputs += [(kernel.inputs[begin + i], f"{letter}[{i}]") for i in range(size)]
             begin += size
-        code = straight_line(inputs, kernel.outputs, self.dialect)
+        outputs = ca.cse(ca.vertcat(*kernel.outputs))  # a sine is worked out once
+        code = straight_line(inputs, [outputs[i] for i in range(kernel.size)], self.dialect)
         lines = [*code.lines, *(f"{result}[{i}] = {text};" for i, text in enumerate(code.results))]
         self.counts[kernel.name] = _counted(code.lines)
         kind = _kind(kernel)
@@ -297,7 +333,7 @@ class _Writer:
     def table(self, table: Table) -> str:
         """Return a table of constants."""
         numbers = [self.literal(x) for x in table.values]
-        note = _NOTES.get(table.path.rpartition(".")[2], "")
+        note = _TABLE_NOTES.get(table.path, "")
         head = f"/* {table.path}{': ' if note else ''}{note} */\nstatic const armgpi_real_t {table.name}"
         if not table.shape:
             return f"{head} = {numbers[0]};\n"

@@ -127,7 +127,8 @@ class ExportedController(Controller):
         effort = (ctypes.c_byte * (info.n * info.real_bytes)).from_address(info.effort)
         limits = np.frombuffer(effort, self._dtype).astype(np.float64)
         largest = float(np.finfo(self._dtype).max)
-        super().__init__(robot, float(info.dt), np.where(limits < largest, limits, np.inf))
+        super().__init__(robot, float(info.dt), limits)
+        self.effort = np.where(limits < largest, limits, np.inf)
         self._given = [name for name, bit in _ARGUMENTS if bit & info.inputs == bit]
         # An attribute of the object, as it is the library that says what it needs.
         self.sees = FullState if info.inputs & 1 else Measurement  # type: ignore[misc]

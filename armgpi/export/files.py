@@ -28,16 +28,17 @@ from armgpi.simulation import ClosedLoop
 
 #: Samples of a log at most.
 MOST_SAMPLES = 100_000
-#: Largest difference from Python, as a share of the torque scale. The states of the printed law grow without
-#: bound and cancel (docs, theory), and their roundings with them.
-_TOLERANCE, _TOLERANCE_PAPER = 1e-12, 1e-10
+#: Largest difference from Python, as a share of the torque scale; and where roundings add up: the states of
+#: the printed law grow without bound and cancel (docs, theory), and where torque is cut, D(q)^-1, which the
+#: two work out in different ways, goes into the integrators.
+_TOLERANCE, _LOOSE = 1e-12, 1e-9
 #: A joint is this far from its reference [rad or m] when a rollout has diverged, as in `simulate`.
 _DIVERGED = 10.0
 #: How long the replay times steps [s], and how long it may take.
 _TIMING, _PATIENCE = 0.2, 120.0
 #: As the Makefile has them.
 _STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-Wdouble-promotion")
-_BUILD = (*_STRICT, "-ffp-contract=off", "-O2")
+_BUILD = (*_STRICT, "-ffp-contract=off", "-fno-builtin-memset", "-fno-builtin-memcpy", "-O2")
 
 
 class Log(NamedTuple):
@@ -97,7 +98,7 @@ class Export(NamedTuple):
 
 
 def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> Log:
-    """Simulate a closed loop for `t_final` [s], 100,000 samples at most; return what its controller was given."""
+    """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log."""
     loop = ClosedLoop(plant, controller, reference)
     state = loop.init()
     rows: list[Any] = []
@@ -193,8 +194,8 @@ def _texts(code: Code, log: Log) -> dict[str, str]:
     effort = np.broadcast_to(code.law.controller.effort, (code.law.n,))
     largest = np.maximum(np.abs(log.tau).max(axis=0), 1e-300)
     scale = np.where(np.isfinite(effort), effort, largest)
-    paper = getattr(code.law.controller, "realisation", "") == "paper"
-    tolerance = 0.0 if code.real == "float" else _TOLERANCE_PAPER if paper else _TOLERANCE
+    adding = getattr(code.law.controller, "realisation", "") == "paper" or (np.abs(log.tau) >= effort).any()
+    tolerance = 0.0 if code.real == "float" else _LOOSE if adding else _TOLERANCE
     suffix = "F" if code.real == "float" else ""
     q_ref = names.index("q_ref")
     fill = {
@@ -341,7 +342,8 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
 
 _FLOAT = """\
 In single precision the integrators round at 6e-8 of what they hold. In a replay, where no loop is closed
-around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it out.
+around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it
+out.
 """
 
 
@@ -364,10 +366,10 @@ def _frozen_text(code: Code) -> str:
     if not limits.frozen_samples:
         return "never: switched off at export"
     return (
-        f"a position did not change at all for {limits.frozen_samples} samples in which it should have: since "
-        f"it last changed, its reference has moved by more than {_few(limits.travel)} rad or m, or torque less "
-        f"the arm's weight by more than {_few(limits.torque)} N m or N. An arm that rightly stands still is no "
-        "fault"
+        f"a position did not change at all for {limits.frozen_samples} samples in which it should have: "
+        f"since it last changed, its reference has moved by more than {_few(limits.travel)} rad or m, or "
+        f"torque less the arm's weight by more than {_few(limits.torque)} N m or N. An arm that rightly "
+        "stands still is no fault"
     )
 
 

@@ -22,6 +22,20 @@ from armgpi.robot import Robot
 INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")
 
 
+#: Words of C99, and names that the templates use.
+_RESERVED = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        auto break case char const continue default do double else enum extern float for goto if inline int
+        long register restrict return short signed sizeof static struct switch typedef union unsigned void
+        volatile while status reason fault_joint q_last tau_fault q_ref_mark excess_mark frozen_count first
+        JUMP FROZEN_TRAVEL FROZEN_TORQUE FROZEN_SAMPLES JOINT_NAMES REAL_MAX NAN INFINITY HUGE_VAL EOF NULL
+        """,
+    )
+)
+
+
 class Table(NamedTuple):
     """A constant array of the controller, or a part of its state.
 
@@ -217,7 +231,9 @@ class _Names:
     def __call__(self, path: str, case: Callable[[str], str]) -> str:
         """Return a name for a path."""
         steps = [step.strip("_") for step in path.split(".")]
-        name = case(re.sub(r"\W", "_", "_".join(step for step in steps if step))) or "value"
+        name = case(re.sub(r"\W", "_", "_".join(step for step in steps if step), flags=re.ASCII))
+        if not name[:1].isalpha() or name in _RESERVED:
+            name = case(f"law_{name}")
         unique, count = name, 2
         while unique in self._taken:
             unique, count = f"{name}_{count}", count + 1

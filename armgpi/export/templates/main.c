@@ -66,7 +66,7 @@ static armgpi_status_t step(armgpi_state_t *state, armgpi_real_t in[ARGUMENTS][A
    at its limits while nothing moves is one, the controller is started anew; -1 when that is too often. */
 static double time_steps(uint32_t rows, armgpi_real_t shift)
 {
-    armgpi_state_t state = {ARMGPI_STATUS_BEFORE_INIT};
+    static armgpi_state_t state;
     armgpi_real_t tau[ARMGPI_N];
     double spent = 0.0;
     double steps = 0.0;
@@ -102,7 +102,7 @@ int main(int argc, char **argv)
     static double row[COLUMNS];
     armgpi_real_t in[ARGUMENTS][ARMGPI_N];
     armgpi_real_t tau[ARMGPI_N];
-    armgpi_state_t state = {ARMGPI_STATUS_BEFORE_INIT};
+    static armgpi_state_t state;
     armgpi_status_t status = ARMGPI_STATUS_RUN;
     double largest = 0.0;
     uint32_t samples = 0U;
