@@ -20,13 +20,17 @@ Folder = Annotated[
     Path | None,
     typer.Option("--out", "-o", metavar="DIR", help="Where to put it.", show_default=False),
 ]
-Real = Annotated[str, typer.Option(metavar="TYPE", help="Number type in C: double (default) or float.")]
+Real = Annotated[
+    str,
+    typer.Option(metavar="TYPE", help="Number type in C: double (default) or float.", show_default=False),
+]
 OnFault = Annotated[
     str,
     typer.Option(
         "--on-fault",
         metavar="TORQUE",
         help="Torque after a fault: hold (default) carries the arm's weight, or zero.",
+        show_default=False,
     ),
 ]
 Frozen = Annotated[
@@ -43,6 +47,7 @@ Jump = Annotated[
         metavar="SAMPLES",
         help="Samples of travel at the velocity limit that a measurement may take at once: 2 by default, "
         "0 for no such check.",
+        show_default=False,
     ),
 ]
 
@@ -99,6 +104,8 @@ def _export(options: dict[str, Any]) -> int:
 
     if options["out"] is None:
         raise refusal("--out", "name a folder for the C: -o DIR")
+    if options["real"] not in ("double", "float"):
+        raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
     try:
         from armgpi.export.code import generate
         from armgpi.export.files import export_controller, record
@@ -123,7 +130,6 @@ def _export(options: dict[str, Any]) -> int:
 
 def _faults(options: dict[str, Any], experiment: Experiment) -> Any:
     """Return how faults are handled."""
-    from armgpi.cli.words import refusal
     from armgpi.errors import ArmgpiError, ParameterError
     from armgpi.export.faults import Faults, bounds, suited
 
