@@ -50,6 +50,11 @@ _NOTES = {
     "zeta_c": "damping ratio [-]",
     "p_c": "real pole [rad/s]",
 }
+#: The same of what has many parts.
+_PARTS = {
+    "weights": "weight of a network's basis function",
+    "activations": "value of a basis function at the last sample [-]",
+}
 #: What constants mean, by their path in Python.
 _TABLE_NOTES = {
     "effort": "torque limits [N m or N]",
@@ -235,7 +240,6 @@ class _Writer:
             "helpers": self._helpers(body),
             "kernels": "\n".join(kernels),
             "law_functions": "\n".join(functions),
-            "parameters_inline": ", ".join(f"const armgpi_real_t {name}[ARMGPI_N]" for name in law.inputs),
             "checks": self._checks(),
             "zero": self.literal(0.0),
             **self._jump(),
@@ -419,19 +423,27 @@ class _Writer:
         ]
         parts = identifiers(self.names)
         enum = [f"    ARMGPI_JOINT_{name} = {j}" for j, name in enumerate(parts)]
-        fields = []
-        for part in law.state:
-            note = _NOTES.get(part.path.rpartition(".")[2], "")
-            size = f"[{len(part.symbols)}]" if part.shape else ""
-            fields.append(
-                f"    armgpi_real_t {part.name}{size}; /* {part.path}{': ' if note else ''}{note} */"
+        fields = [
+            (
+                f"armgpi_real_t {part.name}{'[ARMGPI_N]' if part.shape == (law.n,) else _size(part)};",
+                f"{part.path}{_remark(part.path)}",
             )
-        frozen = [
-            "    armgpi_real_t q_ref_mark[ARMGPI_N];  /* reference when the measurement last changed */",
-            "    armgpi_real_t excess_mark[ARMGPI_N]; /* torque less weight, likewise [N m or N] */",
-            "    uint32_t frozen_count[ARMGPI_N];     /* samples that it should have changed in since */",
-            "    uint32_t first;                      /* 1 before the first sample */",
+            for part in law.state
         ]
+        supervision = [
+            ("armgpi_status_t status;", "what it is in"),
+            ("armgpi_reason_t reason;", "of a fault"),
+            ("uint32_t fault_joint;", "joint concerned, see armgpi_joint_t"),
+            ("armgpi_real_t q_last[ARMGPI_N];", "last good measurement [rad or m]"),
+            ("armgpi_real_t tau_fault[ARMGPI_N];", "torque while in FAULT [N m or N]"),
+        ]
+        if self.bounds.frozen_samples:
+            supervision += [
+                ("armgpi_real_t q_ref_mark[ARMGPI_N];", "reference when the measurement last changed"),
+                ("armgpi_real_t excess_mark[ARMGPI_N];", "torque less weight, likewise [N m or N]"),
+                ("uint32_t frozen_count[ARMGPI_N];", "samples that it should have changed in since"),
+                ("uint32_t first;", "1 before the first sample"),
+            ]
         what = {
             "hold": "the torque that carries the arm's weight\n * at the last good posture",
             "zero": "zero",
@@ -443,8 +455,8 @@ class _Writer:
             "dt": self.literal(law.controller.dt),
             "real": _REALS[self.real][0],
             "enum": _listed(enum),
-            "fields": "".join(f"{x}\n" for x in ["    /* The law, by its names in Python. */", *fields]),
-            "frozen_fields": "".join(f"{x}\n" for x in frozen) if self.bounds.frozen_samples else "",
+            "supervision": _members(supervision).rstrip("\n"),
+            "fields": _members(fields),
             "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),
             "action": what[self.bounds.action],
         }
@@ -473,17 +485,18 @@ class _Writer:
 
     def _checks(self) -> str:
         """Return the tests of arguments for numbers that are not finite."""
-        lines = []
+        lines: list[str] = []
         for name in self.law.inputs:
             reason = "MEASUREMENT" if name.endswith("measured") else "REFERENCE"
-            lines += [
-                "    if (reason == ARMGPI_REASON_NONE) {",
-                f"        *joint = first_not_finite({name});",
-                "        if (*joint < ARMGPI_N) {",
-                f"            reason = ARMGPI_REASON_{reason};",
-                "        }",
-                "    }",
+            test = [
+                f"*joint = first_not_finite({name});",
+                "if (*joint < ARMGPI_N) {",
+                f"    reason = ARMGPI_REASON_{reason};",
+                "}",
             ]
+            if lines:
+                test = ["if (reason == ARMGPI_REASON_NONE) {", *(f"    {line}" for line in test), "}"]
+            lines += [f"    {line}" for line in test]
         return "\n".join(lines)
 
     def _jump(self) -> dict[str, str]:
@@ -585,6 +598,24 @@ def template(name: str) -> str:
 def inputs_of(bits: int) -> list[str]:
     """Return the names of a step's arguments, from the bits of `armgpi_info.inputs`."""
     return [name for name in INPUTS if not INPUT_BITS.get(name, 0) & ~bits]
+
+
+def _members(members: Sequence[tuple[str, str]]) -> str:
+    """Return members of a struct with their comments in a column."""
+    width = max((len(member) for member, _ in members), default=0)
+    return "".join(f"    {member:{width}} /* {remark} */\n" for member, remark in members)
+
+
+def _size(part: Table) -> str:
+    """Return the brackets behind a name."""
+    return f"[{len(part.symbols)}]" if part.shape else ""
+
+
+def _remark(path: str) -> str:
+    """Return what a part of the state means, behind its path."""
+    steps = path.split(".")
+    known = _NOTES.get(steps[-1]) or next((_PARTS[step] for step in steps if step in _PARTS), "")
+    return f": {known}" if known else ""
 
 
 def _kind(kernel: Kernel) -> str:

@@ -69,7 +69,9 @@ $law_functions
 /* ---- Supervision ---- */
 
 /* Look at all arguments of a sample, or of init. */
-static armgpi_reason_t check_arguments($parameters_inline, uint32_t *joint)
+static armgpi_reason_t check_arguments(
+$parameters,
+    uint32_t *joint)
 {
     armgpi_reason_t reason = ARMGPI_REASON_NONE;
 

@@ -51,12 +51,9 @@ typedef enum {
 /* All that changes. Allocate it where you like; nothing in it is for others to write. */
 typedef struct {
     /* Supervision. */
-    armgpi_status_t status;
-    armgpi_reason_t reason;            /* of a fault */
-    uint32_t fault_joint;              /* joint concerned, see armgpi_joint_t */
-    armgpi_real_t q_last[ARMGPI_N];    /* last good measurement [rad or m] */
-    armgpi_real_t tau_fault[ARMGPI_N]; /* torque while in FAULT [N m or N] */
-$frozen_fields$fields} armgpi_state_t;
+$supervision
+    /* The law, by its names in Python. */
+$fields} armgpi_state_t;
 
 /* What the code was made for. */
 typedef struct {
