@@ -20,13 +20,16 @@ from armgpi.rollout import Status
 from armgpi.simulation import simulate
 
 
-def run(experiment: Experiment, label: str, progress: bool | None = None) -> xr.Dataset:
+def run(
+    experiment: Experiment, label: str, progress: bool | None = None, backend: str = "auto"
+) -> xr.Dataset:
     """Run one of an experiment's controllers; where its gains adapt they are recorded, with their networks.
 
     Args:
         experiment: from :func:`armgpi.config.build`.
         label: which controller.
         progress: as for :func:`armgpi.simulate`.
+        backend: likewise; "auto" takes generated code where that is faster.
     """
     controller = experiment.controllers[label]
     return simulate(
@@ -37,10 +40,11 @@ def run(experiment: Experiment, label: str, progress: bool | None = None) -> xr.
         record_every=experiment.config.record_every,
         signals=isinstance(controller, GPI) and controller.gains.adaptive,
         progress=progress,
+        backend=backend,
     )
 
 
-def compare(experiment: Experiment, progress: bool | None = None) -> xr.Dataset:
+def compare(experiment: Experiment, progress: bool | None = None, backend: str = "auto") -> xr.Dataset:
     """Run all controllers of an experiment on the same plant and reference.
 
     Returns:
@@ -49,7 +53,7 @@ def compare(experiment: Experiment, progress: bool | None = None) -> xr.Dataset:
     """
     runs: dict[str, xr.Dataset] = {}
     for label in experiment.controllers:
-        runs[label] = run(experiment, label, progress)
+        runs[label] = run(experiment, label, progress, backend)
         if (runs[label]["status"] == Status.INTERRUPTED).any():
             break
     return join(runs)

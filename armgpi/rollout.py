@@ -140,12 +140,19 @@ class Recording:
             place[...] = kept.reshape(place.shape)
         self.stored = begin + len(kept)
 
-    def room(self, name: str) -> Array:
-        """Return the array of a variable, NaN where nothing is stored yet, of shape (k, ..., n)."""
+    def room(self, name: str, blank: bool = True) -> Array:
+        """Return the array of a variable, of shape (k, ..., n).
+
+        Args:
+            name: of the variable.
+            blank: make it NaN where nothing is stored yet; else the caller sees to that.
+        """
         if name in self.variables:
             return self.variables[name]
         try:
-            self.variables[name] = np.full((len(self.times), *self.shape), np.nan)
+            self.variables[name] = np.empty((len(self.times), *self.shape))
+            if blank:
+                self.variables[name].fill(np.nan)
             return self.variables[name]
         except MemoryError:
             raise RolloutError(

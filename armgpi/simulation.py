@@ -218,9 +218,12 @@ def simulate(
     _check_reference(loop, steps * loop.dt)
 
     recording = Recording.new(loop.truth(state).q.shape, steps, loop.dt, record_every)
-    run = _started(backend, loop, state, recording, divergence, signals, steps)
+    plain = _Run(loop, state, recording, divergence, signals)
+    run: _Run | CompiledRun = plain
     with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
         try:
+            if _worth_compiling(backend, recording, steps):
+                run = _compiled(plain, warn=backend == "compiled")
             while run.done < steps and recording.running.any():
                 advance(run.take(min(run.chunk, steps - run.done)))
             run.finish()
@@ -242,33 +245,30 @@ def simulate(
             "divergence": divergence,
             "measurement": controller.sees.__name__,
             "t_final": steps * loop.dt,
+            "backend": "numpy" if isinstance(run, _Run) else "compiled",
         },
     )
 
 
-def _started(
-    backend: str,
-    loop: ClosedLoop,
-    state: LoopState,
-    recording: Recording,
-    divergence: float,
-    signals: bool,
-    steps: int,
-) -> _Run | CompiledRun:
-    """Return a run by the backend asked for, by NumPy where that cannot be."""
-    size = math.prod(recording.shape)
-    if backend == "compiled" or (backend == "auto" and steps * (_CALLS + _NUMBER * size) > _WORTH):
-        try:
-            from armgpi.compiled.run import CompiledRun
+def _worth_compiling(backend: str, recording: Recording, steps: int) -> bool:
+    """Tell whether to run by generated code."""
+    slow = steps * (_CALLS + _NUMBER * math.prod(recording.shape))
+    return backend == "compiled" or (backend == "auto" and slow > _WORTH)
 
-            return CompiledRun(loop, state, recording, divergence, signals)
-        except ModuleNotFoundError as error:
-            reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
-        except BackendError as error:
-            reason = str(error)
-        if backend == "compiled":
-            warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=3)
-    return _Run(loop, state, recording, divergence, signals)
+
+def _compiled(run: _Run, warn: bool) -> _Run | CompiledRun:
+    """Return the same run by generated code, or as it is where that cannot be, with a warning if wanted."""
+    try:
+        from armgpi.compiled.run import CompiledRun
+
+        return CompiledRun(run.loop, run.state, run.recording, run.divergence, run.signals)
+    except ModuleNotFoundError as error:
+        reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
+    except BackendError as error:
+        reason = str(error)
+    if warn:
+        warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=3)
+    return run
 
 
 class _Run:

@@ -21,6 +21,7 @@ _EXTRAS = {
     "viz": (("matplotlib", "matplotlib"), ("meshcat", "meshcat")),
     "check": (("yourdfpy", "yourdfpy"),),
     "bench": (("mujoco", "mujoco"),),
+    "compiled": (("casadi", "casadi"),),
 }
 _NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "pydantic", "typer", "rich", "PyYAML")
 _OLDEST_PIN, _OLDEST_DATA = 4, 6
@@ -67,6 +68,7 @@ def diagnose() -> list[Check]:
         *(_package(name) for name in _NEEDED),
         _example_robot_data(),
         *(_extra(name, packages) for name, packages in _EXTRAS.items()),
+        _compiler(),
         _described(),
         _shadows(),
     ]
@@ -114,6 +116,18 @@ def _package(name: str) -> Check:
     if version is None:
         return Check("bad", name, "is missing", f"pip install {name}")
     return Check("ok", name, version)
+
+
+def _compiler() -> Check:
+    """Return which C compiler makes generated code."""
+    from armgpi.compiled.build import compiler
+    from armgpi.errors import BackendError
+
+    try:
+        found = compiler()
+    except BackendError as error:
+        return Check("note", "C compiler", str(error), "apt install gcc, or xcode-select --install")
+    return Check("ok", "C compiler", found.version.splitlines()[0] if found.version else found.command[0])
 
 
 def _extra(name: str, packages: tuple[tuple[str, str], ...]) -> Check:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED, INTERRUPTED, OK, refusal, stoppable
+from armgpi.cli.words import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
 
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def run(
     dt: opt.SampleTime = None,
     t_final: opt.TFinal = None,
     seed: opt.Seed = None,
+    backend: opt.Backend = "auto",
     out: opt.Out = None,
     plot: opt.Plot = None,
     view: opt.View = False,
@@ -83,6 +84,7 @@ def compare(
     dt: opt.SampleTime = None,
     t_final: opt.TFinal = None,
     seed: opt.Seed = None,
+    backend: opt.Backend = "auto",
     out: opt.Out = None,
     plot: opt.Plot = None,
     view: opt.View = False,
@@ -110,16 +112,17 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi.cli.tables import print_tables
     from armgpi.rollout import Status
 
+    backend = known_backend(options["backend"])
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     _check_out(options)
     pictures.check(options)
     _note_early_end(experiment)
     if compare:
-        result = experiments.compare(experiment)
+        result = experiments.compare(experiment, backend=backend)
     else:
         label = next(iter(experiment.controllers))
-        result = experiments.join({label: experiments.run(experiment, label)})
+        result = experiments.join({label: experiments.run(experiment, label, backend=backend)})
     records = experiments.records(result)
     paths: list[Path] = []
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`

@@ -143,6 +143,12 @@ Out = Annotated[
         "--out", "-o", metavar="FOLDER", help="Where to put rollout.nc, experiment.yaml and metrics.json."
     ),
 ]
+Backend = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME", help="What computes: 'numpy', 'compiled' (generated C), or 'auto': the faster one."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", metavar=FLAG, help="Print JSON instead of tables.")]
 
 # Pictures of what was run.

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from armgpi.cli.options import FLAG, Report
-from armgpi.cli.words import refusal, stoppable
+from armgpi.cli.options import FLAG, Backend, Report
+from armgpi.cli.words import known_backend, refusal, stoppable
 
 
 @stoppable
@@ -22,6 +22,7 @@ def reproduce(
             "--quick", metavar=FLAG, help="A step of 1e-3 s and no side studies: under half a minute."
         ),
     ] = False,
+    backend: Backend = "auto",
     report: Report = None,
 ) -> None:
     """Run the paper again: Tables 2-4 and Figures 5-13, published beside ours, and what it leaves open.
@@ -38,7 +39,12 @@ def reproduce(
     from armgpi.paper.reproduction import reproduce as run
 
     pictures.check({"plot": None, "view": False, "html": None, "report": report})
-    done = run(out, quick=quick, done=lambda name: typer.echo(f"done: {name}", err=True))
+    done = run(
+        out,
+        quick=quick,
+        done=lambda name: typer.echo(f"done: {name}", err=True),
+        backend=known_backend(backend),
+    )
     typer.echo(done.summary)
     typer.echo(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
     if report is not None:

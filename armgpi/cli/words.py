@@ -69,3 +69,12 @@ def locks(items: list[str]) -> dict[str, float | None]:
         except ValueError:
             raise refusal("--lock", f"expected 'name' or 'name=value', got {part!r}") from None
     return locks
+
+
+def known_backend(name: str) -> str:
+    """Return the name of a backend, refusing one that there is not."""
+    from armgpi.simulation import BACKENDS
+
+    if name not in BACKENDS:
+        raise refusal("--backend", f"{name!r} is none of {', '.join(BACKENDS)}")
+    return name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import os
@@ -30,6 +31,8 @@ FLAGS = (
     "-shared",
     "-w",
 )
+#: For one number at a time: operations that wait for each other are put farther apart.
+SCALAR = ("-fschedule-insns",)
 #: Libraries kept at most; the ones used least recently go.
 _KEPT = 256
 #: Longest time that a compiler may take [s].
@@ -68,9 +71,10 @@ def compiler() -> Compiler:
     """
     asked = os.environ.get("CC", "")
     for name in (asked,) if asked else ("cc", "gcc", "clang"):
-        found = _probed(tuple(shlex.split(name)) or ("",))
-        if found is not None:
-            return found
+        with suppress(ValueError):  # a quotation without an end
+            found = _probed(tuple(shlex.split(name)) or ("",))
+            if found is not None:
+                return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
     raise BackendError(f"no C compiler: {wanted}; install GCC or Clang, or set CC")
 
@@ -148,6 +152,7 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
         work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
     except OSError:  # a home that cannot be written: compile for this process alone
         folder = work = Path(tempfile.mkdtemp(prefix="armgpi-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     try:
         (work / "loop.c").write_text(source)
         built = work / "loop.so"

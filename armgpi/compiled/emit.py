@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -45,12 +45,10 @@ class Code:
 
     Attributes:
         lines: the lines.
-        results: for every expression the C expression of its value.
         operations: how many arithmetic operations there are.
     """
 
     lines: list[str] = field(default_factory=list)
-    results: list[str] = field(default_factory=list)
     operations: int = 0
 
 
@@ -81,103 +79,83 @@ def literal(x: float) -> str:
     return f"({text})" if x < 0.0 else text
 
 
+class CallSite(NamedTuple):
+    """A call among the lines: it takes some of the outputs, and others use what it returns.
+
+    Attributes:
+        arguments: indices of the outputs that it takes, from the first to the one after the last.
+        results: what its results are in C, as they stand in the inputs.
+        lines: what to write.
+    """
+
+    arguments: tuple[int, int]
+    results: Sequence[str]
+    lines: Sequence[str]
+
+
 def straight_line(
     inputs: Sequence[tuple[Any, str]],
     outputs: Sequence[Any],
+    targets: Sequence[str],
     dialect: Dialect,
-    after: Mapping[int, Callable[[Sequence[str]], Sequence[str]]] | None = None,
+    calls: Sequence[CallSite] = (),
+    order: Sequence[int] = (),
 ) -> Code:
-    """Return the C that works out expressions in their order.
+    """Return the C that works out expressions and assigns them.
+
+    Every result is assigned as soon as it is known, and worked out as early as its order allows, so that
+    little has to be kept on the way: between two calls first what has order 0 (joint 1), and so on.
 
     Args:
         inputs: symbols, and what each is in C.
         outputs: expressions (CasADi scalars).
+        targets: where each goes.
         dialect: how to write numbers.
-        after: number of outputs known -> what to write then, given their C expressions: a call whose results
-            later outputs may use.
+        calls: calls, in their order.
+        order: of each output; all the same when not given.
 
     Raises:
         NotElementwise: when an operation has no C here.
     """
     function = ca.Function(
-        "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.vertcat(*outputs)]
+        "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.SX(ca.vertcat(*outputs))]
     )
-    instructions = list(_instructions(function, [name for _, name in inputs], dialect))
-    rows = function.sparsity_out(0).row()
-    divisors = Counter(step.operands[1] for step in instructions if step.kind == ca.OP_DIV)
-    code = Code()
-    truths: set[str] = set()
-    inverses: dict[str, str] = {}
-    results: dict[int, str] = {}
-    after = after or {}
-    zero, one = dialect.constant(0.0), dialect.constant(1.0)
-    written = 0
-
-    def number(text: str) -> str:
-        return f"v_number({text})" if text in truths else text
-
-    def truth(text: str) -> str:
-        return text if text in truths else f"v_ne({text}, {zero})"
-
-    def call(known: int) -> None:
-        """Write what comes after so many outputs; those that are zero by structure are never put out."""
-        nonlocal written
-        for count in range(written, known + 1):
-            if count in after:
-                code.lines.extend(after[count]([results.get(i, zero) for i in range(count)]))
-        written = known + 1
-
-    call(rows[0] if rows else len(outputs))
-    for kind, name, operands in instructions:
-        if kind == ca.OP_OUTPUT:
-            place = int(name)
-            results[rows[place]] = number(operands[0])
-            # At once, as the next output may use what is called.
-            call(rows[place + 1] if place + 1 < len(rows) else len(outputs))
-            continue
-        numbers = [number(text) for text in operands]
-        if kind == ca.OP_DIV and divisors[operands[1]] > 1:
-            # One division for all that have a divisor in common.
-            if operands[1] not in inverses:
-                inverses[operands[1]] = f"i{name}"
-                code.lines.append(f"const {dialect.number} i{name} = {one} / {numbers[1]};")
-            text = f"{numbers[0]} * {inverses[operands[1]]}"
-        elif kind in (ca.OP_FMIN, ca.OP_FMAX):
-            text = _clamped(kind, numbers[0], numbers[1], dialect)
-        elif kind in _NUMBER:
-            text = _NUMBER[kind].format(*numbers)
-        elif kind in _TRUTH:
-            text = _TRUTH[kind].format(*numbers)
-            truths.add(name)
-        elif kind in _LOGIC:
-            text = _LOGIC[kind].format(*map(truth, operands))
-            truths.add(name)
-        elif kind == ca.OP_IF_ELSE_ZERO:
-            text = f"v_only({truth(operands[0])}, {numbers[1]})"
-        elif kind == ca.OP_INV:
-            text = f"{one} / {numbers[0]}"
-        else:
-            raise NotElementwise(f"it uses CasADi's operation {kind}, which the generator does not know")
-        code.lines.append(f"const {dialect.truth if name in truths else dialect.number} {name} = {text};")
-        code.operations += 1
-    code.results = [results.get(i, zero) for i in range(len(outputs))]
-    return code
+    graph = _graph(function, [name for _, name in inputs], dialect)
+    writer = _Writer(graph, dialect)
+    level = _levels(graph, calls)
+    values = [graph.outputs.get(i, dialect.constant(0.0)) for i in range(len(outputs))]
+    stage = [level.get(text, 0) for text in values]
+    for number, call in enumerate(calls):
+        stage[slice(*call.arguments)] = [number] * (call.arguments[1] - call.arguments[0])
+    for number in range(len(calls) + 1):
+        due = [i for i in range(len(outputs)) if stage[i] == number]
+        for i in sorted(due, key=lambda i: order[i] if order else 0):
+            writer.assign(targets[i], values[i])
+        if number < len(calls):
+            writer.code.lines.extend(calls[number].lines)
+    return writer.code
 
 
-class _Instruction(NamedTuple):
+class _Step(NamedTuple):
     kind: int
-    name: str  # of the result, for an output its place
     operands: tuple[str, ...]
 
 
-def _instructions(function: Any, inputs: Sequence[str], dialect: Dialect) -> Iterator[_Instruction]:
-    """Give CasADi's instructions with a name for each result, in place of places in working memory."""
+class _Graph(NamedTuple):
+    steps: dict[str, _Step]  # by the name of the result, operands first
+    outputs: dict[int, str]  # those that are not zero by structure
+
+
+def _graph(function: Any, inputs: Sequence[str], dialect: Dialect) -> _Graph:
+    """Return CasADi's instructions with a name for each result, in place of places in working memory."""
     names: dict[int, str] = {}
+    graph = _Graph({}, {})
+    rows = function.sparsity_out(0).row()
     for i in range(function.n_instructions()):
         kind = function.instruction_id(i)
         if kind == ca.OP_OUTPUT:
-            place = function.instruction_output(i)[1]
-            yield _Instruction(kind, str(place), (names[function.instruction_input(i)[0]],))
+            place = rows[function.instruction_output(i)[1]]
+            graph.outputs[place] = names[function.instruction_input(i)[0]]
             continue
         out = function.instruction_output(i)[0]
         if kind == ca.OP_INPUT:
@@ -187,7 +165,85 @@ def _instructions(function: Any, inputs: Sequence[str], dialect: Dialect) -> Ite
         else:
             operands = tuple(names[place] for place in function.instruction_input(i))
             names[out] = f"x{i}"
-            yield _Instruction(kind, names[out], operands)
+            graph.steps[names[out]] = _Step(kind, operands)
+    return graph
+
+
+def _levels(graph: _Graph, calls: Sequence[CallSite]) -> dict[str, int]:
+    """Return after how many calls each value can be worked out."""
+    level = {text: number + 1 for number, call in enumerate(calls) for text in call.results}
+    for name, step in graph.steps.items():
+        level[name] = max(level.get(text, 0) for text in step.operands)
+    return level
+
+
+class _Writer:
+    """Writes steps when they are needed, each once."""
+
+    def __init__(self, graph: _Graph, dialect: Dialect) -> None:
+        self.code = Code()
+        self._steps, self._dialect = graph.steps, dialect
+        self._written: set[str] = set()
+        self._truths: set[str] = set()
+        self._inverses: dict[str, str] = {}  # divisor -> its reciprocal
+        self._divisors = Counter(s.operands[1] for s in graph.steps.values() if s.kind == ca.OP_DIV)
+
+    def assign(self, target: str, text: str) -> None:
+        """Write an assignment, and before it what it needs."""
+        waiting = [text]
+        while waiting:
+            name = waiting[-1]
+            step = self._steps.get(name)
+            if step is None or name in self._written:
+                waiting.pop()
+                continue
+            missing = [x for x in step.operands if x in self._steps and x not in self._written]
+            if missing:
+                waiting.extend(reversed(missing))
+                continue
+            self._write(name, step)
+            self._written.add(waiting.pop())
+        self.code.lines.append(f"{target} = {self._number(text)};")
+
+    def _write(self, name: str, step: _Step) -> None:
+        """Write one step."""
+        kind, operands = step
+        numbers = [self._number(text) for text in operands]
+        one = self._dialect.constant(1.0)
+        if kind == ca.OP_DIV and self._divisors[operands[1]] > 1:
+            # One division for all that have a divisor in common.
+            if operands[1] not in self._inverses:
+                self._inverses[operands[1]] = f"i{name}"
+                self.code.lines.append(f"const {self._dialect.number} i{name} = {one} / {numbers[1]};")
+                self.code.operations += 1
+            text = f"{numbers[0]} * {self._inverses[operands[1]]}"
+        elif kind in (ca.OP_FMIN, ca.OP_FMAX):
+            text = _clamped(kind, numbers[0], numbers[1], self._dialect)
+        elif kind in _NUMBER:
+            text = _NUMBER[kind].format(*numbers)
+        elif kind in _TRUTH:
+            text = _TRUTH[kind].format(*numbers)
+            self._truths.add(name)
+        elif kind in _LOGIC:
+            text = _LOGIC[kind].format(*map(self._truth, operands))
+            self._truths.add(name)
+        elif kind == ca.OP_IF_ELSE_ZERO:
+            text = f"v_only({self._truth(operands[0])}, {numbers[1]})"
+        elif kind == ca.OP_INV:
+            text = f"{one} / {numbers[0]}"
+        else:
+            raise NotElementwise(f"it uses CasADi's operation {kind}, which the generator does not know")
+        kept = self._dialect.truth if name in self._truths else self._dialect.number
+        self.code.lines.append(f"const {kept} {name} = {text};")
+        self.code.operations += 1
+
+    def _number(self, text: str) -> str:
+        """Return a value as a number."""
+        return f"v_number({text})" if text in self._truths else text
+
+    def _truth(self, text: str) -> str:
+        """Return a value as a truth."""
+        return text if text in self._truths else f"v_ne({text}, {self._dialect.constant(0.0)})"
 
 
 def _clamped(kind: int, a: str, b: str, dialect: Dialect) -> str:

@@ -94,18 +94,22 @@ static inline V v_abs(V x) { return v_from(v_bits(x) & ((U)v_bits(v_set(0.0)) + 
 static inline V v_min(V a, V b) { return v_select(v_ne(b, b), b, v_lower(a, b)); }
 static inline V v_max(V a, V b) { return v_select(v_ne(b, b), b, v_upper(a, b)); }
 
-/* Nearest whole number, an even one from halfway: adding 1.5 2^52 leaves no room for a fraction. */
+/* Nearest whole number, an even one from halfway: adding 2^52 leaves no room for a fraction. */
 static inline V v_rint(V x)
 {
-    const V big = v_set(0x1.8p52);
-    return v_select(v_lt(v_abs(x), v_set(0x1p51)), (x + big) - big, x);
+    const V big = v_set(0x1p52), size = v_abs(x);
+    const U sign = v_bits(x) ^ v_bits(size);
+    return v_select(v_lt(size, big), v_from(v_bits((size + big) - big) | sign), x);
 }
 static inline V v_floor(V x)
 {
     const V near = v_rint(x);
     return near - v_number(v_lt(x, near));
 }
-static inline V v_sign(V x) { return v_number(v_lt(v_set(0.0), x)) - v_number(v_lt(x, v_set(0.0))); }
+static inline V v_sign(V x)
+{
+    return v_select(v_ne(x, x), x, v_number(v_lt(v_set(0.0), x)) - v_number(v_lt(x, v_set(0.0))));
+}
 
 #define EACH(name, f)                                                  \
     static inline V name(V x)                                          \
@@ -119,7 +123,7 @@ EACH(v_exp, exp)
 EACH(v_log, log)
 
 /* Sine and cosine: x - k pi / 2 in three parts (Cody, Waite 1980), then fdlibm's polynomials on
-   [-pi/4, pi/4]. The absolute error is below 1.3e-16 for |x| < 1e5 (tests); NaN and infinity give NaN. */
+   [-pi/4, pi/4]. The absolute error is below 1.6e-16 for |x| < 1e6 (tests); NaN and infinity give NaN. */
 typedef struct { V sine, cosine; U quadrant; } Quarter;
 static inline Quarter v_quarter(V x)
 {

@@ -30,7 +30,7 @@ class Body(NamedTuple):
         parent: index of the body that the joint stands on, -1 for the base.
         turns: whether the joint turns; it slides otherwise.
         numbers: joint axis (3), placement in the parent (rotation 9, position 3), mass, mass times centre
-            (3), inertia about the joint's origin (6: xx, xy, yy, xz, yz, zz) and armature: 27 numbers.
+            (3), inertia about the joint's origin (6: xx, xy, yy, xz, yz, zz) and armature: 26 numbers.
     """
 
     parent: int
@@ -62,6 +62,45 @@ def bodies(model: Any) -> tuple[list[Body], Array]:
     return found, np.array(model.gravity.linear)
 
 
+def regrouped(found: Sequence[Body]) -> list[Body]:
+    """Return bodies of the same equations of motion with fewer numbers (Khalil and Bennis 1987).
+
+    What a turning joint does not notice of its body goes to the parent: its mass, its first moment along
+    the axis a, and s (1 - a a') of its inertia, with s its moment about an axis across.
+    """
+    numbers = [body.numbers.copy() for body in found]
+    for i in reversed(range(len(found))):
+        axis, rotation, position = numbers[i][:3], numbers[i][3:12].reshape(3, 3), numbers[i][12:15]
+        across = np.flatnonzero(axis == 0.0)
+        if not found[i].turns or len(across) < 2:
+            continue
+        mass, first, second = numbers[i][15], numbers[i][16:19], _tensor(numbers[i][19:25])
+        about = second[across[1], across[1]]
+        along, disc = (axis @ first) * axis, about * (np.eye(3) - np.outer(axis, axis))
+        numbers[i][15] = 0.0
+        numbers[i][16:19] = _without_rounding(first - along, np.abs(first).max())
+        numbers[i][19:25] = _without_rounding((second - disc)[np.tril_indices(3)], np.abs(second).max())
+        if found[i].parent >= 0:
+            along, parent = rotation @ along, numbers[found[i].parent]
+            shift = np.outer(position, along) + np.outer(along + mass * position, position)
+            moved = rotation @ disc @ rotation.T + np.trace(shift) * np.eye(3) - shift
+            parent[15] += mass
+            parent[16:19] += along + mass * position
+            parent[19:25] += moved[np.tril_indices(3)]
+    return [body._replace(numbers=x) for body, x in zip(found, numbers, strict=True)]
+
+
+def _tensor(six: Array) -> Array:
+    """Return a symmetric matrix from its lower half."""
+    xx, xy, yy, xz, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _without_rounding(x: Array, size: float) -> Array:
+    """Return numbers of which those that are rounding errors of `size` are zero."""
+    return np.where(np.abs(x) < _ROUNDING * size, 0.0, x)
+
+
 class SymbolicModel:
     """The equations of motion of one arm, or of arms of one structure, as expressions.
 
@@ -84,6 +123,9 @@ class SymbolicModel:
             ValueError: when the models have joints of different kinds or another order.
         """
         rows, gravity = zip(*(bodies(model) for model in models), strict=True)
+        if len(models) == 1:
+            # Of several arms more numbers would differ after this than before.
+            rows = (regrouped(rows[0]),)
         self._bodies = rows[0]
         shape = [(body.parent, body.turns) for body in self._bodies]
         if any([(body.parent, body.turns) for body in row] != shape for row in rows):
@@ -160,7 +202,19 @@ class SymbolicModel:
         return tau if self._ratio is None else self._ratio.T @ tau
 
     def inertia(self, q: Expressions) -> Expressions:
-        """Return D(q), shape (n, n), by composite rigid bodies (Featherstone 2008, ch. 6)."""
+        """Return D(q), shape (n, n), in the way that takes fewer operations here."""
+        composite, jacobian = self._composite(q), self._jacobian(q)
+        below = np.tril_indices(self.n)
+        return min(composite, jacobian, key=lambda matrix: int(ca.n_nodes(_vector(matrix[below]))))
+
+    def _jacobian(self, q: Expressions) -> Expressions:
+        """Return D(q) as the Jacobian of the inverse dynamics in the accelerations."""
+        a = ca.SX.sym("a", self.n)
+        matrix = ca.jacobian(_vector(self.inverse(q, None, scalars(a), weight=False)), a)
+        return np.array([[Scalar(matrix[i, j]) for j in range(self.n)] for i in range(self.n)], dtype=object)
+
+    def _composite(self, q: Expressions) -> Expressions:
+        """Return D(q) by composite rigid bodies (Featherstone 2008, ch. 6)."""
         q, count = self._all(q), len(self._bodies)
         places = [self._placed(i, q[i]) for i in range(count)]
         masses, firsts, seconds = ([self._split(i)[k] for i in range(count)] for k in (3, 4, 5))
@@ -327,6 +381,11 @@ def _cross(a: Expressions, b: Expressions) -> Expressions:
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], dtype=object
     )
+
+
+def _vector(x: Expressions) -> Any:
+    """Return expressions as a CasADi vector."""
+    return ca.SX(ca.vertcat(*(value.sx if isinstance(value, Scalar) else value for value in x)))
 
 
 def scalars(x: Any) -> Expressions:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from importlib.resources import files
 from itertools import pairwise
@@ -16,7 +15,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.compiled import build
-from armgpi.compiled.emit import Dialect, straight_line
+from armgpi.compiled.emit import CallSite, Dialect, straight_line
+from armgpi.compiled.kernels import Kernel
 from armgpi.compiled.symbols import NotElementwise
 from armgpi.compiled.trace import Trace, trace
 from armgpi.dynamics import thread_count
@@ -26,6 +26,7 @@ from armgpi.rollout import Recording, Status
 #: What every run records, in this order; the first five belong to the sample, the others to the torque.
 _ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
 _HELD, _TAU = _ORDER.index("tau_command"), _ORDER.index("tau")
+_TARGETS = ("q_ref", "v_ref")
 #: How long one call of the generated code should take [s]: between two calls Ctrl-C is heard.
 _CALL = 0.05
 #: Numbers in a table of targets, at most.
@@ -51,15 +52,13 @@ def source(traced: Trace, lanes: int) -> str:
         _text("lanes.h"),
     ]
     for kernel in kernels.values():
-        code = kernel.code(dialect)
         parts += [
-            f"static __attribute__((noinline)) void {kernel.name}(const V *x, const V *m, V *y)",
+            f"static __attribute__((noinline)) void {kernel.name}(",
+            "    const V *restrict x, const V *m, V *restrict y)",
             "{",
-            *code.lines,
-            *(f"y[{i}] = {text};" for i, text in enumerate(code.results)),
+            *kernel.code(dialect).lines,
             "}",
         ]
-    recorded = [x for name in names for x in traced.recorded[name]]
     inputs = [
         (traced.k, "k"),
         *((x, f"s[{i}]") for i, x in enumerate(traced.state)),
@@ -69,47 +68,47 @@ def source(traced: Trace, lanes: int) -> str:
         *((x, f"u[{i * traced.n + j}]") for i, d in enumerate(traced.draws) for j, x in enumerate(d.symbols)),
     ]
     outputs: list[Any] = []
-    calls = {}
+    targets: list[str] = []
+    order: list[int] = []
+    calls = []
     for i, call in enumerate(traced.calls):
-        begin = len(outputs)
+        begin, size = len(outputs), call.kernel.sizes[0]
         outputs += call.arguments
+        targets += [f"x_{i}[{j}]" for j in range(len(call.arguments))]
+        order += [j % size for j in range(len(call.arguments))]
+        results = [f"y{i}[{j}]" for j in range(call.kernel.size)]
+        inputs += zip(call.results, results, strict=True)
         first = own[str(call.parameters[0])] if call.parameters else 0
-        calls[len(outputs)] = _call(i, call.kernel, begin, first)
-        inputs += [(x, f"y{i}[{j}]") for j, x in enumerate(call.results)]
-    body = straight_line(inputs, [*outputs, *traced.after, *recorded], dialect, calls)
-    results = body.results[len(outputs) :]
+        calls.append(CallSite((begin, len(outputs)), results, _written(i, call.kernel, first)))
+    recorded = [x for name in names for x in traced.recorded[name]]
+    outputs += [*traced.after, *recorded]
+    targets += [f"z[{i}]" for i in range(len(traced.after))] + [f"r[{i}]" for i in range(len(recorded))]
+    order += [*traced.joints, *(i % traced.n for i in range(len(recorded)))]
     parts += [
-        "static void sample(const V *s, V *z, const double *p, const V *o, const V *t,",
-        "                   const V *u, V k, V *r)",
+        "static __attribute__((noinline)) void sample(const V *restrict s, V *restrict z, const double *p,",
+        "    const V *o, const V *t, const V *u, V k, V *restrict r)",
         "{",
-        *body.lines,
-        *(f"z[{i}] = {text};" for i, text in enumerate(results[: len(traced.after)])),
-        *(f"r[{i}] = {text};" for i, text in enumerate(results[len(traced.after) :])),
+        *(
+            f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];"
+            for i, call in enumerate(traced.calls)
+        ),
+        *straight_line(inputs, outputs, targets, dialect, calls, order).lines,
         "}",
         _text("loop.h"),
     ]
     return "\n".join(parts)
 
 
-def _call(i: int, kernel: Any, begin: int, first: int) -> Any:
-    """Return what writes the call of a kernel, given the C of all that is known."""
-
-    def write(known: Sequence[str]) -> list[str]:
-        texts = known[begin:]
-        lines = [f"V x_{i}[{len(texts)}], y{i}[{kernel.size}];"]
-        lines += [f"x_{i}[{j}] = {text};" for j, text in enumerate(texts)]
-        call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
-        if kernel.skip is None:
-            return [*lines, call]
-        # Where the argument is zero so is the result, at no cost.
-        start = sum(kernel.sizes[: kernel.skip])
-        tests = " | ".join(
-            f"v_ne(x_{i}[{j}], v_set(0.0))" for j in range(start, start + kernel.sizes[kernel.skip])
-        )
-        zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
-        return [*lines, f"if (v_any({tests})) {call} else {{ {zeros} }}"]
-
-    return write
+def _written(i: int, kernel: Kernel, first: int) -> list[str]:
+    """Return the lines of a call; where an argument makes the result zero, it costs nothing when it is."""
+    call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
+    if kernel.skip is None:
+        return [call]
+    start = sum(kernel.sizes[: kernel.skip])
+    places = range(start, start + kernel.sizes[kernel.skip])
+    tests = " | ".join(f"v_ne(x_{i}[{j}], v_set(0.0))" for j in places)
+    zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
+    return [f"if (v_any({tests})) {call} else {{ {zeros} }}"]
 
 
 def _text(name: str) -> str:
@@ -155,9 +154,19 @@ class CompiledRun:
             _keep_used(traced)
             self.rows = len(recording.status)
             self.lanes = lanes or (1 if self.rows == 1 else build.widest())
-            self._library = build.library(source(traced, self.lanes))
+            flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
+            text = source(traced, self.lanes)
+            if traced.foreign and text != _again(loop, state, signals, self.lanes):
+                raise NotElementwise("it gives something else each time that it is asked (random numbers?)")
+            self._library = build.library(text, flags)
         except NotElementwise as error:
             raise BackendError(f"this loop has no generated code: {error}") from None
+        except (BackendError, MemoryError):
+            raise
+        except Exception as error:  # whatever a law does with symbols in place of numbers
+            words = " ".join(str(error).split()) or "no reason given"
+            text = f"this loop has no generated code: {type(error).__name__} on symbols: {words}"
+            raise BackendError(text) from error
         self.loop, self.recording = loop, recording
         self.done = 0
         self.chunk = 16
@@ -178,7 +187,7 @@ class CompiledRun:
             "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
             "ended": np.full(self.rows, -1, dtype=np.int64),
         }
-        arrays = [recording.room(name) for name in names]
+        arrays = [recording.room(name, blank=False) for name in names]
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job = _Job(
             **{name: array.ctypes.data for name, array in self._keep.items()},
@@ -206,6 +215,8 @@ class CompiledRun:
         self._job.final = 1
         self._run(self.done, self.done + 1)
         self._store(self.done + 1)
+        for values in self.recording.variables.values():  # where all diverged, time goes on without them
+            values[self.recording.stored :] = np.nan
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -259,8 +270,32 @@ class CompiledRun:
         recording.t_end[rows] = ended[rows] * self.loop.dt
 
     def _store(self, samples: int) -> None:
-        """Say how many samples the recording has."""
-        self.recording.stored = -(-samples // self.recording.every)
+        """Say how many samples there are; a rollout that diverged has its targets alone from then on."""
+        recording, ended = self.recording, self._keep["ended"]
+        recording.stored = -(-samples // recording.every)
+        for name, values in recording.variables.items():
+            rows = values.reshape(len(values), self.rows, -1)
+            for row in np.flatnonzero(ended >= 0) if name not in _TARGETS else ():
+                rows[-(-ended[row] // recording.every) : recording.stored, row] = np.nan
+        self._store_targets()
+
+    def _store_targets(self) -> None:
+        """Record the targets of rollouts that have diverged, which the generated code no longer does."""
+        recording, ended = self.recording, self._keep["ended"]
+        diverged = np.flatnonzero(ended >= 0)
+        if not len(diverged):
+            return
+        first = int(-(-ended[diverged].min() // recording.every))
+        at_once = max(1, _TABLE // (self.rows * self._traced.n))
+        for begin in range(first, recording.stored, at_once):
+            times = slice(begin, min(begin + at_once, recording.stored))
+            target = self.loop.reference.at(recording.times[times])
+            for name, part in zip(_TARGETS, target, strict=False):
+                rows = recording.variables[name][times].reshape(-1, self.rows, self._traced.n)
+                values = np.broadcast_to(part if part.ndim == 3 else part[:, None], rows.shape)
+                for row in diverged:
+                    late = max(0, int(-(-ended[row] // recording.every)) - begin)
+                    rows[late:, row] = values[late:, row]
 
     def _packed(self, columns: Array) -> Array:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
@@ -272,6 +307,13 @@ class CompiledRun:
         return aligned
 
 
+def _again(loop: Any, state: Any, signals: bool, lanes: int) -> str:
+    """Return the C of a loop that is traced once more."""
+    traced = trace(loop, state, signals)
+    _keep_used(traced)
+    return source(traced, lanes)
+
+
 def _keep_used(traced: Trace) -> None:
     """Drop parameters that nothing uses."""
     expressions = [
@@ -279,7 +321,7 @@ def _keep_used(traced: Trace) -> None:
         *(x for call in traced.calls for x in call.arguments),
         *(x for xs in traced.recorded.values() for x in xs),
     ]
-    used = {str(symbol) for symbol in ca.symvar(ca.vertcat(*expressions))}
+    used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
     for call in traced.calls:
         used.update(map(str, call.parameters))
     traced.shared = [(symbol, value) for symbol, value in traced.shared if str(symbol) in used]

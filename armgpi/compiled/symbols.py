@@ -52,35 +52,59 @@ class Scalar:
 
     def __add__(self, other: Any) -> Any:
         """Return the sum."""
-        return _sum(self, other)
+        return _sum(self, other) if _is_one(other) else NotImplemented
 
     def __sub__(self, other: Any) -> Any:
         """Return the difference."""
-        return _difference(self, other)
+        return _difference(self, other) if _is_one(other) else NotImplemented
 
     def __mul__(self, other: Any) -> Any:
         """Return the product."""
-        return _product(self, other)
+        return _product(self, other) if _is_one(other) else NotImplemented
 
     def __truediv__(self, other: Any) -> Any:
         """Return the quotient."""
-        return _divide(self, other)
+        return _divide(self, other) if _is_one(other) else NotImplemented
 
     def __radd__(self, other: Any) -> Any:
         """Return the sum."""
-        return _sum(other, self)
+        return _sum(other, self) if _is_one(other) else NotImplemented
 
     def __rsub__(self, other: Any) -> Any:
         """Return the difference."""
-        return _difference(other, self)
+        return _difference(other, self) if _is_one(other) else NotImplemented
 
     def __rmul__(self, other: Any) -> Any:
         """Return the product."""
-        return _product(other, self)
+        return _product(other, self) if _is_one(other) else NotImplemented
 
     def __rtruediv__(self, other: Any) -> Any:
         """Return the quotient."""
-        return _divide(other, self)
+        return _divide(other, self) if _is_one(other) else NotImplemented
+
+    def __lt__(self, other: Any) -> Any:
+        """Return whether it is below."""
+        return _less(self, other)
+
+    def __le__(self, other: Any) -> Any:
+        """Return whether it is not above."""
+        return _not_above(self, other)
+
+    def __gt__(self, other: Any) -> Any:
+        """Return whether it is above."""
+        return _less(other, self)
+
+    def __ge__(self, other: Any) -> Any:
+        """Return whether it is not below."""
+        return _not_above(other, self)
+
+    def __eq__(self, other: Any) -> Any:
+        """Return whether the two are equal."""
+        return _equal(self, other)
+
+    def __ne__(self, other: Any) -> Any:
+        """Return whether the two differ."""
+        return _unequal(self, other)
 
     def __neg__(self) -> Scalar:
         """Return the negative."""
@@ -109,6 +133,11 @@ class Scalar:
     def __mod__(self, other: Any) -> Scalar:
         """Return the remainder with the sign of the divisor, as Python's."""
         return Scalar(self.sx - ca.floor(self.sx / _sx(other)) * _sx(other))
+
+
+def _is_one(x: Any) -> bool:
+    """Tell one number from an array, whose operators work through its entries."""
+    return isinstance(x, Scalar | int | float | np.number)
 
 
 def _sx(x: Any) -> Any:
@@ -154,6 +183,7 @@ def _difference(a: Any, b: Any) -> Any:
     return a if not isinstance(b, Scalar) and b == 0.0 else _subtract(a, b)
 
 
+_less, _not_above, _equal, _unequal = map(_binary, (operator.lt, operator.le, operator.eq, operator.ne))
 _multiply, _add, _subtract, _divide = map(
     _binary, (operator.mul, operator.add, operator.sub, operator.truediv)
 )
@@ -181,12 +211,12 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.true_divide: _divide,
     np.minimum: _binary(ca.fmin),
     np.maximum: _binary(ca.fmax),
-    np.less: _binary(operator.lt),
-    np.less_equal: _binary(operator.le),
-    np.greater: _binary(operator.gt),
-    np.greater_equal: _binary(operator.ge),
-    np.equal: _binary(operator.eq),
-    np.not_equal: _binary(operator.ne),
+    np.less: _less,
+    np.less_equal: _not_above,
+    np.greater: lambda a, b: _less(b, a),
+    np.greater_equal: lambda a, b: _not_above(b, a),
+    np.equal: _equal,
+    np.not_equal: _unequal,
     np.logical_and: _binary(ca.logic_and),
     np.logical_or: _binary(ca.logic_or),
     np.bitwise_and: _binary(ca.logic_and),
@@ -363,7 +393,6 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     # A power that is a sum of products needs no more than these.
     np.sum: lambda x, axis=None: _wrapped(np.sum(_objects(x), axis=axis)),
     np.dot: lambda a, b: _wrapped(np.dot(_objects(a), _objects(b))),
-    np.count_nonzero: lambda x: 1,
 }
 
 

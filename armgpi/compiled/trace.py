@@ -8,8 +8,11 @@ sample is taken.
 from __future__ import annotations
 
 import copy
+import traceback
 import types
 from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -25,6 +28,11 @@ from armgpi.plants.rigid_body import LoadTable
 from armgpi.references.reference import Reference, Target
 from armgpi.robot import AnyRobot, Robot, RobotBatch
 
+#: What is taken as it is: it does not change.
+_PLAIN = (
+    *(str, bytes, int, float, complex, type(None), type, range, slice, frozenset, Enum, np.generic, np.ufunc),
+    *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
+)
 #: References of more operations than this are worked out by NumPy, as a table.
 _LONG_REFERENCE = 3000
 
@@ -84,6 +92,7 @@ class Trace:
         state: symbols of the state.
         start: their values at the start, shape (rollouts, s).
         after: expressions of the state after the sample.
+        joints: the joint that each part of the state belongs to.
         calls: uses of the dynamics, in order.
         shared: symbols and values of parameters that all rollouts share.
         own: symbols and values (rollouts,) of those that each rollout has its own of.
@@ -91,12 +100,14 @@ class Trace:
         draws: random numbers used.
         k: symbol of the sample's number.
         recorded: name -> n expressions.
+        foreign: whether there are laws among it that do not come with armgpi.
     """
 
     n: int
     state: list[Any] = field(default_factory=list)
     start: Array = field(default_factory=lambda: np.empty((0, 0)))
     after: list[Any] = field(default_factory=list)
+    joints: list[int] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
     shared: list[tuple[Any, float]] = field(default_factory=list)
     own: list[tuple[Any, Array]] = field(default_factory=list)
@@ -104,6 +115,7 @@ class Trace:
     draws: list[Draws] = field(default_factory=list)
     k: Any = None
     recorded: dict[str, list[Any]] = field(default_factory=dict)
+    foreign: bool = False
 
 
 class Lifting:
@@ -113,11 +125,12 @@ class Lifting:
     those that differ between rollouts, and get traced dynamics.
     """
 
-    def __init__(self, trace: Trace) -> None:
-        """Note symbols, values and calls in `trace`."""
+    def __init__(self, trace: Trace, rollouts: int) -> None:
+        """Note symbols, values and calls in `trace`, of a loop of so many rollouts."""
         self.trace = trace
+        self._rollouts = rollouts
         self._copies: dict[int, Any] = {}
-        self._kept: list[Any] = []  # what ids in _copies belong to
+        self._kept: list[tuple[Any, Any, Any]] = []  # what ids in _copies belong to, copies and their content
         self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
@@ -130,12 +143,10 @@ class Lifting:
             return self.array(np.array(value))
         elif isinstance(value, Robot | RobotBatch):
             return self._robot(value)
-        elif isinstance(value, BSplineBasis | Arm | str | bytes | int | float | type(None) | type):
+        elif isinstance(value, (BSplineBasis, Arm, *_PLAIN)):
             return value
         elif isinstance(value, types.MethodType):
             return types.MethodType(value.__func__, self(value.__self__, numbers))
-        elif isinstance(value, types.FunctionType | types.BuiltinFunctionType | types.ModuleType):
-            return value
         elif isinstance(value, tuple):
             items = [self(item, numbers) for item in value]
             lifted = tuple.__new__(type(value), items)
@@ -147,19 +158,20 @@ class Lifting:
             lifted = self._dynamics(value)
         elif isinstance(value, LoadTable):
             lifted = _TracedLoads(self(value.plant, numbers), value.substeps)
-        elif hasattr(value, "__dict__"):
+        elif _is_plain_object(value):
             return self._object(value, numbers or isinstance(value, Load | Reference))
-        else:
-            return value
+        else:  # it may hold anything: random numbers, a queue, a file
+            raise NotElementwise(f"it holds a {type(value).__name__}")
         self._note(value, lifted)
         return lifted
 
     def array(self, values: Array) -> Any:
         """Return symbols for an array of numbers: shared, or of each rollout its own."""
-        if values.dtype != np.float64 or values.ndim > 2:
+        rows = values.ndim == 2 and len(values) in (1, self._rollouts)
+        if values.dtype != np.float64 or (values.ndim > 1 and not rows):
             return values
         symbols = Symbols.new(f"p{len(self.trace.shared)}_{len(self.trace.own)}", values.shape[-1:])
-        if values.ndim == 2:
+        if rows:
             self.trace.own += zip(flat(symbols), values.T, strict=True)
         else:
             self.trace.shared += zip(flat(symbols), values.ravel().tolist(), strict=True)
@@ -167,23 +179,28 @@ class Lifting:
 
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
-        try:
-            made = object.__new__(type(value))
-        except TypeError:  # made by C, as what calls into a library is
-            raise NotElementwise(f"it holds a {type(value).__name__}, which has no expression") from None
-        self._note(value, made)
+        made = object.__new__(type(value))
+        self._copies[id(value)] = made
+        ours = type(value).__module__.startswith("armgpi.")
+        self.trace.foreign |= not ours
         for name, attribute in vars(value).items():
+            if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
+                raise NotElementwise(
+                    f"{type(value).__name__}.{name} may be a matrix or have a row for each rollout"
+                )
             object.__setattr__(made, name, self(attribute, numbers))
+        self._note(value, made)
         return made
 
     def _robot(self, robot: AnyRobot) -> AnyRobot:
         """Return a robot with traced dynamics."""
         made = copy.copy(robot)
-        self._note(robot, made)
+        self._copies[id(robot)] = made
         made.dynamics = self(robot.dynamics)
         for name in ("limits", "friction"):
             values = getattr(robot, name)
             setattr(made, name, type(values)(*(self(a) if a.ndim == 2 else a for a in values)))
+        self._note(robot, made)
         return made
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
@@ -198,18 +215,57 @@ class Lifting:
         scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
         made: Any = TracedDynamics(arm, self.trace.calls, self._parameters[id(base)])
         if isinstance(scale, float):
-            return made if scale == 1.0 else ScaledDynamics(made, self.array(np.array(scale)))
-        return ScaledDynamics(made, self.array(scale))
+            return made if scale == 1.0 else _Scaled(made, self.array(np.array(scale)))
+        return _Scaled(made, self.array(scale))
 
     def _note(self, value: Any, made: Any) -> None:
         """Remember the copy of a value."""
         self._copies[id(value)] = made
-        self._kept.append(value)
+        self._kept.append((value, made, _content(made)))
+
+    def check_unchanged(self) -> None:
+        """Refuse what remembers anything but in its state.
+
+        Raises:
+            NotElementwise: when an attribute of a copy, or what is in it, is not what it was.
+        """
+        for value, made, content in self._kept:
+            now = _content(made)
+            if now == content:
+                continue
+            name = f"a {type(value).__name__} in it"
+            if isinstance(now, dict):
+                name += " (" + ", ".join(str(key) for key in now if now[key] != content.get(key)) + ")"
+            raise NotElementwise(f"{name} changes; what changes belongs into the state")
+
+
+def _is_plain_object(value: Any) -> bool:
+    """Tell whether all that something is made of is its attributes."""
+    kind: Any = type(value)
+    return kind.__new__ is object.__new__ and hasattr(value, "__dict__")
+
+
+def _content(made: Any) -> Any:
+    """Return the identities of what is in a copy."""
+    if isinstance(made, Symbols):
+        return [id(x) for x in made.x.ravel()]
+    if isinstance(made, list):
+        return [id(x) for x in made]
+    attributes = made if isinstance(made, dict) else getattr(made, "__dict__", {})
+    return {key: id(x) for key, x in attributes.items()}
 
 
 def _is_dynamics(value: Any) -> bool:
     """Tell whether something is a robot's dynamics, by what it can do."""
     return all(callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "bias"))
+
+
+class _Scaled(ScaledDynamics):
+    """A scaled robot without the look at whether a torque is zero, which generated code takes itself."""
+
+    def inertia_solve(self, q: Any, tau: Any) -> Any:
+        """Return D(q)^-1 tau."""
+        return self.base.inertia_solve(q, tau / self.scale)
 
 
 class _TracedLoads:
@@ -240,8 +296,8 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     """
     n = loop.plant.robot.n
     result = Trace(n, k=ca.SX.sym("k"))
-    lifting = Lifting(result)
     rollouts = loop.truth(state).q.shape[:-1]
+    lifting = Lifting(result, *rollouts or (1,))
     columns: list[Array] = []
 
     def place(value: Any) -> Any:
@@ -256,6 +312,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
             shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
             symbols = Symbols.new(f"s{len(result.state)}", shape)
             result.state.extend(flat(symbols))
+            result.joints.extend(i % n for i in range(symbols.size))
             count = rollouts[0] if rollouts else 1
             columns.extend(np.broadcast_to(values, (*rollouts, *shape)).reshape(count, -1).T)
             return symbols
@@ -268,9 +325,10 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     looked = copy.copy(loop)
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
-    plant, controller, measured, tau = looked._sample(*before, target)
+    plant, controller, measured, tau = _taken(looked, before, target)
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
+    lifting.check_unchanged()
     recorded = {
         "q": truth.q,
         "v": truth.v,
@@ -286,12 +344,29 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     return result
 
 
+def _taken(loop: Any, before: Any, target: Target) -> Any:
+    """Return what one sample of the loop gives; whatever stands in its way is told with its place."""
+    try:
+        return loop._sample(*before, target)
+    except Exception as error:  # a law of the user's may do anything to what is no array
+        ours = str(Path(__file__).parent)
+        places = [
+            f"{Path(frame.filename).name}, line {frame.lineno}"
+            for frame in traceback.extract_tb(error.__traceback__)
+            if not frame.filename.startswith(ours) and "site-packages" not in frame.filename
+        ]
+        said = (
+            str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__} on symbols: {error}"
+        )
+        raise NotElementwise(f"{places[-1]}: {said}" if places else said) from None
+
+
 def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:
     """Return the target as expressions of the time, or as symbols of a table where it has none."""
     if loop.reference.symbolic:
         t = Symbols(np.array(Scalar(result.k * float(loop.dt)), dtype=object))
         target = lifting(loop.reference).at(t)
-        if ca.n_nodes(ca.vertcat(*(x for part in target for x in flat(part)))) < _LONG_REFERENCE:
+        if ca.n_nodes(ca.SX(ca.vertcat(*(x for part in target for x in flat(part))))) < _LONG_REFERENCE:
             return Target(*(np.broadcast_to(part, (result.n,)) for part in target))
     parts: list[Any] = [Symbols.new(name, (result.n,)) for name in Target._fields]
     result.table = [x for part in parts for x in flat(part)]

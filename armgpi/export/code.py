@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from string import Template
 from typing import Any, NamedTuple
@@ -14,10 +14,10 @@ import numpy as np
 
 from armgpi import __version__
 from armgpi.arrays import Array
-from armgpi.compiled.emit import Dialect, straight_line
+from armgpi.compiled.emit import CallSite, Dialect, straight_line
 from armgpi.compiled.kernels import Call, Kernel
 from armgpi.control.controller import Controller
-from armgpi.errors import ParameterError
+from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds
 from armgpi.export.law import INPUTS, Law, Routine, Table, write_down
 from armgpi.export.names import identifiers, plain, source_of
@@ -181,7 +181,15 @@ def generate(controller: Controller, real: str = "double", faults: Faults | None
     if not isinstance(controller, Controller):
         raise ParameterError("controller", controller, "a Controller")
     limits = bounds(Faults() if faults is None else faults, controller)
-    return _Writer(write_down(controller), real, limits).code()
+    code = _Writer(write_down(controller), real, limits).code()
+    if not type(controller).__module__.startswith("armgpi."):
+        again = _Writer(write_down(controller), real, limits).code()
+        if again.source != code.source:
+            raise BackendError(
+                f"{type(controller).__name__} cannot be written as C: it gives something else each time that "
+                "it is asked (random numbers?)"
+            )
+    return code
 
 
 class _Writer:
@@ -269,23 +277,29 @@ class _Writer:
         places = [f"state->{part.name}[{i}]" if part.shape else f"state->{part.name}" for part, i in entries]
         locals_ = [f"old_{part.name}_{i}" if part.shape else f"old_{part.name}" for part, i in entries]
         old = [(part.symbols[i], local) for (part, i), local in zip(entries, locals_, strict=True)]
-        lines, results = self._lines(name, routine, old)
-        after = results[n:] if writes_torque else results
-        changed = [value for value, local in zip(after, locals_, strict=True) if value != local]
-        text = "\n".join([*lines, *changed, *results[: n * writes_torque]])
+        after = [f"new_{local[4:]}" for local in locals_]
+        targets = [f"tau[{j}]" for j in range(n * writes_torque)]
+        targets += [f"const armgpi_real_t {x}" for x in after]
+        joints = [*range(n * writes_torque), *(i for _, i in entries)]
+        lines = self._lines(name, routine, old, targets, joints)
+        # What stays as it is needs no reading and no writing.
+        same = {
+            f"const armgpi_real_t {new} = {local};" for new, local in zip(after, locals_, strict=True)
+        } & set(lines)
+        lines = [line for line in lines if line not in same]
+        text = "\n".join(lines)
         reads = [
             f"const armgpi_real_t {local} = {place};"
             for local, place in zip(locals_, places, strict=True)
             if re.search(rf"\b{local}\b", text)
         ]
         writes = [
-            f"{place} = {value};"
-            for place, value, local in zip(places, after, locals_, strict=True)
-            if value != local  # it stays as it is
+            f"{place} = {new};"
+            for place, new, local in zip(places, after, locals_, strict=True)
+            if f"const armgpi_real_t {new} = {local};" not in same
         ]
         if writes_torque:
-            torques = [f"tau[{j}] = {value};" for j, value in enumerate(results[:n])]
-            tail = [*torques, "joint = first_beyond(tau, EFFORT);"]
+            tail = ["joint = first_beyond(tau, EFFORT);"]
             if writes:
                 tail += ["if (joint == ARMGPI_N) {", *(f"    {line}" for line in writes), "}"]
             lines = ["uint32_t joint;", *reads, *lines, *tail, "return joint;"]
@@ -304,8 +318,8 @@ class _Writer:
 
     def hold(self) -> str:
         """Return the function of the torque that carries the arm's weight."""
-        lines, results = self._lines("law_hold", self.law.hold, [])
-        lines += [f"tau[{j}] = {value};" for j, value in enumerate(results)]
+        targets = [f"tau[{j}]" for j in range(self.law.n)]
+        lines = self._lines("law_hold", self.law.hold, [], targets, range(self.law.n))
         note = "/* Work out the torque that carries the arm's weight, cut to the limits. */"
         head = "static void law_hold(const armgpi_real_t q_measured[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])"
         return f"{note}\n{head}\n{_block(lines, ['q_measured'])}"
@@ -319,9 +333,9 @@ class _Writer:
             inputs += [(kernel.inputs[begin + i], f"{letter}[{i}]") for i in range(size)]
             begin += size
         outputs = ca.cse(ca.vertcat(*kernel.outputs))  # a sine is worked out once
-        code = straight_line(inputs, [outputs[i] for i in range(kernel.size)], self.dialect)
-        lines = [*code.lines, *(f"{result}[{i}] = {text};" for i, text in enumerate(code.results))]
-        self.counts[kernel.name] = _counted(code.lines)
+        targets = [f"{result}[{i}]" for i in range(kernel.size)]
+        lines = straight_line(inputs, [outputs[i] for i in range(kernel.size)], targets, self.dialect).lines
+        self.counts[kernel.name] = _counted(lines)
         kind = _kind(kernel)
         note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").replace(" y", f" {result}", 1)
         parameters = [f"const armgpi_real_t {x}[{n}]" for x, n in zip(letters, kernel.sizes, strict=True)]
@@ -355,9 +369,14 @@ class _Writer:
         return "\n".join(rows)
 
     def _lines(
-        self, name: str, routine: Routine, old: Sequence[tuple[Any, str]]
-    ) -> tuple[list[str], list[str]]:
-        """Return the lines of a function of the law, and what its outputs are in C."""
+        self,
+        name: str,
+        routine: Routine,
+        old: Sequence[tuple[Any, str]],
+        targets: Sequence[str],
+        joints: Sequence[int],
+    ) -> list[str]:
+        """Return the lines of a function of the law: outputs go to targets, and belong to joints."""
         inputs = list(old)
         for argument, symbols in self.law.inputs.items():
             inputs += [(x, f"{argument}[{j}]") for j, x in enumerate(symbols)]
@@ -366,16 +385,28 @@ class _Writer:
                 (x, f"{table.name}[{i}]" if table.shape else table.name) for i, x in enumerate(table.symbols)
             ]
         outputs: list[Any] = []
-        hooks: dict[int, Callable[[Sequence[str]], Sequence[str]]] = {}
+        places: list[str] = []
+        order: list[int] = []
+        sites, rooms = [], []
         for i, call in enumerate(routine.calls):
+            self.kernels.setdefault(call.kernel.name, call.kernel)
             begin = len(outputs)
             outputs += call.arguments
-            self.kernels.setdefault(call.kernel.name, call.kernel)
-            hooks[len(outputs)] = _call(i, call, self._kernel_name(call.kernel), begin, self.literal(0.0))
-            inputs += [(x, f"result{i}[{j}]") for j, x in enumerate(call.results)]
-        code = straight_line(inputs, [*outputs, *routine.outputs], self.dialect, hooks)
-        self.counts[name] = _counted(code.lines)
-        return code.lines, code.results[len(outputs) :]
+            for k, size in enumerate(call.kernel.sizes):
+                places += [f"given{i}_{k}[{j}]" for j in range(size)]
+                order += range(size)
+                rooms.append((f"given{i}_{k}", size))
+            results = [f"result{i}[{j}]" for j in range(call.kernel.size)]
+            rooms.append((f"result{i}", call.kernel.size))
+            inputs += zip(call.results, results, strict=True)
+            lines = _call(i, call, self._kernel_name(call.kernel), self.literal(0.0))
+            sites.append(CallSite((begin, len(outputs)), results, lines))
+        outputs += routine.outputs
+        places += targets
+        order += joints
+        lines = straight_line(inputs, outputs, places, self.dialect, sites, order).lines
+        self.counts[name] = _counted(lines)
+        return _with_rooms(lines, rooms)
 
     def _cost(self, name: str, routine: Routine) -> Counts:
         """Return the operations of a routine with all that it calls."""
@@ -623,36 +654,39 @@ def _kind(kernel: Kernel) -> str:
     return kernel.name.rpartition("_")[0]
 
 
-def _call(i: int, call: Call, name: str, begin: int, zero: str) -> Callable[[Sequence[str]], list[str]]:
-    """Return what writes the use of a kernel, given the C of all that is known."""
+def _call(i: int, call: Call, name: str, zero: str) -> list[str]:
+    """Return the lines of the use of a kernel."""
     kernel = call.kernel
+    given = [f"given{i}_{k}" for k in range(len(kernel.sizes))]
+    used = f"{name}({', '.join([*given, f'result{i}'])});"
+    if kernel.skip is None:
+        return [used]
+    # Where the argument is zero so is the result, at no cost.
+    return [
+        f"if (any_nonzero({given[kernel.skip]}, {kernel.sizes[kernel.skip]}U) != 0U) {{",
+        f"    {used}",
+        "} else {",
+        *(f"    result{i}[{j}] = {zero};" for j in range(kernel.size)),
+        "}",
+    ]
 
-    def write(known: Sequence[str]) -> list[str]:
-        texts = list(known[begin:])
-        lines, names = [f"armgpi_real_t result{i}[{kernel.size}];"], []
-        for k, size in enumerate(kernel.sizes):
-            own, texts = texts[:size], texts[size:]
-            bases = {text.partition("[")[0] for text in own}
-            if own == [f"{next(iter(bases))}[{j}]" for j in range(size)]:
-                names.append(own[0].partition("[")[0])  # an array as it is
-                continue
-            given = f"given{i}_{k}"
-            names.append(given)
-            lines.append(f"const armgpi_real_t {given}[{size}] = {{{', '.join(own)}}};")
-        used = f"{name}({', '.join([*names, f'result{i}'])});"
-        if kernel.skip is None:
-            return [*lines, used]
-        # Where the argument is zero so is the result, at no cost.
-        return [
-            *lines,
-            f"if (any_nonzero({names[kernel.skip]}, {kernel.sizes[kernel.skip]}U) != 0U) {{",
-            f"    {used}",
-            "} else {",
-            *(f"    result{i}[{j}] = {zero};" for j in range(kernel.size)),
-            "}",
-        ]
 
-    return write
+def _with_rooms(lines: list[str], rooms: Sequence[tuple[str, int]]) -> list[str]:
+    """Return lines behind the arrays that they use; a copy of an array as it is, is left out."""
+    declared = []
+    for name, size in rooms:
+        copies = {
+            line: line[len(f"{name}[{j}] = ") :]
+            for line in lines
+            for j in range(size)
+            if line.startswith(f"{name}[{j}] = ")
+        }
+        source = next(iter(copies.values()), "").partition("[")[0]
+        if list(copies.values()) == [f"{source}[{j}];" for j in range(size)]:
+            lines = [re.sub(rf"\b{name}\b", source, line) for line in lines if line not in copies]
+        else:
+            declared.append(f"armgpi_real_t {name}[{size}];")
+    return [*declared, *lines]
 
 
 def _counted(lines: Iterable[str]) -> Counts:

@@ -161,6 +161,8 @@ def _written(controller: Controller) -> Law:
     step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, state)])
     step.calls.extend(taken())
 
+    lifting.check_unchanged()
+
     holding = getattr(law, "bias_robot", law.robot)
     torque = law.limited(holding.dynamics.gravity(inputs["q_measured"]))
     hold = Routine(taken(), flat(np.broadcast_to(torque, (n,))))
@@ -182,7 +184,7 @@ class _Lifting(Lifting):
 
     def __init__(self, trace: Trace, controller: Controller) -> None:
         """Look for arrays in a controller."""
-        super().__init__(trace)
+        super().__init__(trace, 1)
         self.tables: list[Table] = []
         self._paths: dict[int, str] = {}
         self._find(controller, "", set())
@@ -293,4 +295,4 @@ def _used(*routines: Routine) -> set[int]:
         for routine in routines
         for x in (*routine.outputs, *(a for call in routine.calls for a in call.arguments))
     ]
-    return {symbol.element_hash() for symbol in ca.symvar(ca.vertcat(*expressions))}
+    return {symbol.element_hash() for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}

@@ -60,6 +60,7 @@ def reproduce(
     quick: bool = False,
     workers: int | None = None,
     done: Callable[[str], None] = lambda name: None,
+    backend: str = "auto",
 ) -> Reproduction:
     """Run everything and write tables (Markdown, CSV, LaTeX) and figures (PNG, SVG).
 
@@ -69,13 +70,16 @@ def reproduce(
             sensitivity, no ablation, no sweep of the literal law, and PNG figures alone.
         workers: processes; as many as there are cores when not given.
         done: called with the name of each batch when it is done.
+        backend: as for :func:`armgpi.simulate`.
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
     """
     prepare(folder)
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers or _cores(), mp_context=context, initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(
+        workers or _cores(), mp_context=context, initializer=_prepared, initargs=(backend,)
+    ) as pool:
         try:
             found = _run_all(runs.QUICK if quick else runs.FULL, quick, pool, done)
             sources = figures.Sources.of(found.ideal_gpi, found.ideal_pid, found.ablation)
@@ -205,10 +209,11 @@ def _write(folder: Path, sheets: list[Sheet], words: str) -> list[Path]:
     return [folder / name for name in texts]
 
 
-def _one_thread() -> None:
-    """Keep a worker to its own core, and let the parent alone answer Ctrl-C."""
+def _prepared(backend: str) -> None:
+    """Keep a worker to its own core, let the parent alone answer Ctrl-C, and choose the backend."""
     import signal
 
+    runs.choose(backend)
     os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

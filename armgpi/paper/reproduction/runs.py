@@ -92,6 +92,16 @@ FULL = Setting()
 QUICK = Setting(1e-3, record_every=1, slower=3.0, candidates=((25.0,), (30.0,)), brief=True)
 
 
+#: What computes; see :func:`armgpi.simulate`.
+_backend = "auto"
+
+
+def choose(backend: str) -> None:
+    """Choose what computes all runs of this process from now on."""
+    global _backend
+    _backend = backend
+
+
 def ideal_gpi(setting: Setting) -> xr.Dataset:
     """Run GPI with ideal sensors: networks and fixed gains for Tables 2 to 4, and what the figures show."""
     one, two, three = (_scenario(name) for name in scenarios.names())
@@ -289,6 +299,7 @@ def _run(
             record_every=setting.record_every,
             signals=signals,
             progress=False,
+            backend=_backend,
         )
     return result.assign_coords(
         label=("rollout", list(labels)),

@@ -1,0 +1,81 @@
+"""Compare generated code with NumPy on every arm that can be loaded: 16 rollouts of 2 s with all wires.
+
+Each arm is under GPI with networks, told 1 ms late, through a 16-bit encoder with noise, with friction,
+saturation and a load of its own for each rollout. The table says how far the positions of the two backends
+are apart at most while every measured count is the same, in how many rollouts an edge between two counts is
+crossed at different samples, by how many counts they differ there, and how far apart they are from then on
+(in counts); then, without the encoder, over all samples. See tests/compiled/loops.py for why.
+
+Usage: python tools/compiled_agreement.py [--lanes 1 4 8] [--time 2] [ROBOT ...]
+
+Exit code 1 when an arm's positions are 1e-9 rad or m apart before an edge.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "compiled"))
+
+import numpy as np
+from arms import arm, experiment
+from loops import Agreement, agreement, compiled
+
+from armgpi import ArmgpiWarning, robots, simulate
+
+ALLOWED = 1e-9
+
+
+def cells(name: str, lanes: list[int], seconds: float, **wires: bool) -> tuple[list[str], bool]:
+    """Return an arm's part of the table with some wires, and whether it is as it should be."""
+    case = experiment(name, **wires)
+    arguments = (case.plant, case.controller, case.reference, seconds)
+    by_numpy = simulate(*arguments, progress=False)
+    runs = [compiled(*arguments, lanes=width) for width in lanes]
+    same_end = all(np.array_equal(run["status"], by_numpy["status"]) for run in runs)
+    found = [agreement(by_numpy, run, case.step_size) for run in runs]
+    worst = Agreement(*(max(values) for values in zip(*found, strict=True)))
+    alike = all(np.array_equal(run["q"], runs[0]["q"], equal_nan=True) for run in runs)
+    out = [f"{worst.before:.1e}"]
+    if case.step_size is not None:
+        out += [str(worst.crossings), f"{worst.counts:g}", f"{worst.after / np.min(case.step_size):.2g}"]
+    error = float(np.abs(by_numpy["q"] - by_numpy["q_ref"]).max())
+    out += [f"{error:.1e}", f"{int((by_numpy['status'] != 0).sum())}"]
+    if len(lanes) > 1:
+        out.append("alike" if alike else "DIFFER")
+    return out, alike and same_end and worst.before < ALLOWED and worst.counts <= 1.0
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("robots", nargs="*", default=robots.names())
+    parser.add_argument("--lanes", nargs="+", type=int, default=[1, 4, 8])
+    parser.add_argument("--time", type=float, default=2.0)
+    chosen = parser.parse_args()
+    warnings.simplefilter("ignore", ArmgpiWarning)
+    encoder = ("apart before an edge", "crossings", "counts there", "counts after", "error", "diverged")
+    header = (
+        *("robot", "n"),
+        *(f"{title}, noise" for title in (*encoder, f"lanes {chosen.lanes}")),
+        *(f"{title}, no noise" for title in encoder),
+        *(f"{title}, no encoder" for title in ("apart", "error", "diverged")),
+    )
+    print("| " + " | ".join(header) + " |\n|" + " --- |" * len(header), flush=True)
+    good = True
+    for name in chosen.robots:
+        line = [name, str(arm(name)[0].n)]
+        for wires in ({}, {"noise": False}, {"encoder": False}):
+            # All widths with all wires; what differs between the wires does not differ between widths.
+            part, fine = cells(name, chosen.lanes[-1:] if wires else chosen.lanes, chosen.time, **wires)
+            line += part
+            good &= fine
+        print("| " + " | ".join(line) + " |", flush=True)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
