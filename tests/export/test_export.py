@@ -293,14 +293,16 @@ def replayed(exported: ExportedController, log: Log) -> Any:
 
 
 @compiled
-@pytest.mark.parametrize("realisation", ["bumpless", "paper"])
-def test_equals_python_over_forty_seconds_of_disturbed_motion(realisation: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("realisation", "seconds"), [("bumpless", 40.0), ("paper", 10.0)])
+def test_equals_python_over_a_long_log_of_disturbed_motion(
+    realisation: str, seconds: float, tmp_path: Path
+) -> None:
     # The printed law stands no gains that change.
     gains = network() if realisation == "bumpless" else FixedGains(20.0)
     controller = GPI(ARM, 1e-3, gains, realisation)
     plant = Encoder(Saturated(RigidBodyPlant(ARM, paper_disturbances())), 18)
     # What was measured may come from generated code; the torques are those of Python.
-    rollout = simulate(plant, controller, moves(ARM, 9.0), 40.0, backend="compiled")
+    rollout = simulate(plant, controller, moves(ARM, 9.0), seconds, backend="compiled")
     measured, q_ref, v_ref = (rollout[name].values[:-1] for name in ("q_measured", "q_ref", "v_ref"))
     state = controller.init(Measurement(measured[0]), Target(q_ref[0], REST, REST))
     taus = []
@@ -308,7 +310,7 @@ def test_equals_python_over_forty_seconds_of_disturbed_motion(realisation: str, 
         tau, state = controller.step(Measurement(q), Target(goal, REST, REST), state)
         taus.append(tau)
     log = Log(dict(zip(INPUTS, (measured, measured, q_ref, v_ref, v_ref), strict=True)), np.array(taus))
-    assert len(log.tau) == 40_000
+    assert len(log.tau) == round(1000 * seconds)
     done = export_controller(controller, tmp_path, log)
     assert done.measured is not None
     assert done.measured.agrees
@@ -484,13 +486,13 @@ def test_coarse_encoders_of_an_arm_at_rest_and_in_motion_are_not_frozen() -> Non
     counts = Faults(resolution=2.0 * np.pi / 2**10)
     exported = ExportedController.of(GPI(ARM, 1e-3, FixedGains(12.0)), faults=counts)
     reference = Waypoints([Q, Q + np.array([0.5, 0.0, 0.3]), Q], durations=[2.0, 4.0], holds=[2.0, 2.0, 2.0])
-    rollout = simulate(plant, exported, reference, 12.0)
     loop = armgpi.ClosedLoop(plant, exported, reference)
     state = loop.init()
-    for _ in range(12_000):
+    for k in range(12_000):
         state = loop.step(state).state
         assert exported.report(state.controller).status == "run"
-    assert float(armgpi.metrics.peak_error(rollout).max()) < 0.1
+        if k % 100 == 0:
+            assert np.abs(loop.truth(state).q - reference.at(1e-3 * (k + 1)).q).max() < 0.1
 
 
 @compiled
