@@ -66,9 +66,8 @@ examples: $(STAMP) ## Run every example, with no screen
 wheel: $(STAMP) ## Build the wheel and try it in a fresh environment
 	$(BIN)/python tools/check_wheel.py
 
-bench: $(STAMP) ## Run every benchmark
-	@set -e; for f in benchmarks/[!_]*.py; do [ -e "$$f" ] || continue; \
-	  echo "python $$f"; $(BIN)/python "$$f"; done
+bench: $(STAMP) ## Run every benchmark, into build/benchmarks
+	$(BIN)/python benchmarks/all.py
 
 clean: ## Remove what make wrote, .venv too
 	rm -rf $(VENV) build dist demo_out .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,28 +1,21 @@
-"""MuJoCo doing the work of ``armgpi.simulate``: the same arm, law, integrator and zero-order hold.
-
-Written against MuJoCo's own functions and without armgpi's controller, plant or loop, so that equal
-trajectories say something about both.
-"""
+"""MuJoCo doing the work of ``armgpi.simulate``: the same arm, law, integrator and zero-order hold."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
+from _peer import Array, Law, Trajectory, bare_urdf, refuse_cut
 from mujoco import rollout
-
-Array = npt.NDArray[np.float64]
 
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 EULER = int(mujoco.mjtIntegrator.mjINT_EULER)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 _FULL_STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 _APPLIED_FORCE = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+#: Samples in one call of a replay.
+STRETCH = 200
 #: Nothing but rigid bodies; and no automatic reset, which would hide that a run has diverged.
 _DISABLED = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -30,59 +23,6 @@ _DISABLED = (
     | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     | mujoco.mjtDisableBit.mjDSBL_AUTORESET
 )
-
-
-class Trajectory(NamedTuple):
-    """What a run recorded at every sample, and where it ended; arrays of shape (steps, ..., n).
-
-    Attributes:
-        q: positions [rad].
-        v: velocities [rad/s].
-        tau: torques held from this sample to the next [N m].
-        q_end: positions after the last step [rad], shape (..., n).
-    """
-
-    q: Array
-    v: Array
-    tau: Array
-    q_end: Array
-
-
-class Law:
-    """The bumpless GPI law by the trapezoidal rule, in plain NumPy and as few operations as armgpi's.
-
-    v = -(beta3 e + lam + eta), lam' = b e + chi, chi' = c e, eta' = -beta4 eta + d e. What the present
-    error adds to lam, chi and eta is in the factor `direct`, so each state is updated once a sample. With
-    zeta_c = 1 and p_c = omega_c all poles are at -omega_c, and the betas are binomial.
-    """
-
-    def __init__(self, omega: float, dt: float, hold: Array) -> None:
-        """Start so that v = `hold` while the error is zero."""
-        beta0, beta1, beta2, beta3, beta4 = (math.comb(5, k) * omega ** (5 - k) for k in range(5))
-        b = (beta1 - beta0 / beta4) / beta4
-        c = beta0 / beta4
-        d = (-beta3 * beta4**3 + beta2 * beta4**2 - beta1 * beta4 + beta0) / beta4**2
-        half = 0.5 * dt
-        decay = (1.0 - half * beta4) / (1.0 + half * beta4)
-        filtered = half * d / (1.0 + half * beta4)
-        # 0-d arrays, which NumPy multiplies faster than Python numbers.
-        self._direct = np.array(-(beta3 + half * b + half * half * c + filtered))
-        self._to_lam = np.array(dt * (b + dt * c))
-        self._to_chi = np.array(dt * c)
-        self._to_eta = np.array((1.0 + decay) * filtered)
-        self._decay = np.array(decay)
-        self._dt = np.array(dt)
-        self._lam = -hold
-        self._chi = np.zeros_like(hold)
-        self._eta = np.zeros_like(hold)
-
-    def step(self, e: Array) -> Array:
-        """Return the virtual acceleration for the error `e`."""
-        v = self._direct * e - self._lam - self._eta
-        self._lam = self._lam + self._dt * self._chi + self._to_lam * e
-        self._chi = self._chi + self._to_chi * e
-        self._eta = self._decay * self._eta + self._to_eta * e
-        return v
 
 
 def compile_urdf(
@@ -97,16 +37,7 @@ def compile_urdf(
         integrator: ``RK4`` or ``EULER``.
         dt: step [s].
     """
-    root = ElementTree.fromstring(urdf)
-    for link in root.findall("link"):
-        for child in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(child)
-    for joint in root.findall("joint"):
-        if joint.get("name") in fixed:
-            joint.set("type", "fixed")
-            for child in joint.findall("mimic"):
-                joint.remove(child)
-    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
+    model = mujoco.MjModel.from_xml_string(bare_urdf(urdf, fixed))
     found = [model.joint(j).name for j in range(model.njnt)]
     if found != list(joint_names):
         raise RuntimeError(f"MuJoCo's joints are {found}, expected {list(joint_names)}")
@@ -140,23 +71,19 @@ def _rest_of_step(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_RungeKutta(model, data, 4)
 
 
+#: What comes before D(q) v and what after: the parts of mj_step, so that D(q) is computed once. MuJoCo has
+#: halves of a step, but not for Runge-Kutta.
 _WAYS = {
-    "mj_step": (mujoco.mj_fwdPosition, mujoco.mj_step),
-    "parts": (mujoco.mj_fwdPosition, _rest_of_step),
-    "halves": (mujoco.mj_step1, mujoco.mj_step2),
+    RK4: (mujoco.mj_fwdPosition, _rest_of_step),
+    EULER: (mujoco.mj_step1, mujoco.mj_step2),
 }
 
 
-def run_single(
-    model: mujoco.MjModel, way: str, law: Law, q0: Array, q_ref: Array, effort: Array
-) -> Trajectory:
+def run_single(model: mujoco.MjModel, law: Law, q0: Array, q_ref: Array, effort: Array) -> Trajectory:
     """Run one closed loop in Python.
 
     Args:
         model: from :func:`compile_urdf`.
-        way: "mj_step" computes the position stage for D(q) v before each mj_step, which then computes it
-            again; "parts" calls the parts of mj_step, with D(q) v between them; "halves" is mj_step1,
-            D(q) v, mj_step2 (Euler only: MuJoCo has no such halves for Runge-Kutta).
         law: the controller.
         q0: starting position [rad], shape (n,).
         q_ref: reference at every sample [rad], shape (steps, n).
@@ -167,7 +94,7 @@ def run_single(
     qpos[:] = q0
     q, v, taus = (np.empty(q_ref.shape) for _ in range(3))
     asked, floor = np.empty(len(q0)), -effort
-    before, after = _WAYS[way]
+    before, after = _WAYS[model.opt.integrator]
     multiply = mujoco.mj_mulM
     for k in range(len(q_ref)):
         q[k] = qpos
@@ -175,69 +102,123 @@ def run_single(
         before(model, data)
         multiply(model, data, asked, law.step(q[k] - q_ref[k]))
         tau = np.minimum(np.maximum(asked, floor), effort)
-        _refuse_cut(tau - asked)
+        refuse_cut(tau - asked)
         applied[:] = tau
         after(model, data)
         taus[k] = tau
     return Trajectory(q, v, taus, qpos.copy())
 
 
-def run_batch(
-    model: mujoco.MjModel,
-    pool: rollout.Rollout,
-    inertia_times: Callable[[Array, Array], Array],
-    law: Law,
-    q0: Array,
-    q_ref: Array,
-    effort: Array,
-) -> Trajectory:
-    """Run a batch of closed loops, each sample one call of mujoco.rollout for a single step.
+class Batch:
+    """Many rollouts by mujoco.rollout, on its threads."""
 
-    MuJoCo offers no D(q) v for a batch, and a Python loop over mj_fwdPosition and mj_mulM takes several
-    times as long as Pinocchio's parallel kernel; so that kernel is used, as by armgpi itself.
+    def __init__(self, model: mujoco.MjModel, threads: int, q0: Array) -> None:
+        """Start all from rest at `q0`, shape (batch, n)."""
+        self._pool = rollout.Rollout(nthread=threads)
+        self._models = [model] * len(q0)
+        self._datas = [mujoco.MjData(model) for _ in range(threads)]
+        # Its default chunks of a batch of 64 are so small that handing them out takes longer.
+        self._chunk = max(1, min(16, len(q0) // threads), len(q0) // (10 * threads))
+        self._numbers = mujoco.mj_stateSize(model, _FULL_STATE)
+        self._q0 = q0
 
-    Args:
-        model: from :func:`compile_urdf`.
-        pool: MuJoCo's threads.
-        inertia_times: function that returns D(q) v.
-        law: the controller.
-        q0: starting positions [rad], shape (batch, n).
-        q_ref: reference at every sample [rad], shape (steps, n).
-        effort: torque limits [N m], shape (n,).
-    """
-    steps, (batch, n) = len(q_ref), q0.shape
-    models = [model] * batch
-    datas = [mujoco.MjData(model) for _ in range(max(1, pool.nthread))]
-    # Its default chunks of a batch of 64 are so small that handing them out takes longer.
-    chunk = max(16, batch // (10 * len(datas)))
-    state = np.zeros((batch, 1, mujoco.mj_stateSize(model, _FULL_STATE)))
-    start = state[:, 0]  # the same memory: a step starts where the one before ended
-    positions, velocities = start[:, 1 : 1 + n], start[:, 1 + n : 1 + 2 * n]  # after the time
-    positions[:] = q0
-    q, v, taus = (np.empty((steps, batch, n)) for _ in range(3))
-    floor = -effort
-    for k in range(steps):
-        q[k] = positions
-        v[k] = velocities
-        asked = inertia_times(q[k], law.step(q[k] - q_ref[k]))
-        tau = np.minimum(np.maximum(asked, floor), effort)
-        _refuse_cut(tau - asked)
-        pool.rollout(
-            models,
-            datas,
+    def closed(self, torque: Callable[[int, Array], Array], steps: int) -> Trajectory:
+        """Run closed loops: each sample one call of mujoco.rollout for one step.
+
+        Args:
+            torque: the law: sample and positions -> torque, (batch, n).
+            steps: how many samples.
+        """
+        batch, n = self._q0.shape
+        state = np.zeros((batch, 1, self._numbers))
+        start = state[:, 0]  # the same memory: a step starts where the one before ended
+        positions, velocities = start[:, 1 : 1 + n], start[:, 1 + n : 1 + 2 * n]  # after the time
+        positions[:] = self._q0
+        q, v, taus = (np.empty((steps, batch, n)) for _ in range(3))
+        for k in range(steps):
+            q[k] = positions
+            v[k] = velocities
+            taus[k] = torque(k, q[k])
+            self._roll(start, taus[k][:, None], state)
+        return Trajectory(q, v, taus, positions.copy())
+
+    def replayed(self, q: Array, v: Array, taus: Array) -> Trajectory:
+        """Run under torques known beforehand, with no law at all: `STRETCH` samples in one call.
+
+        Every stretch begins at the state given for it, as what an arm does without feedback soon depends on
+        the last digit.
+
+        Args:
+            q: positions at every sample [rad], shape (steps, batch, n); those in a stretch are not looked at.
+            v: velocities [rad/s].
+            taus: torques [N m].
+        """
+        steps, batch, n = taus.shape
+        state = np.empty((batch, steps, self._numbers))
+        for k in range(0, steps, STRETCH):
+            part = slice(k, k + STRETCH)
+            start = np.zeros((batch, self._numbers))
+            start[:, 1 : 1 + n], start[:, 1 + n : 1 + 2 * n] = q[k], v[k]
+            taken = np.empty((batch, len(taus[part]), self._numbers))
+            self._roll(start, np.ascontiguousarray(taus[part].swapaxes(0, 1)), taken)
+            state[:, part] = taken
+        after = state[:, :, 1 : 1 + 2 * n].swapaxes(0, 1)
+        before = np.concatenate([np.concatenate([q[:1], v[:1]], axis=-1), after[:-1]])
+        return Trajectory(before[..., :n], before[..., n:], taus, after[-1, :, :n])
+
+    def _roll(self, start: Array, control: Array, state: Array) -> None:
+        """Take as many steps as there are controls, shape (batch, steps, n)."""
+        self._pool.rollout(
+            self._models,
+            self._datas,
             start,
-            tau[:, None],
+            control,
             control_spec=_APPLIED_FORCE,
             skip_checks=True,
-            nstep=1,
+            nstep=control.shape[1],
             state=state,
-            chunk_size=chunk,
+            chunk_size=self._chunk,
         )
-        taus[k] = tau
-    return Trajectory(q, v, taus, positions.copy())
 
 
-def _refuse_cut(cut: Array) -> None:
-    """Refuse a torque that had to be cut, or is NaN: the anti-windup for it is not written here."""
-    if np.count_nonzero(cut):
-        raise RuntimeError("MuJoCo's run asks for more torque than the arm has, or for NaN")
+def forward(model: mujoco.MjModel, q: Array, v: Array, tau: Array) -> Array:
+    """Return accelerations for rows of states, one call of mj_forward from Python for each."""
+    data = mujoco.MjData(model)
+    qpos, qvel, applied, qacc = data.qpos, data.qvel, data.qfrc_applied, data.qacc
+    out = np.empty_like(q)
+    evaluate = mujoco.mj_forward
+    for k in range(len(q)):
+        qpos[:] = q[k]
+        qvel[:] = v[k]
+        applied[:] = tau[k]
+        evaluate(model, data)
+        out[k] = qacc
+    return out
+
+
+def inverse(model: mujoco.MjModel, q: Array, v: Array, a: Array) -> Array:
+    """Return torques for rows of states, one call of mj_inverse from Python for each."""
+    data = mujoco.MjData(model)
+    qpos, qvel, qacc, found = data.qpos, data.qvel, data.qacc, data.qfrc_inverse
+    out = np.empty_like(q)
+    evaluate = mujoco.mj_inverse
+    for k in range(len(q)):
+        qpos[:] = q[k]
+        qvel[:] = v[k]
+        qacc[:] = a[k]
+        evaluate(model, data)
+        out[k] = found
+    return out
+
+
+def inertia_times(model: mujoco.MjModel, q: Array, x: Array) -> Array:
+    """Return D(q) x for rows of states, by mj_fwdPosition and mj_mulM from Python."""
+    data = mujoco.MjData(model)
+    qpos = data.qpos
+    out = np.empty_like(q)
+    position, multiply = mujoco.mj_fwdPosition, mujoco.mj_mulM
+    for k in range(len(q)):
+        qpos[:] = q[k]
+        position(model, data)
+        multiply(model, data, out[k], x[k])
+    return out

@@ -21,6 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.compiled import build
+from armgpi.errors import BackendError
+
+#: Share of a core that each of two threads has to get: 0.86 on an idle machine, 0.5 beside one busy process.
+QUIET = 0.75
+
 
 class Contender(NamedTuple):
     """Something to be timed.
@@ -63,7 +69,9 @@ class Spread(NamedTuple):
 
 
 def digits(value: float) -> str:
-    """Return a number with three digits."""
+    """Return a number with three digits that count."""
+    if value >= 1000.0:
+        return f"{float(f'{value:.3g}'):.0f}"
     return f"{value:#.3g}".rstrip(".")
 
 
@@ -75,6 +83,11 @@ def spread(values: npt.NDArray[np.float64]) -> Spread:
 def ratio(contender: Samples, floor: Samples) -> Spread:
     """Return how many times longer a contender takes than another, round by round."""
     return spread(contender.times / floor.times)
+
+
+def busy(samples: Samples, threads: int) -> bool:
+    """Tell whether something else kept several threads from their cores, so that wall times do not count."""
+    return float(np.median(samples.cores)) < QUIET * threads
 
 
 def take_turns(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Samples]:
@@ -122,6 +135,8 @@ def machine(packages: Sequence[str]) -> dict[str, Any]:
         "cpu": _cpu_model(),
         "cores": os.cpu_count(),
         "usable_cores": usable_cores(),
+        "lanes": build.widest(),
+        "compiler": _compiler(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "packages": {package: _version(package) for package in packages},
@@ -135,8 +150,8 @@ def machine_line(facts: Mapping[str, Any]) -> str:
     packages = ", ".join(f"{name} {number}" for name, number in facts["packages"].items())
     load = facts["load_average"]
     return (
-        f"{facts['cpu']}, {facts['usable_cores']} of {facts['cores']} cores, {facts['system']}; "
-        f"Python {facts['python']}, {packages}; OMP_WAIT_POLICY {facts['OMP_WAIT_POLICY']}; "
+        f"{facts['cpu']}, {facts['usable_cores']} of {facts['cores']} cores, {facts['lanes']} doubles wide, "
+        f"{facts['system']}; {facts['compiler']}; Python {facts['python']}, {packages}; "
         f"load average before {'unknown' if load is None else format(load, '.2f')}"
     )
 
@@ -151,6 +166,14 @@ def usable_cores() -> int:
 def load_average() -> float | None:
     """Return how many processes wanted to run over the last minute, None where that is not known."""
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+
+
+def _compiler() -> str:
+    """Return what the C compiler says it is."""
+    try:
+        return build.compiler().version.splitlines()[0]
+    except BackendError:
+        return "no C compiler"
 
 
 def _cpu_model() -> str:

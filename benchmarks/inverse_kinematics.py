@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import _timing
 import numpy as np
 import numpy.typing as npt
 from _timing import table
@@ -114,7 +115,14 @@ def main() -> None:
         spent = (time.process_time() - begin) / len(far.q)
         beyond.append([name, f"{100.0 * np.mean(~far.reached):.1f} %", f"{1e3 * spent:.1f}"])
         figures[f"{name}: beyond"] = {"refused": float(np.mean(~far.reached)), "together": spent}
-    print(f"## Inverse kinematics: {count} poses per arm that can be reached, to 1e-9 m and rad\n")
+    print("# Inverse kinematics\n")
+    facts = _timing.machine(("armgpi", "pin", "numpy"))
+    print(f"`python benchmarks/inverse_kinematics.py`, on {_timing.machine_line(facts)}.")
+    print(
+        "\nProcessor time of one thread. Poses are those of random postures. One by one, most of the time is"
+        "\nNumPy's overhead for arrays of one row; in one call a thousand poses share it."
+    )
+    print(f"\n## {count} poses per arm that can be reached, to 1e-9 m and rad\n")
     head = ["arm", "asked", "solved", "iterations", "median, ms", "90 %, ms", "in one call, ms"]
     print(table(head, rows))
     print(f"\n## {count // 10} points at twice the reach\n")

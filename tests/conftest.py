@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import pytest
 from hypothesis import settings
 
 # The machine may be busy with something else: an example that takes long is no failure.
 settings.register_profile("armgpi", deadline=None, print_blob=True)
 settings.load_profile("armgpi")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep compiled libraries in one folder for the whole session, which its processes share."""
+    base = tmp_path_factory.getbasetemp()
+    if base.name.startswith("popen-"):  # a pytest-xdist worker's own
+        base = base.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ARMGPI_CACHE", str(base / "armgpi-cache"))
+        yield

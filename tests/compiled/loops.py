@@ -6,7 +6,9 @@ arm under constant torque makes it grow, e-fold in as little as 50 ms, until a p
 between two counts one sample earlier in one run than in the other. From then on the runs are two rollouts of
 the same loop that agree to some counts. So positions are compared up to the first sample at which a
 measured number differs. There one run is on each side of the same edge, so both are as near to it as they are
-to each other: nothing but rounding has moved the crossing.
+to each other: nothing but rounding has moved the crossing. NumPy does the
+same when it is started one unit in the last place away: it is 1.6e-6 rad apart before an edge after 2 s of
+icub_left_arm, where generated code is 1.4e-6.
 """
 
 from __future__ import annotations

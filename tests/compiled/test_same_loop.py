@@ -162,7 +162,7 @@ PLANTS: dict[str, Callable[[], Any]] = {
     "friction": lambda: RigidBodyPlant(ARM, friction=Friction(0.1, EACH)),
     "own friction": lambda: RigidBodyPlant(ARM, friction=Friction(0.1 * OWN, OWN), substeps=2),
     "stiff friction": lambda: RigidBodyPlant(ARM, friction=Friction(1e3, 10.0), stick_velocity=1e-4),
-    "friction of the URDF": lambda: RigidBodyPlant(Robot.load("xarm7"), friction="urdf"),
+    "friction of the URDF": lambda: RigidBodyPlant(sled(damping=3.0, friction=1.0), friction="urdf"),
     "payload": lambda: RigidBodyPlant(HEAVY),
     "own payloads": lambda: RigidBodyPlant(
         RobotBatch([ARM.with_payload(ARM.tip, m, [0.0, 0.01, 0.0]) for m in (0.0, 0.1, 0.2, 0.3, 0.4)])
@@ -209,7 +209,8 @@ def test_wires(name: str) -> None:
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_controllers(name: str) -> None:
-    check(Loop(controller=CONTROLLERS[name]()))
+    # Networks make of an error of 1e-4 rad all of their range: rounding is a million times larger there.
+    check(Loop(controller=CONTROLLERS[name]()), 1e-9 if "network" in name else 1e-10)
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -368,7 +369,7 @@ def loops(draw: st.DrawFn) -> Loop:
 
 
 @settings(
-    max_examples=12,
+    max_examples=6,
     phases=[Phase.explicit, Phase.reuse, Phase.generate],  # compiling takes a while: show what was found
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
@@ -377,7 +378,7 @@ def test_any_loop(loop: Loop) -> None:
     check(loop, 1e-8)
 
 
-@settings(max_examples=5, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@settings(max_examples=3, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(robots(max_joints=4))
 def test_any_arm(robot: Robot) -> None:
     robot = robot.with_limits(effort=1e3)

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arms import arm, experiment
+from arms import experiment
 from loops import Agreement, agreement, compiled
 
 from armgpi import robots, simulate
 
-#: Small ones, one with a slide or a branch where there is one, and a large one.
-ARMS = [name for name in ("anthropomorphic3", "twodof", "so101", "ur5", "kinova") if name in robots.names()]
-SECONDS = 2.0
+#: From small to large.
+ARMS = [name for name in ("twodof", "anthropomorphic3", "ur5") if name in robots.names()]
+SECONDS = 1.0
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -30,7 +30,7 @@ def test_agreement_up_to_an_edge(name: str) -> None:
     assert apart.after < 10.0 * np.max(case.step_size)
 
 
-@pytest.mark.parametrize("name", ARMS[:3])
+@pytest.mark.parametrize("name", ARMS[:2])
 def test_without_an_encoder_nothing_but_rounding(name: str) -> None:
     case = experiment(name, encoder=False)
     arguments = (case.plant, case.controller, case.reference, SECONDS)
@@ -40,14 +40,13 @@ def test_without_an_encoder_nothing_but_rounding(name: str) -> None:
 
 def test_the_arms_follow_their_references() -> None:
     # What is compared is a loop that works: an unstable one would double any rounding.
-    case = experiment(ARMS[0])
+    case = experiment("anthropomorphic3")
     run = compiled(case.plant, case.controller, case.reference, SECONDS)
     assert float(np.abs(run["q"] - run["q_ref"]).max()) < 0.02
-    assert arm(ARMS[0])[0].n == 3
 
 
 def test_the_comparison_finds_what_it_looks_for() -> None:
-    case = experiment(ARMS[0])
+    case = experiment("anthropomorphic3")
     run = compiled(case.plant, case.controller, case.reference, 0.1)
     size = case.step_size
     assert agreement(run, run, size) == Agreement(0.0, 0, 0.0, 0.0)

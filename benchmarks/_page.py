@@ -1,0 +1,57 @@
+"""What every benchmark does around its measurements: options, the head of its page, its file of figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import textwrap
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import _timing
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "build" / "benchmarks"
+PACKAGES = ("armgpi", "casadi", "pin", "numpy", "mujoco", "drake")
+
+
+class Page(NamedTuple):
+    """A benchmark under way.
+
+    Attributes:
+        name: of the script.
+        quick: whether it is only a look.
+        facts: what the machine is.
+        figures: what was measured, for the file.
+    """
+
+    name: str
+    quick: bool
+    facts: dict[str, Any]
+    figures: dict[str, Any]
+
+    def write(self) -> None:
+        """Write the figures to build/benchmarks/."""
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        whole = {"machine": self.facts, "quick": self.quick, **self.figures}
+        (FOLDER / f"{self.name}.json").write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+
+
+def say(text: str) -> None:
+    """Print a paragraph."""
+    print("\n" + textwrap.fill(text, 105, break_long_words=False, break_on_hyphens=False))
+
+
+def begin(file: str, title: str) -> Page:
+    """Read the options and print the head of the page."""
+    parser = argparse.ArgumentParser(description=title)
+    parser.add_argument("--quick", action="store_true", help="a look, not to judge by")
+    quick = parser.parse_args().quick
+    name = Path(file).stem
+    facts = _timing.machine(PACKAGES)
+    print(f"# {title}")
+    command = f"`python benchmarks/{name}.py{' --quick' if quick else ''}`"
+    say(f"{command}, on {_timing.machine_line(facts)}.")
+    if quick:
+        print("\nQuick: too few rounds to judge by.")
+    return Page(name, quick, facts, {})

@@ -1,0 +1,61 @@
+"""Run every benchmark, each in a process of its own, and keep what it printed in build/benchmarks/.
+
+    python benchmarks/all.py [--quick] [--docs]
+
+``--docs`` also puts the pages into docs/benchmarks/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+ROOT = FOLDER.parent
+PAGES = ROOT / "build" / "benchmarks"
+DOCS = ROOT / "docs" / "benchmarks"
+#: Whether each can be quick.
+SCRIPTS = {
+    "kernels": True,
+    "single": True,
+    "batch": True,
+    "first_result": True,
+    "export": True,
+    "inverse_kinematics": True,
+    "derive": False,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a look, not to judge by")
+    parser.add_argument("--docs", action="store_true", help="put the pages into docs/benchmarks/ as well")
+    options = parser.parse_args()
+    failed = [name for name, can in SCRIPTS.items() if not _ran(name, options.quick and can, options.docs)]
+    if failed:
+        sys.exit(f"failed: {', '.join(failed)}")
+
+
+def _ran(name: str, quick: bool, docs: bool) -> bool:
+    """Run one, print and keep its page, and tell whether it succeeded."""
+    print(f"\n>>> benchmarks/{name}.py\n", flush=True)
+    command = [sys.executable, str(FOLDER / f"{name}.py"), *(["--quick"] if quick else [])]
+    lines = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            print(line, end="", flush=True)
+            lines.append(line)
+    if process.returncode:
+        print(f"benchmarks/{name}.py ended with {process.returncode}", file=sys.stderr)
+        return False
+    for folder in (PAGES, DOCS) if docs else (PAGES,):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.md").write_text("".join(lines).rstrip() + "\n", encoding="utf-8")
+    return True
+
+
+if __name__ == "__main__":
+    main()
