@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
+    from armgpi.export.controller import ExportedController as ExportedController
+    from armgpi.export.faults import Faults as Faults
+    from armgpi.export.files import export_controller as export_controller
     from armgpi.kinematics import InverseSolution as InverseSolution
     from armgpi.kinematics import TrackingInverse as TrackingInverse
     from armgpi.kinematics import inverse_kinematics as inverse_kinematics
@@ -83,6 +86,9 @@ _NAMES = {
     "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
     "control.pid": ("PIDInversion",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
+    "export.controller": ("ExportedController",),
+    "export.faults": ("Faults",),
+    "export.files": ("export_controller",),
     "kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),

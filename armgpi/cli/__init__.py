@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import derive, doctor, experiment, inspect, look, paper, robots, validate, zoo
+from armgpi.cli import derive, doctor, experiment, export, inspect, look, paper, robots, validate, zoo
 from armgpi.cli.options import FLAG
 from armgpi.cli.words import BAD_INPUT, INTERRUPTED
 
@@ -37,6 +37,7 @@ app.command()(look.view)
 app.command()(look.report)
 app.command()(validate.validate)
 app.command()(derive.derive)
+app.command()(export.export)
 
 
 def _show_version(wanted: bool) -> None:

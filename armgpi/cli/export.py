@@ -1,0 +1,185 @@
+"""The command that writes a controller as C."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.words import FAILED, OK, refusal, stoppable
+
+if TYPE_CHECKING:
+    from armgpi.config import Experiment
+    from armgpi.export.files import Export, Log
+
+Folder = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="DIR", help="Where to put it.", show_default=False),
+]
+Real = Annotated[
+    str,
+    typer.Option(metavar="TYPE", help="Number type in C: double (default) or float.", show_default=False),
+]
+OnFault = Annotated[
+    str,
+    typer.Option(
+        "--on-fault",
+        metavar="TORQUE",
+        help="Torque after a fault: hold (default) carries the arm's weight, or zero.",
+        show_default=False,
+    ),
+]
+Frozen = Annotated[
+    int | None,
+    typer.Option(
+        metavar="SAMPLES",
+        help="Samples that make a measurement frozen that should change; 0 for no such check; "
+        "those of 0.05 s, and of the delay, by default.",
+    ),
+]
+Jump = Annotated[
+    float,
+    typer.Option(
+        metavar="SAMPLES",
+        help="Samples of travel at the velocity limit that a measurement may take at once: 2 by default, "
+        "0 for no such check.",
+        show_default=False,
+    ),
+]
+
+
+@stoppable
+def export(
+    robot: opt.RobotName = None,
+    out: Folder = None,
+    real: Real = "double",
+    on_fault: OnFault = "hold",
+    frozen: Frozen = None,
+    jump: Jump = 2.0,
+    controller: opt.Controller = None,
+    config: opt.ConfigFile = None,
+    to: opt.To = None,
+    start: opt.Start = None,
+    path: opt.PathName = None,
+    direction: opt.Direction = None,
+    duration: opt.Duration = None,
+    omega: opt.Omega = None,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
+    effort: opt.Effort = None,
+    inertia_scale: opt.InertiaScale = None,
+    payload: opt.Payload = None,
+    payload_range: opt.PayloadRange = None,
+    encoder_bits: opt.Bits = None,
+    delay: opt.Delay = None,
+    friction: opt.Friction = None,
+    dt: opt.SampleTime = None,
+    t_final: opt.TFinal = None,
+    seed: opt.Seed = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Write a controller as freestanding C99 for hardware, with a log to replay.
+
+    \b
+    armgpi export ur5 -o controller
+    armgpi export --config experiment.yaml --real float -o controller
+    """  # noqa: D301 (\b keeps the lines apart)
+    options = dict(locals())
+    options["controllers"] = options.pop("controller")
+    sys.exit(_export(options))
+
+
+def _export(options: dict[str, Any]) -> int:
+    """Write what the options describe, print what it takes, and return the exit code."""
+    import numpy as np
+
+    from armgpi import config as configuration
+    from armgpi import experiment as experiments
+    from armgpi.cli.settings import settings
+
+    if options["out"] is None:
+        raise refusal("--out", "name a folder for the C: -o DIR")
+    if options["real"] not in ("double", "float"):
+        raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
+    try:
+        from armgpi.export.code import generate
+        from armgpi.export.files import export_controller, record
+    except ModuleNotFoundError as error:
+        raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
+    experiment = configuration.build(*settings(options, compare=False))
+    experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
+    label, controller = next(iter(experiment.controllers.items()))
+    faults = _faults(options, experiment)
+    generate(controller, options["real"], faults)  # what cannot be written is refused before the simulation
+    experiments.prepare(options["out"])
+    log = record(experiment.plant, controller, experiment.reference, experiment.t_final)
+    done = export_controller(controller, options["out"], log, real=options["real"], faults=faults)
+    _say(done, log, label, options["as_json"])
+    for file in done.files:
+        typer.echo(f"wrote {file}", err=True)
+    if log.diverged is not None:
+        typer.echo(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
+        return FAILED
+    return OK if done.measured is None or done.measured.agrees else FAILED
+
+
+def _faults(options: dict[str, Any], experiment: Experiment) -> Any:
+    """Return how faults are handled."""
+    from armgpi.errors import ArmgpiError, ParameterError
+    from armgpi.export.faults import Faults, bounds, suited
+
+    controller = next(iter(experiment.controllers.values()))
+    faults = Faults(action=options["on_fault"], frozen_samples=options["frozen"], jump=options["jump"])
+    names = {"action": "--on-fault", "frozen_samples": "--frozen", "jump": "--jump"}
+    try:
+        faults = suited(faults, experiment.config.plant, controller)
+        bounds(faults, controller)
+    except ParameterError as error:
+        raise refusal(names.get(error.name, ""), str(error)) from None
+    except ArmgpiError as error:
+        raise refusal("", str(error)) from None
+    return faults
+
+
+def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
+    """Print what the exported code takes."""
+    measured, usual, worst = done.measured, done.code.usual, done.code.worst
+    figures: dict[str, Any] = {
+        "controller": label,
+        "real": done.code.real,
+        "samples": len(log.tau),
+        "state_bytes": done.state_bytes,
+        "operations": sum(usual),
+        "worst_operations": sum(worst),
+        "compiler": None if measured is None else measured.compiler,
+        "difference": None if measured is None else measured.difference,
+        "step_ns": None if measured is None else measured.step,
+        "cut_step_ns": None if measured is None else measured.cut,
+        "stack_bytes": None if measured is None else measured.stack,
+        "agrees": None if measured is None else measured.agrees,
+    }
+    if as_json:
+        typer.echo(json.dumps(figures))
+        return
+    typer.echo(
+        f"{type(done.code.law.controller).__name__} of {done.code.law.controller.robot.name}, "
+        f"{done.code.law.n} joints, as C in {done.folder}"
+    )
+    typer.echo(f"  state                    {done.state_bytes} bytes")
+    typer.echo(f"  operations of a step     {sum(usual):,}, at worst {sum(worst):,}")
+    if measured is None:
+        typer.echo("  not compiled here: there is no C compiler; `make` in the folder replays the log")
+        return
+    typer.echo(
+        f"  replay of {len(log.tau)} samples   {measured.difference:.2g} of the torque limits from Python"
+    )
+    if not measured.agrees:
+        typer.echo(f"  which is not as it should be:\n{measured.said}", nl=False)
+    if measured.step is not None:
+        cut = "" if measured.cut is None else f", with torque cut {measured.cut:.0f} ns"
+        typer.echo(f"  time of a step           {measured.step:.0f} ns{cut}")

@@ -1,0 +1,724 @@
+"""From a law to the text of its C: header and source, with its counts."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from string import Template
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armgpi import __version__
+from armgpi.arrays import Array
+from armgpi.compiled.emit import CallSite, Dialect, straight_line
+from armgpi.compiled.kernels import Call, Kernel
+from armgpi.control.controller import Controller
+from armgpi.errors import BackendError, ParameterError
+from armgpi.export.faults import Bounds, Faults, bounds
+from armgpi.export.law import INPUTS, Law, Routine, Table, write_down
+from armgpi.export.names import identifiers, plain, source_of
+
+#: Number types: C's name, ending of literals and functions, largest number.
+_REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}
+#: Bits that say in `armgpi_info.inputs` which arguments there are besides q_measured and q_ref.
+INPUT_BITS = {"v_measured": 1, "v_ref": 2, "a_ref": 4}
+#: What the arguments are.
+MEANING = {
+    "q_measured": "measured positions [rad or m]; continuous joints unwrapped",
+    "v_measured": "measured velocities [rad/s or m/s]",
+    "q_ref": "reference positions [rad or m]",
+    "v_ref": "reference velocities [rad/s or m/s]",
+    "a_ref": "reference accelerations [rad/s^2 or m/s^2]",
+}
+#: What parts of states and constants mean, by the last step of their path in Python.
+_NOTES = {
+    "lam": "settles on the disturbance acceleration [rad/s^2]",
+    "chi": "settles on its slope [rad/s^3]",
+    "eta": "filtered derivative of the error, times its gain [rad/s^2]",
+    "int_v": "integral of v [rad/s]",
+    "int_e": "integral of the error [rad s]",
+    "int2_e": "second integral of the error [rad s^2]",
+    "int3_e": "third integral of the error [rad s^3]",
+    "integral": "integral part of the feedback [rad/s^2]",
+    "learn": "1 while the torque was applied as asked, 0 when cut",
+    "filtered": "low-passed error [rad]",
+    "omega_c": "natural frequency [rad/s]",
+    "zeta_c": "damping ratio [-]",
+    "p_c": "real pole [rad/s]",
+}
+#: The same of what has many parts.
+_PARTS = {
+    "weights": "weight of a network's basis function",
+    "activations": "value of a basis function at the last sample [-]",
+}
+#: What constants mean, by their path in Python.
+_TABLE_NOTES = {
+    "effort": "torque limits [N m or N]",
+    "_floor": "lower torque limits [N m or N]",
+    "inertia_scale": "factor of all masses and inertias [-]",
+    "_nominal.direct": "from the error into the virtual acceleration [1/s^2]",
+    "_nominal.lam": "from the error into lam, in a sample [1/s^2]",
+    "_nominal.chi": "from the error into chi, in a sample [1/s^3]",
+    "_nominal.eta": "from the error into eta, in a sample [1/s^2]",
+    "_nominal.decay": "of eta over a sample [-]",
+    "_nominal.dt": "sample time [s]",
+    "_nominal.back_lam": "anti-windup of lam [-]",
+    "_nominal.back_chi": "anti-windup of chi [1/s]",
+    "_nominal.solve": "v stands on both sides of eq. 17 [-]",
+    **{f"_nominal.beta{i}": f"gain of eq. 25 [1/s^{5 - i}]" for i in range(5)},
+    **{
+        f"gains.boxes.{name}.{end}": f"{('lowest', 'highest')[end]} {meaning}"
+        for name, meaning in (
+            ("omega_c", "natural frequency [rad/s]"),
+            ("zeta_c", "damping ratio [-]"),
+            ("p_c", "real pole [rad/s]"),
+        )
+        for end in (0, 1)
+    },
+    "gains._per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
+    "gains._per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
+    "gains._dead_zone": "error that raises no gain [rad or m]",
+    "gains._learning_rate": "l of eq. 23 [-]",
+    "gains._leak": "share that is forgotten in a sample [-]",
+    "gains._rate": "rho of the limit on omega_c [-]",
+    "kp": "proportional gain [1/s^2]",
+    "kd": "derivative gain [1/s]",
+    "_kp_now": "gain of the error now: proportional, and half a sample of the integral [1/s^2]",
+    "_ki_dt": "integral gain times the sample time [1/s^2]",
+    "_back": "anti-windup [-]",
+}
+#: The emitter's elementary functions on one number; {R} is its type, {F} ends literals, {f} functions.
+_HELPERS = {
+    "v_lt": "static inline uint32_t v_lt({R} a, {R} b) { return (a < b) ? 1U : 0U; }",
+    "v_le": "static inline uint32_t v_le({R} a, {R} b) { return (a <= b) ? 1U : 0U; }",
+    "v_eq": "static inline uint32_t v_eq({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 1U : 0U; }",
+    "v_ne": "static inline uint32_t v_ne({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 0U : 1U; }",
+    "v_not": "static inline uint32_t v_not(uint32_t m) { return (m != 0U) ? 0U : 1U; }",
+    "v_only": "static inline {R} v_only(uint32_t m, {R} x) { return (m != 0U) ? x : 0.0{F}; }",
+    "v_number": "static inline {R} v_number(uint32_t m) { return (m != 0U) ? 1.0{F} : 0.0{F}; }",
+    "v_min": "static inline {R} v_min({R} a, {R} b) { return (a < b) ? a : b; }",
+    "v_max": "static inline {R} v_max({R} a, {R} b) { return (b < a) ? a : b; }",
+    "v_abs": "static inline {R} v_abs({R} x) { return fabs{f}(x); }",
+    "v_sin": "static inline {R} v_sin({R} x) { return sin{f}(x); }",
+    "v_cos": "static inline {R} v_cos({R} x) { return cos{f}(x); }",
+    "v_sqrt": "static inline {R} v_sqrt({R} x) { return sqrt{f}(x); }",
+    "v_exp": "static inline {R} v_exp({R} x) { return exp{f}(x); }",
+    "v_log": "static inline {R} v_log({R} x) { return log{f}(x); }",
+    "v_floor": "static inline {R} v_floor({R} x) { return floor{f}(x); }",
+    "v_rint": "static inline {R} v_rint({R} x) { return rint{f}(x); }",
+    "v_sign": (
+        "static inline {R} v_sign({R} x)\n"
+        "{\n    return (x > 0.0{F}) ? 1.0{F} : ((x < 0.0{F}) ? -1.0{F} : 0.0{F});\n}"
+    ),
+}
+_KERNEL_NOTES = {
+    "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
+    "inertia_solve": "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
+    "gravity": "Work out the torque y that gravity asks for at q.",
+    "bias": "Work out y = C(q, x) x + G(q), for velocities x.",
+    "inverse": "Work out the torque z for velocities x and accelerations y.",
+}
+
+
+class Counts(NamedTuple):
+    """Operations on numbers.
+
+    Attributes:
+        simple: additions, multiplications, comparisons and the like.
+        divisions: divisions and square roots.
+        transcendental: sines, cosines, exponentials, logarithms.
+    """
+
+    simple: int
+    divisions: int
+    transcendental: int
+
+    def plus(self, *others: Counts) -> Counts:
+        """Return the sum."""
+        return Counts(*(sum(column) for column in zip(self, *others, strict=True)))
+
+
+class Code(NamedTuple):
+    """A controller as C.
+
+    Attributes:
+        header: text of armgpi_controller.h.
+        source: text of armgpi_controller.c.
+        law: what it was written from.
+        real: "double" or "float".
+        bounds: what it takes for a fault.
+        usual: operations of a step whose torque is not cut.
+        worst: operations of any step, the one that meets a fault as well.
+    """
+
+    header: str
+    source: str
+    law: Law
+    real: str
+    bounds: Bounds
+    usual: Counts
+    worst: Counts
+
+
+def generate(controller: Controller, real: str = "double", faults: Faults | None = None) -> Code:
+    """Return a controller as C.
+
+    Args:
+        controller: for a single rollout.
+        real: number type, "double" or "float".
+        faults: how faults are handled; as :class:`Faults` has it when not given.
+
+    Raises:
+        ParameterError: when an argument is not as it should be.
+        BackendError: when the controller does what has no C.
+    """
+    if real not in _REALS:
+        raise ParameterError("real", real, f"one of {', '.join(_REALS)}")
+    if not isinstance(controller, Controller):
+        raise ParameterError("controller", controller, "a Controller")
+    limits = bounds(Faults() if faults is None else faults, controller)
+    code = _Writer(write_down(controller), real, limits).code()
+    if not type(controller).__module__.startswith("armgpi."):
+        again = _Writer(write_down(controller), real, limits).code()
+        if again.source != code.source:
+            raise BackendError(
+                f"{type(controller).__name__} cannot be written as C: it gives something else each time that "
+                "it is asked (random numbers?)"
+            )
+    return code
+
+
+class _Writer:
+    """Puts a law into C."""
+
+    def __init__(self, law: Law, real: str, limits: Bounds) -> None:
+        self.law, self.real, self.bounds = law, real, limits
+        self.ending = _REALS[real][1]
+        self.dialect = Dialect("armgpi_real_t", "uint32_t", self.literal, ())
+        robot = law.controller.robot
+        self.names = robot.joint_names
+        tables = law.tables
+        if not any(table.path == "effort" for table in tables):
+            effort = np.broadcast_to(law.controller.effort, (law.n,))
+            tables = [Table("EFFORT", "effort", (law.n,), [], effort.tolist()), *tables]
+        self.tables = tables
+        self.kernels: dict[str, Kernel] = {}
+        self.counts: dict[str, Counts] = {}
+
+    def literal(self, x: float) -> str:
+        """Return a number as C, to its last digit; beyond the largest one there is no limit."""
+        if np.isnan(x):
+            raise ParameterError("controller", x, "made of numbers; it has a constant that is none")
+        number = str(np.float32(x)) if self.real == "float" else repr(float(x))
+        if "inf" in number:
+            return "(-REAL_MAX)" if x < 0.0 else "REAL_MAX"
+        text = number + self.ending
+        return f"({text})" if number.startswith("-") else text
+
+    def code(self) -> Code:
+        """Return header and source."""
+        law, limits = self.law, self.bounds
+        robot = law.controller.robot
+        functions = [
+            self.routine("law_init", law.init, writes_torque=False),
+            self.routine("law_step", law.step, writes_torque=True),
+            self.hold(),
+        ]
+        kernels = [self.kernel(kernel) for kernel in self.kernels.values()]
+        frozen, hold = limits.frozen_samples > 0, limits.action == "hold"
+        weighed = frozen or hold
+        if not weighed:  # nobody asks for the weight
+            functions.pop()
+            used = {call.kernel.name for call in (*law.init.calls, *law.step.calls)}
+            kernels = [text for name, text in zip(self.kernels, kernels, strict=True) if name in used]
+        body = "\n".join([*kernels, *functions])
+        fill = {
+            **self._shared(),
+            "tables": "\n".join(map(self.table, self.tables)),
+            "bounds": self._bounds(),
+            "names": _listed(f'    "{plain(name)}"' for name in self.names),
+            "inputs": str(sum(INPUT_BITS.get(name, 0) for name in law.inputs)),
+            "dt_double": repr(float(law.controller.dt)),
+            "real_max": _REALS[self.real][2],
+            "law": f"{type(law.controller).__name__}.init and {type(law.controller).__name__}.step",
+            "helpers": self._helpers(body),
+            "kernels": "\n".join(kernels),
+            "law_functions": "\n".join(functions),
+            "checks": self._checks(),
+            "zero": self.literal(0.0),
+            **self._jump(),
+            **self._frozen(),
+            "hold": _HOLD if hold else "",
+        }
+        law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
+        cut = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
+        usual = self.counts["law_step"].plus(
+            *(self.counts[call.kernel.name] for call in law.step.calls if call.kernel.name not in cut)
+        )
+        checking = law_hold if frozen else Counts(0, 0, 0)
+        return Code(
+            Template(template("armgpi_controller.h")).substitute(self._header(robot)),
+            Template(template("armgpi_controller.c")).substitute(fill),
+            law,
+            self.real,
+            limits,
+            usual.plus(checking),
+            law_step.plus(checking, law_hold if hold else Counts(0, 0, 0)),
+        )
+
+    def routine(self, name: str, routine: Routine, writes_torque: bool) -> str:
+        """Return a function of the law that writes the state."""
+        n = self.law.n
+        entries = [(part, i) for part in self.law.state for i in range(len(part.symbols))]
+        places = [f"state->{part.name}[{i}]" if part.shape else f"state->{part.name}" for part, i in entries]
+        locals_ = [f"old_{part.name}_{i}" if part.shape else f"old_{part.name}" for part, i in entries]
+        old = [(part.symbols[i], local) for (part, i), local in zip(entries, locals_, strict=True)]
+        after = [f"new_{local[4:]}" for local in locals_]
+        targets = [f"tau[{j}]" for j in range(n * writes_torque)]
+        targets += [f"const armgpi_real_t {x}" for x in after]
+        joints = [*range(n * writes_torque), *(i for _, i in entries)]
+        lines = self._lines(name, routine, old, targets, joints)
+        # What stays as it is needs no reading and no writing.
+        same = {
+            f"const armgpi_real_t {new} = {local};" for new, local in zip(after, locals_, strict=True)
+        } & set(lines)
+        lines = [line for line in lines if line not in same]
+        text = "\n".join(lines)
+        reads = [
+            f"const armgpi_real_t {local} = {place};"
+            for local, place in zip(locals_, places, strict=True)
+            if re.search(rf"\b{local}\b", text)
+        ]
+        writes = [
+            f"{place} = {new};"
+            for place, new, local in zip(places, after, locals_, strict=True)
+            if f"const armgpi_real_t {new} = {local};" not in same
+        ]
+        if writes_torque:
+            tail = ["joint = first_beyond(tau, EFFORT);"]
+            if writes:
+                tail += ["if (joint == ARMGPI_N) {", *(f"    {line}" for line in writes), "}"]
+            lines = ["uint32_t joint;", *reads, *lines, *tail, "return joint;"]
+            note = (
+                "/* Work out the torque, and the next state, which is written when no torque is beyond its\n"
+                "   limit. Return the first joint whose torque is, ARMGPI_N when none is. */"
+            )
+            kind, last = "uint32_t", ", armgpi_real_t tau[ARMGPI_N]"
+        else:
+            lines = [*reads, *lines, *writes]
+            note = "/* Work out the state before the first sample. */"
+            kind, last = "void", ""
+        parameters = ",\n    ".join(f"const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
+        head = f"static {kind} {name}(armgpi_state_t *state,\n    {parameters}{last})"
+        return f"{note}\n{head}\n{_block(lines, ['state', *self.law.inputs])}"
+
+    def hold(self) -> str:
+        """Return the function of the torque that carries the arm's weight."""
+        targets = [f"tau[{j}]" for j in range(self.law.n)]
+        lines = self._lines("law_hold", self.law.hold, [], targets, range(self.law.n))
+        note = "/* Work out the torque that carries the arm's weight, cut to the limits. */"
+        head = "static void law_hold(const armgpi_real_t q_measured[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])"
+        return f"{note}\n{head}\n{_block(lines, ['q_measured'])}"
+
+    def kernel(self, kernel: Kernel) -> str:
+        """Return a function of the arm."""
+        letters = "qxyz"[: len(kernel.sizes)]
+        result = "qxyz"[len(kernel.sizes)] if len(kernel.sizes) < 4 else "r"
+        inputs, begin = [], 0
+        for letter, size in zip(letters, kernel.sizes, strict=True):
+            inputs += [(kernel.inputs[begin + i], f"{letter}[{i}]") for i in range(size)]
+            begin += size
+        outputs = ca.cse(ca.vertcat(*kernel.outputs))  # a sine is worked out once
+        targets = [f"{result}[{i}]" for i in range(kernel.size)]
+        lines = straight_line(inputs, [outputs[i] for i in range(kernel.size)], targets, self.dialect).lines
+        self.counts[kernel.name] = _counted(lines)
+        kind = _kind(kernel)
+        note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").replace(" y", f" {result}", 1)
+        parameters = [f"const armgpi_real_t {x}[{n}]" for x, n in zip(letters, kernel.sizes, strict=True)]
+        head = ", ".join([*parameters, f"armgpi_real_t {result}[{kernel.size}]"])
+        return f"/* {note} */\nstatic void {self._kernel_name(kernel)}({head})\n{_block(lines, letters)}"
+
+    def _kernel_name(self, kernel: Kernel) -> str:
+        """Return the name of a kernel in C: arm_inertia_times, and arm2_... of a second arm."""
+        alike = [name for name, other in self.kernels.items() if _kind(other) == _kind(kernel)]
+        number = alike.index(kernel.name) + 1
+        return f"arm{number if number > 1 else ''}_{_kind(kernel)}"
+
+    def table(self, table: Table) -> str:
+        """Return a table of constants."""
+        numbers = [self.literal(x) for x in table.values]
+        note = _TABLE_NOTES.get(table.path, "")
+        head = f"/* {table.path}{': ' if note else ''}{note} */\nstatic const armgpi_real_t {table.name}"
+        if not table.shape:
+            return f"{head} = {numbers[0]};\n"
+        return f"{head}[{len(numbers)}] = {{\n{self._rows(numbers)}\n}};\n"
+
+    def _rows(self, numbers: Sequence[str]) -> str:
+        """Return the entries of a table, with the names of the joints."""
+        named = len(numbers) == len(self.names)
+        commas = [f"{x}," for x in numbers[:-1]] + [numbers[-1]]
+        width = max(map(len, commas))
+        rows = [
+            f"    {x:{width}} /* {plain(name)} */" if named else f"    {x}"
+            for x, name in zip(commas, self.names if named else commas, strict=True)
+        ]
+        return "\n".join(rows)
+
+    def _lines(
+        self,
+        name: str,
+        routine: Routine,
+        old: Sequence[tuple[Any, str]],
+        targets: Sequence[str],
+        joints: Sequence[int],
+    ) -> list[str]:
+        """Return the lines of a function of the law: outputs go to targets, and belong to joints."""
+        inputs = list(old)
+        for argument, symbols in self.law.inputs.items():
+            inputs += [(x, f"{argument}[{j}]") for j, x in enumerate(symbols)]
+        for table in self.tables:
+            inputs += [
+                (x, f"{table.name}[{i}]" if table.shape else table.name) for i, x in enumerate(table.symbols)
+            ]
+        outputs: list[Any] = []
+        places: list[str] = []
+        order: list[int] = []
+        sites, rooms = [], []
+        for i, call in enumerate(routine.calls):
+            self.kernels.setdefault(call.kernel.name, call.kernel)
+            begin = len(outputs)
+            outputs += call.arguments
+            for k, size in enumerate(call.kernel.sizes):
+                places += [f"given{i}_{k}[{j}]" for j in range(size)]
+                order += range(size)
+                rooms.append((f"given{i}_{k}", size))
+            results = [f"result{i}[{j}]" for j in range(call.kernel.size)]
+            rooms.append((f"result{i}", call.kernel.size))
+            inputs += zip(call.results, results, strict=True)
+            lines = _call(i, call, self._kernel_name(call.kernel), self.literal(0.0))
+            sites.append(CallSite((begin, len(outputs)), results, lines))
+        outputs += routine.outputs
+        places += targets
+        order += joints
+        lines = straight_line(inputs, outputs, places, self.dialect, sites, order).lines
+        self.counts[name] = _counted(lines)
+        return _with_rooms(lines, rooms)
+
+    def _cost(self, name: str, routine: Routine) -> Counts:
+        """Return the operations of a routine with all that it calls."""
+        return self.counts[name].plus(*(self.counts[call.kernel.name] for call in routine.calls))
+
+    def _helpers(self, body: str) -> str:
+        """Return the elementary functions that are used."""
+        real = {"R": "armgpi_real_t", "F": self.ending, "f": self.ending.lower()}
+        used = [name for name in _HELPERS if re.search(rf"\b{name}\(", body)]
+        texts = [_filled(_HELPERS[name], real) for name in used]
+        if "any_nonzero(" in body:
+            zero = self.literal(0.0)
+            texts.append(
+                "\n/* Tell whether any of so many numbers is not zero. */\n"
+                "static uint32_t any_nonzero(const armgpi_real_t x[], uint32_t count)\n{\n"
+                "    uint32_t i;\n    uint32_t found = 0U;\n\n"
+                "    for (i = 0U; i < count; ++i) {\n"
+                f"        if ((x[i] < {zero}) || (x[i] > {zero})) {{\n"
+                "            found = 1U;\n        }\n    }\n    return found;\n}"
+            )
+        return "\n".join(texts) + "\n"
+
+    def _shared(self) -> dict[str, str]:
+        """Return what both templates need."""
+        robot: Any = self.law.controller.robot
+        parameters = ",\n".join(f"    const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
+        return {
+            "title": f"{type(self.law.controller).__name__} controller of {plain(robot.name)}, "
+            f"{self.law.n} joint{'s' if self.law.n > 1 else ''}, {self.law.controller.dt:g} s",
+            "version": __version__,
+            "source": source_of(robot),
+            "parameters": parameters,
+            "arguments": ", ".join(self.law.inputs),
+        }
+
+    def _header(self, robot: Any) -> dict[str, str]:
+        """Return what the header's template needs."""
+        law = self.law
+        width = max(map(len, self.names))
+        lower, upper, velocity, _ = robot.limits
+        joints = [
+            f" *   {j:2}  {plain(name):{width}}  {kind:10} [{lower[j]:.6g}, {upper[j]:.6g}], "
+            f"{velocity[j]:.6g} per s, at most {np.broadcast_to(law.controller.effort, law.n)[j]:.6g}"
+            for j, (name, kind) in enumerate(zip(self.names, robot.joint_types, strict=True))
+        ]
+        parts = identifiers(self.names)
+        enum = [f"    ARMGPI_JOINT_{name} = {j}" for j, name in enumerate(parts)]
+        fields = [
+            (
+                f"armgpi_real_t {part.name}{'[ARMGPI_N]' if part.shape == (law.n,) else _size(part)};",
+                f"{part.path}{_remark(part.path)}",
+            )
+            for part in law.state
+        ]
+        supervision = [
+            ("armgpi_status_t status;", "what it is in"),
+            ("armgpi_reason_t reason;", "of a fault"),
+            ("uint32_t fault_joint;", "joint concerned, see armgpi_joint_t"),
+            ("armgpi_real_t q_last[ARMGPI_N];", "last good measurement [rad or m]"),
+            ("armgpi_real_t tau_fault[ARMGPI_N];", "torque while in FAULT [N m or N]"),
+        ]
+        if self.bounds.frozen_samples:
+            supervision += [
+                ("armgpi_real_t q_ref_mark[ARMGPI_N];", "reference when the measurement last changed"),
+                ("armgpi_real_t excess_mark[ARMGPI_N];", "torque less weight, likewise [N m or N]"),
+                ("uint32_t frozen_count[ARMGPI_N];", "samples that it should have changed in since"),
+                ("uint32_t first;", "1 before the first sample"),
+            ]
+        what = {
+            "hold": "the torque that carries the arm's weight\n * at the last good posture",
+            "zero": "zero",
+        }
+        return {
+            **self._shared(),
+            "joints": "\n".join(joints),
+            "n": str(law.n),
+            "dt": self.literal(law.controller.dt),
+            "real": _REALS[self.real][0],
+            "enum": _listed(enum),
+            "supervision": _members(supervision).rstrip("\n"),
+            "fields": _members(fields),
+            "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),
+            "action": what[self.bounds.action],
+        }
+
+    def _bounds(self) -> str:
+        """Return the tables of the supervision."""
+        limits = self.bounds
+        parts: list[tuple[str, str, Array]] = []
+        if limits.jump is not None:
+            parts.append(("JUMP", "Largest change of a position in one sample [rad or m].", limits.jump))
+        if limits.frozen_samples:
+            travel = "Travel of the reference that asks a position to change [rad or m]."
+            torque = "Change of torque less weight that asks a position to change [N m or N]."
+            parts += [("FROZEN_TRAVEL", travel, limits.travel), ("FROZEN_TORQUE", torque, limits.torque)]
+        texts = [
+            f"/* {note} */\nstatic const armgpi_real_t {name}[ARMGPI_N] = {{\n"
+            f"{self._rows([self.literal(x) for x in values])}\n}};\n"
+            for name, note, values in parts
+        ]
+        if limits.frozen_samples:
+            texts.append(
+                "/* Samples without a change, while one is asked for, that make a position frozen. */\n"
+                f"static const uint32_t FROZEN_SAMPLES = {limits.frozen_samples}U;\n"
+            )
+        return "\n".join(texts)
+
+    def _checks(self) -> str:
+        """Return the tests of arguments for numbers that are not finite."""
+        lines: list[str] = []
+        for name in self.law.inputs:
+            reason = "MEASUREMENT" if name.endswith("measured") else "REFERENCE"
+            test = [
+                f"*joint = first_not_finite({name});",
+                "if (*joint < ARMGPI_N) {",
+                f"    reason = ARMGPI_REASON_{reason};",
+                "}",
+            ]
+            if lines:
+                test = ["if (reason == ARMGPI_REASON_NONE) {", *(f"    {line}" for line in test), "}"]
+            lines += [f"    {line}" for line in test]
+        return "\n".join(lines)
+
+    def _jump(self) -> dict[str, str]:
+        """Return the test for positions that jump, and its use."""
+        if self.bounds.jump is None:
+            return {"jump_check": "", "jump_call": ""}
+        return {"jump_check": _filled(_JUMP, {"f": self.ending.lower()}), "jump_call": _JUMP_CALL}
+
+    def _frozen(self) -> dict[str, str]:
+        """Return the test for positions that stand still, and its uses."""
+        if not self.bounds.frozen_samples:
+            return dict.fromkeys(("frozen_check", "frozen_call", "frozen_init", "frozen_first"), "")
+        zero = self.literal(0.0)
+        return {
+            "frozen_check": _filled(_FROZEN, {"f": self.ending.lower()}),
+            "frozen_call": _FROZEN_CALL,
+            "frozen_init": (
+                "            state->q_ref_mark[i] = q_ref[i];\n"
+                f"            state->excess_mark[i] = {zero};\n"
+                "            state->frozen_count[i] = 0U;\n"
+            ),
+            "frozen_first": "        state->first = 1U;\n",
+        }
+
+
+_HOLD = """\
+    if (state->status == ARMGPI_STATUS_RUN) {
+        law_hold(state->q_last, state->tau_fault);
+    }
+"""
+_JUMP = """
+/* Return the first joint whose position moved farther than it can in one sample, ARMGPI_N when none did. */
+static uint32_t first_jump(const armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N])
+{
+    uint32_t joint = 0U;
+
+    while ((joint < ARMGPI_N) && (fabs{f}(q[joint] - state->q_last[joint]) <= JUMP[joint])) {
+        ++joint;
+    }
+    return joint;
+}
+"""
+_JUMP_CALL = """\
+        if (reason == ARMGPI_REASON_NONE) {
+            joint = first_jump(state, q_measured);
+            if (joint < ARMGPI_N) {
+                reason = ARMGPI_REASON_JUMP;
+            }
+        }
+"""
+_FROZEN = """
+/* Return the first joint whose position stands still that should not, ARMGPI_N when none does. A still arm
+   repeats one number as a dead sensor does; so a change is asked for only where, since the last one, the
+   reference has moved on or the torque has changed by more than the arm's weight explains. */
+static uint32_t first_frozen(armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N],
+    const armgpi_real_t q_ref[ARMGPI_N], const armgpi_real_t tau[ARMGPI_N])
+{
+    armgpi_real_t weight[ARMGPI_N];
+    uint32_t joint = ARMGPI_N;
+    uint32_t i;
+
+    law_hold(q, weight);
+    for (i = 0U; i < ARMGPI_N; ++i) {
+        const armgpi_real_t excess = tau[i] - weight[i];
+
+        if ((state->first != 0U) || (q[i] < state->q_last[i]) || (q[i] > state->q_last[i])) {
+            state->q_ref_mark[i] = q_ref[i];
+            state->excess_mark[i] = excess;
+            state->frozen_count[i] = 0U;
+        } else if ((fabs{f}(q_ref[i] - state->q_ref_mark[i]) <= FROZEN_TRAVEL[i])
+            && (fabs{f}(excess - state->excess_mark[i]) <= FROZEN_TORQUE[i])) {
+            state->frozen_count[i] = 0U;
+        } else {
+            ++state->frozen_count[i];
+            if ((state->frozen_count[i] >= FROZEN_SAMPLES) && (joint == ARMGPI_N)) {
+                joint = i;
+            }
+        }
+    }
+    state->first = 0U;
+    return joint;
+}
+"""
+_FROZEN_CALL = """\
+        if (reason == ARMGPI_REASON_NONE) {
+            joint = first_frozen(state, q_measured, q_ref, tau_out);
+            if (joint < ARMGPI_N) {
+                reason = ARMGPI_REASON_FROZEN;
+            }
+        }
+"""
+
+
+def template(name: str) -> str:
+    """Return the text of a template."""
+    return (files("armgpi.export") / "templates" / name).read_text(encoding="utf-8")
+
+
+def inputs_of(bits: int) -> list[str]:
+    """Return the names of a step's arguments, from the bits of `armgpi_info.inputs`."""
+    return [name for name in INPUTS if not INPUT_BITS.get(name, 0) & ~bits]
+
+
+def _members(members: Sequence[tuple[str, str]]) -> str:
+    """Return members of a struct with their comments in a column."""
+    width = max((len(member) for member, _ in members), default=0)
+    return "".join(f"    {member:{width}} /* {remark} */\n" for member, remark in members)
+
+
+def _size(part: Table) -> str:
+    """Return the brackets behind a name."""
+    return f"[{len(part.symbols)}]" if part.shape else ""
+
+
+def _remark(path: str) -> str:
+    """Return what a part of the state means, behind its path."""
+    steps = path.split(".")
+    known = _NOTES.get(steps[-1]) or next((_PARTS[step] for step in steps if step in _PARTS), "")
+    return f": {known}" if known else ""
+
+
+def _kind(kernel: Kernel) -> str:
+    """Return the name of a kernel without the digest of its model."""
+    return kernel.name.rpartition("_")[0]
+
+
+def _call(i: int, call: Call, name: str, zero: str) -> list[str]:
+    """Return the lines of the use of a kernel."""
+    kernel = call.kernel
+    given = [f"given{i}_{k}" for k in range(len(kernel.sizes))]
+    used = f"{name}({', '.join([*given, f'result{i}'])});"
+    if kernel.skip is None:
+        return [used]
+    # Where the argument is zero so is the result, at no cost.
+    return [
+        f"if (any_nonzero({given[kernel.skip]}, {kernel.sizes[kernel.skip]}U) != 0U) {{",
+        f"    {used}",
+        "} else {",
+        *(f"    result{i}[{j}] = {zero};" for j in range(kernel.size)),
+        "}",
+    ]
+
+
+def _with_rooms(lines: list[str], rooms: Sequence[tuple[str, int]]) -> list[str]:
+    """Return lines behind the arrays that they use; a copy of an array as it is, is left out."""
+    declared = []
+    for name, size in rooms:
+        copies = {
+            line: line[len(f"{name}[{j}] = ") :]
+            for line in lines
+            for j in range(size)
+            if line.startswith(f"{name}[{j}] = ")
+        }
+        source = next(iter(copies.values()), "").partition("[")[0]
+        if list(copies.values()) == [f"{source}[{j}];" for j in range(size)]:
+            lines = [re.sub(rf"\b{name}\b", source, line) for line in lines if line not in copies]
+        else:
+            declared.append(f"armgpi_real_t {name}[{size}];")
+    return [*declared, *lines]
+
+
+def _counted(lines: Iterable[str]) -> Counts:
+    """Count the operations in lines."""
+    kinds: Counter[str] = Counter()
+    for line in lines:
+        found = re.match(r"const \w+ i?x\d+ = (.*);$", line)
+        if found is None:
+            continue
+        if re.match(r"v_(sin|cos|exp|log)\(", found[1]):
+            kinds["transcendental"] += 1
+        elif " / " in found[1] or found[1].startswith("v_sqrt("):
+            kinds["divisions"] += 1
+        else:
+            kinds["simple"] += 1
+    return Counts(kinds["simple"], kinds["divisions"], kinds["transcendental"])
+
+
+def _block(lines: Sequence[str], arguments: Sequence[str]) -> str:
+    """Return the body of a function; arguments that it does not need are named as such."""
+    text = "\n".join(lines)
+    unused = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
+    return "{\n" + "".join(f"    {line}\n" for line in [*lines, *unused]) + "}\n"
+
+
+def _filled(text: str, values: dict[str, str]) -> str:
+    """Return a text of C, which is full of braces, with {names} replaced."""
+    for key, value in values.items():
+        text = text.replace(f"{{{key}}}", value)
+    return text
+
+
+def _listed(items: Iterable[str]) -> str:
+    """Return lines with commas between them."""
+    return ",\n".join(items)

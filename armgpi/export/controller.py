@@ -1,0 +1,183 @@
+"""Exported code as a controller, so that it runs in a simulation as it will on the hardware."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.compiled import build
+from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
+from armgpi.errors import BackendError, ParameterError
+from armgpi.export.names import plain
+from armgpi.references.reference import Target
+from armgpi.robot import Robot
+
+#: As the Makefile compiles. No fused multiply-add, so that every machine gives the same bits.
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
+HEADER, SOURCE = "armgpi_controller.h", "armgpi_controller.c"
+#: Names of the status and of the reasons of a fault, by their numbers in C.
+STATUS = ("before init", "run", "fault")
+REASONS = ("none", "before init", "measurement", "reference", "jump", "frozen", "torque")
+#: What a step is given, with the bit that says so; see `armgpi_info.inputs`.
+_ARGUMENTS = (("q_measured", 0), ("v_measured", 1), ("q_ref", 0), ("v_ref", 2), ("a_ref", 4))
+
+
+class _Info(ctypes.Structure):
+    """What the code was made for: `armgpi_info`."""
+
+    _fields_: ClassVar = [
+        ("n", ctypes.c_uint32),
+        ("real_bytes", ctypes.c_uint32),
+        ("state_bytes", ctypes.c_uint32),
+        ("inputs", ctypes.c_uint32),
+        ("dt", ctypes.c_double),
+        ("joints", ctypes.POINTER(ctypes.c_char_p)),
+        ("effort", ctypes.c_void_p),
+    ]
+
+
+class FaultReport(NamedTuple):
+    """What an exported controller says of itself.
+
+    Attributes:
+        status: "before init", "run" or "fault".
+        reason: "none", or of a fault "before init", "measurement", "reference", "jump", "frozen" or "torque".
+        joint: name of the joint concerned, None without a fault.
+    """
+
+    status: str
+    reason: str
+    joint: str | None
+
+
+class ExportedController(Controller):
+    """A controller that was exported as C, compiled here, for one rollout.
+
+    Its state is the C struct, as bytes. It handles faults as the exported code does: look at :meth:`report`.
+
+    Attributes:
+        state_bytes: size of its state.
+        real: "double" or "float".
+    """
+
+    def __init__(self, robot: Robot, folder: str | Path) -> None:
+        """Compile what ``armgpi export`` wrote to a folder.
+
+        Args:
+            robot: the robot that it was exported for.
+            folder: where armgpi_controller.h and .c are.
+
+        Raises:
+            BackendError: when there is no compiler, or the folder holds no exported controller.
+            ParameterError: when it is for other joints.
+        """
+        texts = []
+        for name in (HEADER, SOURCE):
+            try:
+                texts.append((Path(folder) / name).read_text(encoding="utf-8"))
+            except (OSError, ValueError) as error:
+                reason = error.strerror if isinstance(error, OSError) else "no text"
+                raise BackendError(f"{Path(folder) / name}: cannot be read: {reason}") from None
+        self._start(robot, *texts)
+
+    @classmethod
+    def of(cls, controller: Controller, real: str = "double", faults: Any = None) -> ExportedController:
+        """Return a controller as it would be exported, without a folder.
+
+        Args:
+            controller: for a single rollout.
+            real: number type in C, "double" or "float".
+            faults: how faults are handled, an :class:`armgpi.Faults`.
+
+        Raises:
+            ParameterError: when an argument is not as it should be.
+            BackendError: when the controller has no C, or there is no compiler.
+        """
+        from armgpi.export.code import generate
+
+        code = generate(controller, real, faults)
+        made = cls.__new__(cls)
+        robot: Any = controller.robot
+        made._start(robot, code.header, code.source)
+        return made
+
+    def _start(self, robot: Robot, header: str, source: str) -> None:
+        """Compile and look at what it is for."""
+        # One text, as the cache of libraries wants it.
+        whole = source.replace(f'#include "{HEADER}"', header)
+        self._library = build.library(whole, FLAGS)
+        try:
+            info = _Info.in_dll(self._library, "armgpi_info")
+            self._init, self._step = self._library.armgpi_init, self._library.armgpi_step
+        except (ValueError, AttributeError) as error:
+            raise BackendError(f"this is no exported controller: {error}") from None
+        for function in (self._init, self._step):
+            function.restype = ctypes.c_int
+        names = [info.joints[j].decode() for j in range(info.n)]
+        if names != [plain(name) for name in robot.joint_names]:
+            joints = ", ".join(names)
+            raise ParameterError("robot", ", ".join(robot.joint_names), f"one with the joints {joints}")
+        self.real = "float" if info.real_bytes == 4 else "double"
+        self._dtype: Any = np.float32 if info.real_bytes == 4 else np.float64
+        self.state_bytes = int(info.state_bytes)
+        effort = (ctypes.c_byte * (info.n * info.real_bytes)).from_address(info.effort)
+        limits = np.frombuffer(effort, self._dtype).astype(np.float64)
+        largest = float(np.finfo(self._dtype).max)
+        super().__init__(robot, float(info.dt), limits)
+        self.effort = np.where(limits < largest, limits, np.inf)
+        self._given = [name for name, bit in _ARGUMENTS if bit & info.inputs == bit]
+        # An attribute of the object, as it is the library that says what it needs.
+        self.sees = FullState if info.inputs & 1 else Measurement  # type: ignore[misc]
+
+    def init(self, measurement: Measurement | FullState, target: Target) -> npt.NDArray[np.uint64]:
+        """Return the state before the first sample; see :meth:`Controller.init`."""
+        state = np.zeros(-(-self.state_bytes // 8), dtype=np.uint64)
+        _, pointers = self._arguments(measurement, target)
+        self._init(ctypes.c_void_p(state.ctypes.data), *pointers)
+        return state
+
+    def step(
+        self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]
+    ) -> ControlStep:
+        """Return torque and next state; see :meth:`Controller.step`."""
+        after = state.copy()
+        tau = np.empty(self.robot.n, dtype=self._dtype)
+        _keep, pointers = self._arguments(measurement, target)
+        self._step(ctypes.c_void_p(after.ctypes.data), *pointers, ctypes.c_void_p(tau.ctypes.data))
+        return ControlStep(tau.astype(np.float64, copy=False), after)
+
+    def report(self, state: npt.NDArray[np.uint64]) -> FaultReport:
+        """Return what a state says of itself."""
+        status, reason, joint = (int(x) for x in state.view(np.uint32)[:3])
+        fault = STATUS[status] == "fault"
+        return FaultReport(STATUS[status], REASONS[reason], self.robot.joint_names[joint] if fault else None)
+
+    def _arguments(
+        self, measurement: Measurement | FullState, target: Target
+    ) -> tuple[list[Any], list[ctypes.c_void_p]]:
+        """Return the arguments that the code takes: arrays that have to be kept, and where they are."""
+        values = {f"{x}_measured": y for x, y in measurement._asdict().items()}
+        values.update({f"{x}_ref": y for x, y in target._asdict().items()})
+        arrays = [np.ascontiguousarray(np.asarray(values[name]), dtype=self._dtype) for name in self._given]
+        for name, array in zip(self._given, arrays, strict=True):
+            if array.shape != (self.robot.n,):
+                expected = f"of shape ({self.robot.n},): exported code controls one rollout"
+                raise ParameterError(name, array.shape, expected)
+        return arrays, [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        return {
+            **super().describe(),
+            "real": self.real,
+            "state_bytes": self.state_bytes,
+            "robot": self.robot.provenance,
+        }
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"ExportedController({self.robot.name!r}, dt={self.dt:g}, real={self.real!r})"

@@ -1,0 +1,399 @@
+"""The folder of an exported controller: its C, a log to replay, a Makefile and what to know."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import __version__
+from armgpi.arrays import Array
+from armgpi.compiled import build
+from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.errors import BackendError, RolloutError
+from armgpi.export.code import MEANING, Code, Counts, generate, template
+from armgpi.export.faults import Faults
+from armgpi.export.law import INPUTS
+from armgpi.export.names import plain, source_of
+from armgpi.plants.plant import Plant
+from armgpi.references.reference import Reference, Target
+from armgpi.simulation import ClosedLoop
+
+#: Samples of a log at most.
+MOST_SAMPLES = 100_000
+#: Largest difference from Python, as a share of the torque scale; and where roundings add up: the states of
+#: the printed law grow without bound and cancel (docs, theory), and where torque is cut, D(q)^-1, which the
+#: two work out in different ways, goes into the integrators.
+_TOLERANCE, _LOOSE = 1e-12, 1e-9
+#: A joint is this far from its reference [rad or m] when a rollout has diverged, as in `simulate`.
+_DIVERGED = 10.0
+#: How long the replay times steps [s], and how long it may take.
+_TIMING, _PATIENCE = 0.2, 120.0
+#: As the Makefile has them.
+_STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-Wdouble-promotion")
+_BUILD = (*_STRICT, "-ffp-contract=off", "-fno-builtin-memset", "-fno-builtin-memcpy", "-O2")
+
+
+class Log(NamedTuple):
+    """What a controller was given and what it answered, sample by sample.
+
+    Attributes:
+        inputs: name (of `q_measured`, `v_measured`, `q_ref`, `v_ref`, `a_ref`) -> array (samples, n).
+        tau: torques [N m or N], shape (samples, n).
+        diverged: time at which the arm was out of control [s], None when it never was.
+    """
+
+    inputs: dict[str, Array]
+    tau: Array
+    diverged: float | None = None
+
+
+class Measured(NamedTuple):
+    """What the replay said.
+
+    Attributes:
+        compiler: which compiler.
+        difference: largest difference from Python, as a share of the torque scale.
+        agrees: whether it is as small as it should be, without a fault.
+        state_bytes: size of the state.
+        step: mean time of a step [ns]; None where it could not be timed.
+        cut: the same where torque is cut.
+        stack: bytes of stack of all functions together, None when the compiler does not say.
+        said: all that it printed.
+    """
+
+    compiler: str
+    difference: float
+    agrees: bool
+    state_bytes: int
+    step: float | None
+    cut: float | None
+    stack: int | None
+    said: str
+
+
+class Export(NamedTuple):
+    """What was written.
+
+    Attributes:
+        folder: where.
+        files: what.
+        code: the C and its counts.
+        measured: what the replay said; None without a compiler.
+        state_bytes: size of the state.
+    """
+
+    folder: Path
+    files: list[Path]
+    code: Code
+    measured: Measured | None
+    state_bytes: int
+
+
+def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> Log:
+    """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log."""
+    loop = ClosedLoop(plant, controller, reference)
+    state = loop.init()
+    rows: list[Any] = []
+    taus = []
+    samples = max(1, min(round(t_final / controller.dt), MOST_SAMPLES))
+    diverged = None
+    with np.errstate(all="ignore"):
+        for k in range(samples):
+            target = reference.at(k * controller.dt)
+            state, measured, tau = loop.step(state, target)
+            far = np.abs(measured.q - target.q)
+            if not ((far < _DIVERGED).all() and np.isfinite(tau).all() and np.isfinite(measured.v).all()):
+                diverged = k * controller.dt
+                break
+            rows.append((measured.q, measured.v, *target))
+            taus.append(tau)
+    if not rows:
+        raise RolloutError(
+            f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
+        )
+    columns = zip(INPUTS, zip(*rows, strict=True), strict=True)
+    return Log({name: np.array(values) for name, values in columns}, np.array(taus), diverged)
+
+
+def export_controller(
+    controller: Controller,
+    folder: str | Path,
+    log: Log | None = None,
+    *,
+    real: str = "double",
+    faults: Faults | None = None,
+    measure: bool = True,
+) -> Export:
+    """Write a controller as freestanding C99 to a folder, with a README that says how to wire it.
+
+    Args:
+        controller: for a single rollout.
+        folder: made if needed; files of an earlier export in it are overwritten.
+        log: what to replay (:func:`armgpi.export.files.record`); when not given, 0.1 s at rest in the middle
+            of the joint ranges.
+        real: number type in C, "double" or "float".
+        faults: how faults are handled; :class:`armgpi.Faults` as it is when not given.
+        measure: whether to compile and run the replay, where there is a compiler.
+
+    Raises:
+        ParameterError: when an argument is not as it should be.
+        BackendError: when the controller does what has no C.
+        RolloutError: when the folder cannot be written to.
+    """
+    from armgpi.experiment import prepare
+
+    code = generate(controller, real, faults)
+    folder = Path(folder)
+    prepare(folder)
+    texts = _texts(code, _at_rest(controller) if log is None else log)
+    measured = None
+    if measure:
+        with suppress(BackendError):  # there is no compiler
+            measured = _replayed(texts, build.compiler())
+    state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
+    texts["README.md"] = _readme(code, texts["log.csv"].count("\n") - 1, state_bytes, measured)
+    paths = [folder / name for name in texts]
+    try:
+        for path, text in zip(paths, texts.values(), strict=True):
+            path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    return Export(folder, paths, code, measured, state_bytes)
+
+
+def _at_rest(controller: Controller) -> Log:
+    """Return a short log of a controller whose arm does not move."""
+    robot: Any = controller.robot
+    n = robot.n
+    middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(n)
+    values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
+    seen: Any = FullState(middle, rest) if controller.sees is FullState else Measurement(middle)
+    target = Target(middle, rest, rest)
+    state, taus = controller.init(seen, target), []
+    for _ in range(max(1, round(0.1 / controller.dt))):
+        tau, state = controller.step(seen, target, state)
+        taus.append(np.broadcast_to(tau, (n,)))
+    return Log({name: np.tile(value, (len(taus), 1)) for name, value in values.items()}, np.array(taus))
+
+
+def _texts(code: Code, log: Log) -> dict[str, str]:
+    """Return the files that are compiled and replayed."""
+    names = list(code.law.inputs)
+    joints = code.law.controller.robot.joint_names
+    columns = [*(log.inputs[name] for name in names), log.tau]
+    titles = [f"{name}[{plain(joint)}]".replace(",", " ") for name in (*names, "tau") for joint in joints]
+    rows = [",".join(map(repr, row)) for row in np.concatenate(columns, axis=1).tolist()]
+    effort = np.broadcast_to(code.law.controller.effort, (code.law.n,))
+    largest = np.maximum(np.abs(log.tau).max(axis=0), 1e-300)
+    scale = np.where(np.isfinite(effort), effort, largest)
+    adding = getattr(code.law.controller, "realisation", "") == "paper" or (np.abs(log.tau) >= effort).any()
+    tolerance = 0.0 if code.real == "float" else _LOOSE if adding else _TOLERANCE
+    suffix = "F" if code.real == "float" else ""
+    q_ref = names.index("q_ref")
+    fill = {
+        "count": len(names),
+        "tolerance": repr(tolerance),
+        "seconds": repr(_TIMING),
+        "scale": ",\n".join(f"    {x!r}" for x in scale.tolist()),
+        "q_ref": f"{q_ref}U",
+        "step_call": ", ".join("q_ref" if i == q_ref else f"in[{i}U]" for i in range(len(names))),
+        "init_call": ", ".join(f"timed[0U][{i}U]" for i in range(len(names))),
+        "init_now": ", ".join("moved" if i == q_ref else f"timed[k][{i}U]" for i in range(len(names))),
+        "init_in": ", ".join(f"in[{i}U]" for i in range(len(names))),
+        "zero": f"0.0{suffix}",
+        "far": f"10.0{suffix}",
+    }
+    return {
+        "armgpi_controller.h": code.header,
+        "armgpi_controller.c": code.source,
+        "main.c": Template(template("main.c")).substitute(fill),
+        "log.csv": "\n".join([",".join(titles), *rows]) + "\n",
+        "Makefile": Template(template("Makefile")).substitute(),
+    }
+
+
+def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
+    """Compile and run the replay in a folder of its own.
+
+    Raises:
+        BackendError: when the compiler fails.
+    """
+    with tempfile.TemporaryDirectory(prefix="armgpi-export-") as name:
+        folder = Path(name)
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        sources = ["main.c", "armgpi_controller.c"]
+        stack = None
+        # Not every compiler knows this option.
+        _run([*found.command, *_BUILD, "-fstack-usage", "-c", sources[1]], folder)
+        with suppress(OSError, ValueError):
+            text = (folder / "armgpi_controller.su").read_text(encoding="utf-8")
+            stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
+        built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
+        if built.returncode:
+            lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
+            raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it said nothing'])[0]}")
+        done = _run([str(folder / "replay")], folder)
+        said = done.stdout.decode(errors="replace")
+
+    def number(pattern: str) -> float:
+        match = re.search(pattern, said)
+        return float(match[1]) if match else math.nan
+
+    def time(pattern: str) -> float | None:
+        value = number(pattern)
+        return value if value > 0.0 else None
+
+    return Measured(
+        compiler=found.version.splitlines()[0] if found.version else found.command[0],
+        difference=number(r"largest difference (\S+)"),
+        agrees=done.returncode == 0,
+        state_bytes=int(number(r"state (\d+)")),
+        step=time(r"(?m)^step (\S+) ns"),
+        cut=time(r"step with torque cut (\S+) ns"),
+        stack=stack,
+        said=said,
+    )
+
+
+def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]:
+    """Run a program, or say why that was not possible."""
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, timeout=_PATIENCE, check=False)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise BackendError(f"{command[0]} cannot be run: {error}") from None
+
+
+def _state_bytes(code: Code) -> int:
+    """Return the size of the state where integers have 32 bits and numbers are aligned to their size."""
+    real, n = (4 if code.real == "float" else 8), code.law.n
+    frozen = code.bounds.frozen_samples > 0
+    size = 12
+    for reals, integers in ((2 * n, 0), (2 * n * frozen, (n + 1) * frozen)):
+        size = -(-size // real) * real + reals * real if reals else size
+        size += 4 * integers
+    law = sum(len(part.symbols) for part in code.law.state)
+    size = -(-size // real) * real + law * real if law else size
+    return -(-size // real) * real
+
+
+def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | None) -> str:
+    """Return the README."""
+    law, limits = code.law, code.bounds
+    controller = law.controller
+    robot: Any = controller.robot
+    lower, upper, velocity, _ = robot.limits
+    effort = np.broadcast_to(controller.effort, (law.n,))
+    units = ["m" if kind == "prismatic" else "rad" for kind in robot.joint_types]
+    joints = [
+        f"| {j} | `{plain(name)}` | {kind} | {lower[j]:.6g} to {upper[j]:.6g} {unit} "
+        f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {'N' if unit == 'm' else 'N m'} |"
+        for j, (name, kind, unit) in enumerate(zip(robot.joint_names, robot.joint_types, units, strict=True))
+    ]
+    start = {
+        "hold": "The torque begins with the one that carries the arm's weight: release the brakes under it.",
+        "zero": "The torque begins at zero (an arm that rests on something).",
+    }.get(getattr(controller, "start", ""), "")
+    action = {
+        "hold": "at what carries the arm's weight at the last good posture, within the limits",
+        "zero": "at zero",
+    }[limits.action]
+    hold = (
+        "The holding torque is the model's G(q), with the load that the controller believes in: an arm "
+        "that carries another load, or is moving, will drift under it. It bridges the time until the "
+        "brakes grip."
+    )
+    return (
+        Template(template("README.md"))
+        .substitute(
+            title=f"{type(controller).__name__} controller of {plain(robot.name)}",
+            version=__version__,
+            source=source_of(robot),
+            samples=samples,
+            arrays=", ".join(f"{name}[ARMGPI_N]" for name in law.inputs),
+            arguments=", ".join(law.inputs),
+            dt=f"{controller.dt:g}",
+            argument_notes="\n".join(f"- `{name}`: {MEANING[name]}." for name in law.inputs),
+            joints="\n".join(joints),
+            start=f"{start} " if start else "",
+            action=action,
+            jump=_jump_text(limits.jump, robot),
+            frozen=_frozen_text(code),
+            hold_note=hold if limits.action == "hold" else "",
+            real=code.real,
+            state_bytes=state_bytes,
+            usual=_counts(code.usual),
+            worst=_counts(code.worst),
+            measured=_measured(measured),
+            float_note=_FLOAT if code.real == "float" else "",
+        )
+        .rstrip()
+        + "\n"
+    )
+
+
+_FLOAT = """\
+In single precision the integrators round at 6e-8 of what they hold. In a replay, where no loop is closed
+around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it
+out.
+"""
+
+
+def _jump_text(jump: Array | None, robot: Any) -> str:
+    """Return when a position has jumped."""
+    if jump is None:
+        return "never: switched off at export"
+    checked = np.isfinite(jump)
+    if not checked.any():
+        return "never: no joint has a velocity limit"
+    listed = ", ".join(f"{x:.4g}" for x in jump[checked])
+    names = [plain(name) for name, known in zip(robot.joint_names, checked, strict=True) if not known]
+    rest = f"; not for {', '.join(names)}, without a velocity limit" if names else ""
+    return f"a position changed by more than {listed} rad or m in one sample{rest}"
+
+
+def _frozen_text(code: Code) -> str:
+    """Return when a position is frozen."""
+    limits = code.bounds
+    if not limits.frozen_samples:
+        return "never: switched off at export"
+    return (
+        f"a position did not change at all for {limits.frozen_samples} samples in which it should have: "
+        f"since it last changed, its reference has moved by more than {_few(limits.travel)} rad or m, or "
+        f"torque less the arm's weight by more than {_few(limits.torque)} N m or N. An arm that rightly "
+        "stands still is no fault"
+    )
+
+
+def _few(values: Array) -> str:
+    """Return numbers per joint as text, one where all are alike."""
+    texts = [f"{x:.4g}" for x in values]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+
+
+def _counts(counts: Counts) -> str:
+    """Return counts as text."""
+    return ", ".join(f"{x:,}" for x in counts)
+
+
+def _measured(measured: Measured | None) -> str:
+    """Return the rows of the table that were measured."""
+    if measured is None:
+        return "| time of a step | not measured: no C compiler where this was exported; `make` measures it |"
+    rows = [("largest difference from Python, as a share of the torque limits", f"{measured.difference:.2g}")]
+    for what, value in (("time of a step", measured.step), ("the same, torque cut", measured.cut)):
+        if value is not None:
+            rows.append(
+                (f"{what}, on the machine that exported ({plain(measured.compiler)})", f"{value:.0f} ns")
+            )
+    if measured.stack is not None:
+        rows.append(("stack, all functions together (-O2)", f"{measured.stack} bytes"))
+    return "\n".join(f"| {what} | {value} |" for what, value in rows)

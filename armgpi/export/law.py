@@ -1,0 +1,298 @@
+"""A controller's law as expressions: its own `init` and `step`, called once with symbols."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.compiled.kernels import Call
+from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.compiled.trace import Lifting, Trace
+from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.errors import ArmgpiError, BackendError, ParameterError
+from armgpi.references.reference import Target
+from armgpi.robot import Robot
+
+#: What a law may be given, in the order of the arguments in C.
+INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")
+
+
+#: Words of C99, and names that the templates use.
+_RESERVED = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        auto break case char const continue default do double else enum extern float for goto if inline int
+        long register restrict return short signed sizeof static struct switch typedef union unsigned void
+        volatile while status reason fault_joint q_last tau_fault q_ref_mark excess_mark frozen_count first
+        JUMP FROZEN_TRAVEL FROZEN_TORQUE FROZEN_SAMPLES JOINT_NAMES REAL_MAX NAN INFINITY HUGE_VAL EOF NULL
+        """,
+    )
+)
+
+
+class Table(NamedTuple):
+    """A constant array of the controller, or a part of its state.
+
+    Attributes:
+        name: its name in C.
+        path: where it is in Python.
+        shape: its shape, () for a number.
+        symbols: what stands for its entries.
+        values: its entries; of a part of the state, none.
+    """
+
+    name: str
+    path: str
+    shape: tuple[int, ...]
+    symbols: list[Any]
+    values: list[float]
+
+
+class Routine(NamedTuple):
+    """What one function of the law works out.
+
+    Attributes:
+        calls: its uses of the dynamics, in order.
+        outputs: expressions: of the torque (of `step` and `hold`), then of the state (of `step` and `init`).
+    """
+
+    calls: list[Call]
+    outputs: list[Any]
+
+
+class Law(NamedTuple):
+    """A controller written down.
+
+    Attributes:
+        controller: the controller.
+        inputs: name -> n symbols, for what it is given of :data:`INPUTS`.
+        tables: its constants.
+        state: the parts of its state.
+        init: works out the state before the first sample.
+        step: works out torque and next state.
+        hold: works out the torque that carries the arm's weight, within the limits.
+    """
+
+    controller: Controller
+    inputs: dict[str, list[Any]]
+    tables: list[Table]
+    state: list[Table]
+    init: Routine
+    step: Routine
+    hold: Routine
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.controller.robot.n
+
+
+def write_down(controller: Controller) -> Law:
+    """Return a controller's law as expressions.
+
+    Raises:
+        ParameterError: when it is no controller for a single rollout.
+        BackendError: when it does what has no C.
+    """
+    if not isinstance(controller, Controller):
+        raise ParameterError("controller", controller, "a Controller")
+    if controller.batch is not None or not isinstance(controller.robot, Robot):
+        size = "several" if controller.batch is None else controller.batch
+        raise ParameterError(
+            "controller", controller, f"for a single rollout; this one has parameters for {size} of them"
+        )
+    try:
+        return _written(controller)
+    except (NotElementwise, BackendError) as error:
+        raise BackendError(f"{type(controller).__name__} cannot be written as C: {error}") from None
+    except ArmgpiError:
+        raise
+    except Exception as error:  # a law of the user's may do anything with a symbol
+        text = str(error).splitlines()[0] if str(error) else ""
+        raise BackendError(
+            f"{type(controller).__name__} cannot be written as C: its init or step fails on symbols with "
+            f"{type(error).__name__}: {text}"
+        ) from error
+
+
+def _written(controller: Controller) -> Law:
+    """Call `init` and `step` with symbols."""
+    n = controller.robot.n
+    trace = Trace(n)
+    lifting = _Lifting(trace, controller)
+    law: Any = lifting(controller)
+    # Symbols go where a law expects arrays.
+    inputs: dict[str, Any] = {name: Symbols.new(name, (n,)) for name in INPUTS}
+    target = Target(inputs["q_ref"], inputs["v_ref"], inputs["a_ref"])
+    sees_velocity = controller.sees is FullState
+    measured: Any = Measurement(inputs["q_measured"])
+    if sees_velocity:
+        measured = FullState(inputs["q_measured"], inputs["v_measured"])
+
+    def taken() -> list[Call]:
+        """Return the calls so far and forget them."""
+        calls = trace.calls[:]
+        del trace.calls[:]
+        return calls
+
+    # The form of the state comes from numbers: symbols do not say what is a constant of the law.
+    middle = np.ascontiguousarray(controller.robot.middle())
+    rest = np.zeros(n)
+    seen: Any = FullState(middle, rest) if sees_velocity else Measurement(middle)
+    state = list(_leaves(controller.init(seen, Target(middle, rest, rest))))
+    started = _matched(law.init(measured, target), state)
+    init = Routine(taken(), started)
+
+    parts: list[Table] = []
+    names = _Names()
+    for path, value in state:
+        shape = np.shape(value)
+        symbols = Symbols.new(f"s{len(parts)}", shape)
+        parts.append(Table(names(path, str.lower), path, shape, flat(symbols), []))
+    places = iter(parts)
+    given = _filled(controller.init(seen, Target(middle, rest, rest)), places)
+    tau, after = law.step(measured, target, given)
+    step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, state)])
+    step.calls.extend(taken())
+
+    lifting.check_unchanged()
+
+    holding = getattr(law, "bias_robot", law.robot)
+    torque = law.limited(holding.dynamics.gravity(inputs["q_measured"]))
+    hold = Routine(taken(), flat(np.broadcast_to(torque, (n,))))
+
+    arguments = {name: flat(x) for name, x in inputs.items()}
+    used = _used(init, step, hold)
+    wanted = {"q_measured", "q_ref", *(("v_measured",) if sees_velocity else ())}
+    kept = {
+        name: row
+        for name, row in arguments.items()
+        if name in wanted or used & {x.element_hash() for x in row}
+    }
+    tables = [table for table in lifting.tables if used & {x.element_hash() for x in table.symbols}]
+    return Law(controller, kept, tables, parts, init, step, hold)
+
+
+class _Lifting(Lifting):
+    """Notes under which name each array of a controller is known."""
+
+    def __init__(self, trace: Trace, controller: Controller) -> None:
+        """Look for arrays in a controller."""
+        super().__init__(trace, 1)
+        self.tables: list[Table] = []
+        self._paths: dict[int, str] = {}
+        self._find(controller, "", set())
+        self._names = _Names()
+
+    def array(self, values: Array) -> Any:
+        """Return symbols for an array of numbers."""
+        if values.ndim > 1 and values.dtype == np.float64:
+            raise NotElementwise(f"it has an array of shape {values.shape}, not one number per joint")
+        symbols = super().array(values)
+        if isinstance(symbols, Symbols):
+            # The one array that is made on the way is the factor of a robot with scaled inertia.
+            path = self._paths.get(id(values), "inertia_scale")
+            entries = [float(x) for x in np.ravel(values)]
+            self.tables.append(
+                Table(self._names(path, str.upper), path, values.shape, flat(symbols), entries)
+            )
+        return symbols
+
+    def _find(self, value: Any, path: str, seen: set[int]) -> None:
+        """Note the paths of all arrays below a value, the first one that leads to each."""
+        if isinstance(value, np.ndarray):
+            self._paths.setdefault(id(value), path)
+            return
+        if id(value) in seen or isinstance(value, str | bytes | Robot | type):
+            return
+        seen.add(id(value))
+        if isinstance(value, tuple) and hasattr(value, "_fields"):
+            items: Iterator[tuple[Any, Any]] = iter(zip(value._fields, value, strict=True))
+        elif isinstance(value, tuple | list):
+            items = enumerate(value)
+        elif isinstance(value, dict):
+            items = iter(value.items())
+        else:
+            items = iter(getattr(value, "__dict__", {}).items())
+        for key, item in items:
+            self._find(item, f"{path}.{key}" if path else str(key), seen)
+
+
+class _Names:
+    """Makes C names of Python paths, each but once."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def __call__(self, path: str, case: Callable[[str], str]) -> str:
+        """Return a name for a path."""
+        steps = [step.strip("_") for step in path.split(".")]
+        name = case(re.sub(r"\W", "_", "_".join(step for step in steps if step), flags=re.ASCII))
+        if not name[:1].isalpha() or name in _RESERVED:
+            name = case(f"law_{name}")
+        unique, count = name, 2
+        while unique in self._taken:
+            unique, count = f"{name}_{count}", count + 1
+        self._taken.add(unique)
+        return unique
+
+
+def _leaves(state: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the arrays and numbers of a state with their paths."""
+    if isinstance(state, tuple):
+        keys = getattr(state, "_fields", range(len(state)))
+        for key, part in zip(keys, state, strict=True):
+            yield from _leaves(part, f"{path}.{key}" if path else str(key))
+    elif isinstance(state, np.ndarray | float | int) and not isinstance(state, bool):
+        yield path or "value", state
+    elif state is not None:
+        raise NotElementwise(f"its state holds a {type(state).__name__}")
+
+
+def _filled(state: Any, parts: Iterator[Table]) -> Any:
+    """Return a state of the same form with symbols in it."""
+    if isinstance(state, tuple):
+        return tuple.__new__(type(state), [_filled(part, parts) for part in state])
+    if state is None:
+        return None
+    part = next(parts)
+    entries = np.empty(len(part.symbols), dtype=object)
+    entries[:] = [Scalar(x) for x in part.symbols]
+    return Symbols(entries.reshape(part.shape))
+
+
+def _matched(state: Any, expected: list[tuple[str, Any]]) -> list[Any]:
+    """Return the expressions of a state, which must have the parts that are expected."""
+    found = list(_symbolic_leaves(state))
+    if len(found) != len(expected):
+        raise NotElementwise("its state has another form in one step than in another")
+    return [
+        x
+        for part, (_, like) in zip(found, expected, strict=True)
+        for x in flat(np.broadcast_to(part, np.shape(like)))
+    ]
+
+
+def _symbolic_leaves(state: Any) -> Iterator[Any]:
+    """Yield the parts of a state."""
+    if isinstance(state, tuple):
+        for part in state:
+            yield from _symbolic_leaves(part)
+    elif state is not None:
+        yield state
+
+
+def _used(*routines: Routine) -> set[int]:
+    """Return the hashes of the symbols that routines use."""
+    expressions = [
+        x
+        for routine in routines
+        for x in (*routine.outputs, *(a for call in routine.calls for a in call.arguments))
+    ]
+    return {symbol.element_hash() for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}

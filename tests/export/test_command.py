@@ -1,0 +1,145 @@
+"""The command `armgpi export`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import armgpi
+from armgpi.cli import main
+from armgpi.compiled import build
+from armgpi.errors import BackendError
+
+pytest.importorskip("casadi", reason="casadi writes the C")
+try:
+    build.compiler()
+    COMPILER = True
+except BackendError:
+    COMPILER = False
+
+ARM = "anthropomorphic3"
+FILES = ("armgpi_controller.h", "armgpi_controller.c", "main.c", "log.csv", "Makefile", "README.md")
+
+
+class Answer(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def export(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+    """Call `armgpi export` in this process."""
+
+    def call(*arguments: object) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["armgpi", "export", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        code = end.value.code or 0
+        assert isinstance(code, int)
+        return Answer(code, captured.out, captured.err)
+
+    return call
+
+
+def test_a_folder_is_written_and_its_figures_are_told(export: Callable[..., Answer], tmp_path: Path) -> None:
+    code, out, err = export(ARM, "--t-final", "0.2", "--encoder-bits", "16", "--delay", "2", "-o", tmp_path)
+    assert code == 0, out + err
+    assert all(f"wrote {tmp_path / name}" in err for name in FILES)
+    assert "224 bytes" in out
+    readme = (tmp_path / "README.md").read_text()
+    assert "`q3` | revolute" in readme
+    assert "for 52 samples" in readme  # 50 ms, and the delay
+    assert "$" not in readme
+    rows = (tmp_path / "log.csv").read_text().splitlines()
+    assert rows[0].split(",")[0] == "q_measured[q1]"
+    assert len(rows) == 1 + 200
+    if COMPILER:
+        assert "from Python" in out
+
+
+def test_figures_come_as_json(export: Callable[..., Answer], tmp_path: Path) -> None:
+    options = ("--controller", "pid", "--real", "float", "--on-fault", "zero", "--frozen", "0", "--jump", "0")
+    code, out, _ = export(ARM, "--t-final", "0.1", *options, "--json", "-o", tmp_path)
+    assert code == 0
+    figures = json.loads(out)
+    assert figures["controller"] == "pid"
+    assert figures["real"] == "float"
+    assert figures["samples"] == 100
+    assert figures["agrees"] is (True if COMPILER else None)
+    header = (tmp_path / "armgpi_controller.h").read_text()
+    assert "typedef float armgpi_real_t;" in header
+    assert "frozen_count" not in header
+    assert "v_measured" in header
+
+
+def test_an_experiment_file_defines_the_controller(export: Callable[..., Answer], tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(
+        f"robot: {{name: {ARM}}}\n"
+        "controllers:\n  - {type: network, label: mine, omega: {lower: 20, upper: 40}, rate: 2.0}\n"
+        "sample_time: 0.002\nt_final: 0.2\n"
+    )
+    code, out, err = export("--config", tmp_path / "mine.yaml", "-o", tmp_path / "c")
+    assert code == 0, out + err
+    assert "#define ARMGPI_DT (0.002)" in (tmp_path / "c" / "armgpi_controller.h").read_text()
+    assert "GAINS_BOXES_OMEGA_C_1" in (tmp_path / "c" / "armgpi_controller.c").read_text()
+
+
+def test_without_a_compiler_the_folder_is_written_all_the_same(
+    export: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    code, out, _ = export(ARM, "--t-final", "0.1", "-o", tmp_path)
+    assert code == 0
+    assert "there is no C compiler" in out
+    assert "not measured" in (tmp_path / "README.md").read_text()
+    with pytest.raises(BackendError, match="no C compiler"):
+        armgpi.ExportedController(armgpi.Robot.load(ARM), tmp_path)
+
+
+@pytest.mark.skipif(not COMPILER, reason="there is no C compiler")
+def test_a_controller_that_loses_the_arm_is_told(export: Callable[..., Answer], tmp_path: Path) -> None:
+    code, out, err = export(ARM, "--omega", "3000", "--t-final", "1", "-o", tmp_path)
+    assert code == 1
+    assert "too fast" in err
+    assert "fault" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((ARM,), "--out: name a folder"),
+        (("-o", "new"), "name a robot"),
+        (("pandas", "-o", "new"), "no robot named 'pandas'; did you mean 'panda'"),
+        ((ARM, "-o", "file"), "file: cannot be written to"),
+        ((ARM, "-o", "file/below"), "cannot be written to"),
+        ((ARM, "-o", "new", "--real", "half"), "--real: must be one of double, float, got 'half'"),
+        ((ARM, "-o", "new", "--on-fault", "stop"), "--on-fault: action must be one of hold, zero"),
+        ((ARM, "-o", "new", "--frozen", "-1"), "--frozen: frozen_samples must be a whole number"),
+        ((ARM, "-o", "new", "--jump", "nan"), "--jump: jump must be"),
+        ((ARM, "-o", "new", "--effort", "0"), "effort limit 0"),
+        ((ARM, "-o", "new", "--effort", "0.01"), "the torque that holds the arm"),
+    ],
+)
+def test_bad_input_ends_in_one_line(
+    arguments: tuple[str, ...],
+    said: str,
+    export: Callable[..., Answer],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    code, out, err = export(*arguments)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert said in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "new").exists()
