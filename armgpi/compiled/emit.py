@@ -26,6 +26,9 @@ _NUMBER = {
     ca.OP_SQRT: "v_sqrt({0})",
     ca.OP_EXP: "v_exp({0})",
     ca.OP_LOG: "v_log({0})",
+    ca.OP_TAN: "v_tan({0})",
+    ca.OP_TANH: "v_tanh({0})",
+    ca.OP_ATAN: "v_atan({0})",
     ca.OP_FLOOR: "v_floor({0})",
     ca.OP_SIGN: "v_sign({0})",
     ca.OP_REMAINDER: "{0} - v_rint({0})",  # only ever by one

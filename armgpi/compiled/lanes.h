@@ -121,6 +121,9 @@ static inline V v_sign(V x)
 EACH(v_sqrt, sqrt)
 EACH(v_exp, exp)
 EACH(v_log, log)
+EACH(v_tan, tan)
+EACH(v_tanh, tanh)
+EACH(v_atan, atan)
 
 /* Sine and cosine: x - k pi / 2 in three parts (Cody, Waite 1980), then fdlibm's polynomials on
    [-pi/4, pi/4]. The absolute error is below 1.6e-16 for |x| < 1e6 (tests); NaN and infinity give NaN. */

@@ -108,6 +108,9 @@ _HELPERS = {
     "v_sqrt": "static inline {R} v_sqrt({R} x) { return sqrt{f}(x); }",
     "v_exp": "static inline {R} v_exp({R} x) { return exp{f}(x); }",
     "v_log": "static inline {R} v_log({R} x) { return log{f}(x); }",
+    "v_tan": "static inline {R} v_tan({R} x) { return tan{f}(x); }",
+    "v_tanh": "static inline {R} v_tanh({R} x) { return tanh{f}(x); }",
+    "v_atan": "static inline {R} v_atan({R} x) { return atan{f}(x); }",
     "v_floor": "static inline {R} v_floor({R} x) { return floor{f}(x); }",
     "v_rint": "static inline {R} v_rint({R} x) { return rint{f}(x); }",
     "v_sign": (
@@ -696,7 +699,7 @@ def _counted(lines: Iterable[str]) -> Counts:
         found = re.match(r"const \w+ i?x\d+ = (.*);$", line)
         if found is None:
             continue
-        if re.match(r"v_(sin|cos|exp|log)\(", found[1]):
+        if re.match(r"v_(sin|cos|exp|log|tan|tanh|atan)\(", found[1]):
             kinds["transcendental"] += 1
         elif " / " in found[1] or found[1].startswith("v_sqrt("):
             kinds["divisions"] += 1

@@ -386,3 +386,28 @@ def test_any_arm(robot: Robot) -> None:
     plant = RigidBodyPlant(robot, Sine(1.0, 4.0), Friction(0.2, 0.1))
     check(Loop(plant, GPI(robot, DT, BSplineNetwork()), Bezier(start, start, 0.1), seconds=0.1), 1e-8)
     assert math.isfinite(start.sum())
+
+
+class Sliding(Controller):
+    """A user's law with elementary functions: a smoothed sliding mode with a saturating integral."""
+
+    def init(self, measurement: Any, target: Any) -> Any:
+        return (np.zeros_like(measurement.q), measurement.q)
+
+    def step(self, measurement: Any, target: Any, state: Any) -> ControlStep:
+        integral, last = state
+        e = measurement.q - target.q
+        s = 200.0 * (measurement.q - last) + 10.0 * e + integral
+        push = (
+            np.tanh(s)
+            + 0.1 * np.arctan(s)
+            + 0.01 * np.tan(np.clip(s, -1.0, 1.0))
+            + 0.01 * np.log(1.0 + s * s)
+        )
+        asked = self.robot.dynamics.inertia_times(measurement.q, -20.0 * push * np.exp(-np.square(e)))
+        tau = self.limited(asked + self.robot.dynamics.gravity(measurement.q))
+        return ControlStep(tau, (np.clip(integral + 1e-3 * e, -0.1, 0.1), measurement.q))
+
+
+def test_a_users_law_of_elementary_functions() -> None:
+    check(Loop(controller=Sliding(ARM, DT)))
