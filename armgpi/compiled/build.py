@@ -23,7 +23,8 @@ from armgpi.errors import BackendError
 FLAGS = (
     "-std=gnu11",
     "-O2",
-    "-march=native",
+    # What this CPU has; on ARM the option has another name.
+    "-mcpu=native" if platform.machine() in ("aarch64", "arm64") else "-march=native",
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",

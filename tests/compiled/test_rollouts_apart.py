@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
 import tracemalloc
@@ -281,3 +282,14 @@ def test_a_run_taken_in_pieces_is_the_same(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(CompiledRun, "take", one)
     assert loop
     np.testing.assert_array_equal(run(slice(0, 9), 8)["q"], whole["q"])
+
+
+@pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("clang")), reason="needs GCC and Clang")
+def test_compilers_agree_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    for name in ("gcc", "clang"):
+        monkeypatch.setenv("CC", name)
+        runs += [compiled(*batch(slice(0, 9)), lanes=lanes, signals=True) for lanes in (1, 8)]
+    for run in runs[1:]:
+        for name in run.data_vars:
+            np.testing.assert_array_equal(run[name].values, runs[0][name].values, err_msg=str(name))
