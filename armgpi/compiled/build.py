@@ -90,6 +90,19 @@ def cpu() -> str:
     return f"{platform.machine()} {platform.processor()}"
 
 
+def lanes(rollouts: int) -> int:
+    """Return how many rollouts to work on at once: what ARMGPI_LANES says, or what suits this CPU.
+
+    Raises:
+        BackendError: when ARMGPI_LANES is none of 1, 2, 4 and 8.
+    """
+    if asked := os.environ.get("ARMGPI_LANES"):
+        if asked not in ("1", "2", "4", "8"):
+            raise BackendError(f"ARMGPI_LANES is {asked!r}, expected 1, 2, 4 or 8")
+        return int(asked)
+    return 1 if rollouts == 1 else widest()
+
+
 def widest() -> int:
     """Return how many numbers this CPU works on at once."""
     flags = cpu().split()

@@ -155,7 +155,7 @@ class CompiledRun:
             traced = trace(loop, state, signals)
             _keep_used(traced)
             self.rows = len(recording.status)
-            self.lanes = lanes or (1 if self.rows == 1 else build.widest())
+            self.lanes = lanes or build.lanes(self.rows)
             flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
             text = source(traced, self.lanes)
             if traced.foreign and text != _again(loop, state, signals, self.lanes):

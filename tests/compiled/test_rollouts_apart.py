@@ -293,3 +293,15 @@ def test_compilers_agree_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> Non
     for run in runs[1:]:
         for name in run.data_vars:
             np.testing.assert_array_equal(run[name].values, runs[0][name].values, err_msg=str(name))
+
+
+def test_lanes_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    for lanes in ("1", "2", "4", "8"):
+        monkeypatch.setenv("ARMGPI_LANES", lanes)
+        runs.append(compiled(*batch(slice(0, 3))))
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run["q"].values, runs[0]["q"].values)
+    monkeypatch.setenv("ARMGPI_LANES", "3")
+    with pytest.warns(ArmgpiWarning, match="running by NumPy: ARMGPI_LANES is '3', expected 1, 2, 4 or 8"):
+        simulate(*batch(slice(0, 3)), backend="compiled")
