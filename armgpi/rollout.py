@@ -212,9 +212,7 @@ def to_dataset(
             "title": f"armgpi rollout of {robot.name}",
             "robot": robot.name,
             "armgpi_format": FORMAT,
-            "provenance": json.dumps(
-                _finite({**provenance, "versions": versions()}), sort_keys=True, allow_nan=False
-            ),
+            "provenance": _as_json({**provenance, "versions": versions()}),
         },
     )
 
@@ -305,6 +303,14 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "unknown"
     return found
+
+
+def _as_json(data: Mapping[str, Any]) -> str:
+    """Return plain data as JSON."""
+    try:  # large batches have long lists, and hardly ever a number that JSON lacks
+        return json.dumps(data, sort_keys=True, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(data), sort_keys=True, allow_nan=False)
 
 
 def _finite(value: Any) -> Any:
