@@ -189,8 +189,6 @@ class CompiledRun:
             "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
             "ended": np.full(self.rows, -1, dtype=np.int64),
         }
-        arrays = [recording.room(name, blank=False) for name in names]
-        self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job = _Job(
             **{name: array.ctypes.data for name, array in self._keep.items()},
             rows=self.rows,
@@ -198,9 +196,13 @@ class CompiledRun:
             every=recording.every,
             divergence=divergence,
         )
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
         if traced.foreign:
             self._check_beginning(state, len(names))
+        # Not before: a run that NumPy takes over makes rooms of its own, blank ones.
+        arrays = [recording.room(name, blank=False) for name in names]
+        self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+        self._job.out = self._keep["out"].ctypes.data
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
     def _check_beginning(self, state: Any, variables: int) -> None:
         """Refuse code whose first samples are not NumPy's: a user's law that mixes rollouts, say.
@@ -256,8 +258,7 @@ class CompiledRun:
         self._store(self.done + 1)
         for values in self.recording.variables.values():  # where all diverged, time goes on without them
             values[self.recording.stored :] = np.nan
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._close()
 
     def interrupt(self) -> None:
         """Keep the samples that were whole when the user stopped the run."""
@@ -265,6 +266,12 @@ class CompiledRun:
         recording = self.recording
         recording.t_end[recording.running] = self.done * self.loop.dt
         recording.status[recording.running] = Status.INTERRUPTED
+        self._close()
+
+    def _close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
 
     def _run(self, k0: int, k1: int) -> None:
         """Run samples k0 to k1 - 1 of all rollouts."""

@@ -16,7 +16,18 @@ import numpy as np
 import pytest
 from loops import compiled
 
-from armgpi import GPI, ArmgpiWarning, Bezier, Controller, ControlStep, RigidBodyPlant, Robot, Step, simulate
+from armgpi import (
+    GPI,
+    ArmgpiWarning,
+    Bezier,
+    Controller,
+    ControlStep,
+    RigidBodyPlant,
+    Robot,
+    Status,
+    Step,
+    simulate,
+)
 from armgpi import simulation as module
 from armgpi.compiled import build
 from armgpi.errors import ParameterError
@@ -267,3 +278,27 @@ def test_a_law_that_mixes_rollouts() -> None:
     with pytest.warns(ArmgpiWarning, match="sample 0 of it differs from NumPy's by"):
         run = simulate(RigidBodyPlant(ARM), Law(mixes), rows, 0.03, q0=ROWS + 0.01, backend="compiled")
     np.testing.assert_array_equal(run["q"], expected["q"])
+
+
+def test_what_numpy_takes_over_is_blank_where_nothing_happened() -> None:
+    # Refused by its first samples, then diverged: all that comes after is NaN.
+    mixes = lambda self, e: -1e3 * (e + np.sum(e))  # noqa: E731
+    rows = Bezier(ROWS, ROWS + 0.1, 0.05)
+    runs = []
+    for backend in ("numpy", "compiled"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)
+            runs.append(
+                simulate(
+                    RigidBodyPlant(ARM),
+                    Law(mixes),
+                    rows,
+                    3.0,
+                    q0=ROWS + 0.01,
+                    backend=backend,
+                    divergence=0.1,
+                )
+            )
+    assert (runs[0]["status"] == Status.DIVERGED).all()
+    for name in ("q", "tau", "q_ref"):
+        np.testing.assert_array_equal(runs[1][name], runs[0][name])
