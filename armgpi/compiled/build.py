@@ -53,9 +53,9 @@ class Compiler(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def _probed(command: tuple[str, ...]) -> Compiler | None:
-    """Return a compiler that answers, None when it does not."""
-    if shutil.which(command[0]) is None:
+def _probed(command: tuple[str, ...], path: str | None) -> Compiler | None:
+    """Return a compiler that answers, None when it does not; `path` is the PATH that it is looked for in."""
+    if shutil.which(command[0], path=path) is None:
         return None
     try:
         said = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30, check=True)
@@ -73,7 +73,7 @@ def compiler() -> Compiler:
     asked = os.environ.get("CC", "")
     for name in (asked,) if asked else ("cc", "gcc", "clang"):
         with suppress(ValueError):  # a quotation without an end
-            found = _probed(tuple(shlex.split(name)) or ("",))
+            found = _probed(tuple(shlex.split(name)) or ("",), os.environ.get("PATH"))
             if found is not None:
                 return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
