@@ -18,7 +18,7 @@ from armgpi.compiled import build
 from armgpi.compiled.emit import CallSite, Dialect, straight_line
 from armgpi.compiled.kernels import Kernel
 from armgpi.compiled.symbols import NotElementwise
-from armgpi.compiled.trace import Trace, trace
+from armgpi.compiled.trace import Trace, check_repeatable, trace, writing_down
 from armgpi.dynamics import thread_count
 from armgpi.errors import BackendError
 from armgpi.rollout import Recording, Status
@@ -37,7 +37,7 @@ _TABLE = 1 << 20
 
 def source(traced: Trace, lanes: int) -> str:
     """Return the C of a closed loop, whole."""
-    names = [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
+    names = _names(traced)
     kernels = {call.kernel.name: call.kernel for call in traced.calls}
     own = {str(symbol): i for i, (symbol, _) in enumerate(traced.own)}
     dialect = Dialect()
@@ -143,40 +143,32 @@ class CompiledRun:
         recording: Recording,
         divergence: float,
         signals: bool,
-        lanes: int | None = None,
-        threads: int | None = None,
     ) -> None:
         """Generate and compile the loop, or find it compiled.
 
         Raises:
             BackendError: when the loop cannot be generated or compiled; the message says why.
         """
+        self.rows = len(recording.status)
+        self.lanes = build.lanes(self.rows)
+        flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
         try:
-            traced = trace(loop, state, signals)
-            _keep_used(traced)
-            self.rows = len(recording.status)
-            self.lanes = lanes or build.lanes(self.rows)
-            flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
-            text = source(traced, self.lanes)
-            if traced.foreign and text != _again(loop, state, signals, self.lanes):
-                raise NotElementwise("it gives something else each time that it is asked (random numbers?)")
-            self._library = build.library(text, flags)
+            with writing_down():
+                traced = _traced(loop, state, signals)
+                text = source(traced, self.lanes)
+                if traced.foreign:
+                    check_repeatable(text, lambda: source(_traced(loop, state, signals), self.lanes))
         except NotElementwise as error:
             raise BackendError(f"this loop has no generated code: {error}") from None
-        except (BackendError, MemoryError):
-            raise
-        except Exception as error:  # whatever a law does with symbols in place of numbers
-            words = " ".join(str(error).split()) or "no reason given"
-            text = f"this loop has no generated code: {type(error).__name__} on symbols: {words}"
-            raise BackendError(text) from error
+        self._library = build.library(text, flags)
         self.loop, self.recording = loop, recording
         self.done = 0
         self.chunk = 16
         self._traced = traced
         self._blocks = -(-self.rows // self.lanes)
-        self.threads = min(threads or thread_count(), self._blocks)
+        self.threads = min(thread_count(), self._blocks)
         padded = self._blocks * self.lanes
-        names = [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
+        names = _names(traced)
         place = np.minimum(np.arange(padded), self.rows - 1)  # lanes without a rollout repeat the last one
         start = np.concatenate([traced.start, np.zeros((len(names) * traced.n, traced.start.shape[1]))])
         self._keep = {
@@ -358,15 +350,14 @@ def _aligned(values: Array) -> Array:
     return aligned
 
 
-def _again(loop: Any, state: Any, signals: bool, lanes: int) -> str:
-    """Return the C of a loop that is traced once more."""
+def _names(traced: Trace) -> list[str]:
+    """Return the names of what is recorded, in the order of the generated code."""
+    return [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
+
+
+def _traced(loop: Any, state: Any, signals: bool) -> Trace:
+    """Return one sample of a loop, with the parameters that it uses alone."""
     traced = trace(loop, state, signals)
-    _keep_used(traced)
-    return source(traced, lanes)
-
-
-def _keep_used(traced: Trace) -> None:
-    """Drop parameters that nothing uses."""
     expressions = [
         *traced.after,
         *(x for call in traced.calls for x in call.arguments),
@@ -379,3 +370,4 @@ def _keep_used(traced: Trace) -> None:
     traced.own = [(symbol, values) for symbol, values in traced.own if str(symbol) in used]
     if not math.prod(traced.start.shape):
         traced.start = np.zeros((0, 1))
+    return traced

@@ -241,9 +241,7 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.floor: _unary(ca.floor),
     np.rint: lambda x: rint(x) if isinstance(x, Scalar) else float(np.rint(x)),
     np.sign: _unary(ca.sign),
-    np.isfinite: lambda x: (
-        abs(x) < math.inf if isinstance(x, float) else _binary(operator.lt)(abs(x), math.inf)
-    ),
+    np.isfinite: lambda x: _less(abs(x), math.inf),
 }
 _VECTORISED = {ufunc: np.frompyfunc(f, ufunc.nin, 1) for ufunc, f in _ELEMENTWISE.items()}
 _SELECT = np.frompyfunc(select, 3, 1)
@@ -393,7 +391,6 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.concatenate: lambda xs, axis=0: Symbols(np.concatenate([_objects(x) for x in xs], axis=axis)),
     np.stack: lambda xs, axis=0: Symbols(np.stack([_objects(x) for x in xs], axis=axis)),
     np.linalg.solve: _solve,
-    # A power that is a sum of products needs no more than these.
     np.sum: lambda x, axis=None: _wrapped(np.sum(_objects(x), axis=axis)),
     np.dot: lambda a, b: _wrapped(np.dot(_objects(a), _objects(b))),
 }

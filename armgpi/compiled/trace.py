@@ -10,6 +10,8 @@ from __future__ import annotations
 import copy
 import traceback
 import types
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -33,6 +35,8 @@ _PLAIN = (
     *(str, bytes, int, float, complex, type(None), type, range, slice, frozenset, Enum, np.generic, np.ufunc),
     *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
 )
+#: Folders of what writes laws down: no place in a user's law.
+_GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("compiled", "export"))
 #: References of more operations than this are worked out by NumPy, as a table.
 _LONG_REFERENCE = 3000
 
@@ -283,6 +287,42 @@ class _TracedLoads:
         return tuple(stages)
 
 
+@contextmanager
+def writing_down() -> Iterator[None]:
+    """Make one kind of refusal, with its place, of whatever a law does to symbols.
+
+    Raises:
+        NotElementwise: for any exception but of memory; a user's law may do anything to what is no array.
+    """
+    try:
+        yield
+    except MemoryError:
+        raise
+    except Exception as error:
+        words = " ".join(str(error).split()) or "no reason given"
+        said = words if isinstance(error, NotElementwise) else f"{type(error).__name__} on symbols: {words}"
+        places = [
+            f"{Path(frame.filename).name}, line {frame.lineno}"
+            for frame in traceback.extract_tb(error.__traceback__)
+            if not frame.filename.startswith(_GENERATORS) and "site-packages" not in frame.filename
+        ]
+        raise NotElementwise(f"{said}, in {places[-1]}" if places else said) from error
+
+
+def check_repeatable(text: str, again: Callable[[], str]) -> None:
+    """Refuse a law that does not write down the same thing twice.
+
+    Args:
+        text: its C.
+        again: writes it down once more.
+
+    Raises:
+        NotElementwise: when the two differ.
+    """
+    if again() != text:
+        raise NotElementwise("it gives something else each time that it is asked (random numbers?)")
+
+
 def trace(loop: Any, state: Any, signals: bool) -> Trace:
     """Return one sample of a closed loop as expressions.
 
@@ -325,7 +365,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     looked = copy.copy(loop)
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
-    plant, controller, measured, tau = _taken(looked, before, target)
+    plant, controller, measured, tau = looked._sample(*before, target)
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
     lifting.check_unchanged()
@@ -342,23 +382,6 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
         recorded.update(looked.controller.signals(controller))
     result.recorded = {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
     return result
-
-
-def _taken(loop: Any, before: Any, target: Target) -> Any:
-    """Return what one sample of the loop gives; whatever stands in its way is told with its place."""
-    try:
-        return loop._sample(*before, target)
-    except Exception as error:  # a law of the user's may do anything to what is no array
-        ours = str(Path(__file__).parent)
-        places = [
-            f"{Path(frame.filename).name}, line {frame.lineno}"
-            for frame in traceback.extract_tb(error.__traceback__)
-            if not frame.filename.startswith(ours) and "site-packages" not in frame.filename
-        ]
-        said = (
-            str(error) if isinstance(error, NotElementwise) else f"{type(error).__name__} on symbols: {error}"
-        )
-        raise NotElementwise(f"{places[-1]}: {said}" if places else said) from None
 
 
 def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:

@@ -16,6 +16,8 @@ from armgpi import __version__
 from armgpi.arrays import Array
 from armgpi.compiled.emit import CallSite, Dialect, straight_line
 from armgpi.compiled.kernels import Call, Kernel
+from armgpi.compiled.symbols import NotElementwise
+from armgpi.compiled.trace import check_repeatable
 from armgpi.control.controller import Controller
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds
@@ -184,14 +186,16 @@ def generate(controller: Controller, real: str = "double", faults: Faults | None
     if not isinstance(controller, Controller):
         raise ParameterError("controller", controller, "a Controller")
     limits = bounds(Faults() if faults is None else faults, controller)
-    code = _Writer(write_down(controller), real, limits).code()
-    if not type(controller).__module__.startswith("armgpi."):
-        again = _Writer(write_down(controller), real, limits).code()
-        if again.source != code.source:
-            raise BackendError(
-                f"{type(controller).__name__} cannot be written as C: it gives something else each time that "
-                "it is asked (random numbers?)"
-            )
+
+    def written() -> Code:
+        return _Writer(write_down(controller), real, limits).code()
+
+    try:
+        code = written()
+        if code.law.foreign:
+            check_repeatable(code.source, lambda: written().source)
+    except NotElementwise as error:
+        raise BackendError(f"{type(controller).__name__} cannot be written as C: {error}") from None
     return code
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.compiled.kernels import Call
 from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.compiled.trace import Lifting, Trace
+from armgpi.compiled.trace import Lifting, Trace, writing_down
 from armgpi.control.controller import Controller, FullState, Measurement
-from armgpi.errors import ArmgpiError, BackendError, ParameterError
+from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot import Robot
 
@@ -77,6 +77,7 @@ class Law(NamedTuple):
         init: works out the state before the first sample.
         step: works out torque and next state.
         hold: works out the torque that carries the arm's weight, within the limits.
+        foreign: whether there are laws among it that do not come with armgpi.
     """
 
     controller: Controller
@@ -86,6 +87,7 @@ class Law(NamedTuple):
     init: Routine
     step: Routine
     hold: Routine
+    foreign: bool
 
     @property
     def n(self) -> int:
@@ -98,7 +100,7 @@ def write_down(controller: Controller) -> Law:
 
     Raises:
         ParameterError: when it is no controller for a single rollout.
-        BackendError: when it does what has no C.
+        NotElementwise: when it does what has no C.
     """
     if not isinstance(controller, Controller):
         raise ParameterError("controller", controller, "a Controller")
@@ -107,18 +109,8 @@ def write_down(controller: Controller) -> Law:
         raise ParameterError(
             "controller", controller, f"for a single rollout; this one has parameters for {size} of them"
         )
-    try:
+    with writing_down():
         return _written(controller)
-    except (NotElementwise, BackendError) as error:
-        raise BackendError(f"{type(controller).__name__} cannot be written as C: {error}") from None
-    except ArmgpiError:
-        raise
-    except Exception as error:  # a law of the user's may do anything with a symbol
-        text = str(error).splitlines()[0] if str(error) else ""
-        raise BackendError(
-            f"{type(controller).__name__} cannot be written as C: its init or step fails on symbols with "
-            f"{type(error).__name__}: {text}"
-        ) from error
 
 
 def _written(controller: Controller) -> Law:
@@ -176,7 +168,7 @@ def _written(controller: Controller) -> Law:
         if name in wanted or used & {x.element_hash() for x in row}
     }
     tables = [table for table in lifting.tables if used & {x.element_hash() for x in table.symbols}]
-    return Law(controller, kept, tables, parts, init, step, hold)
+    return Law(controller, kept, tables, parts, init, step, hold, trace.foreign)
 
 
 class _Lifting(Lifting):

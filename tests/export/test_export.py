@@ -37,6 +37,7 @@ from armgpi import (
     export_controller,
     simulate,
 )
+from armgpi.control.gains import GainStep, Tuning
 from armgpi.errors import BackendError, ParameterError, RolloutError
 from armgpi.plants.loads import paper_disturbances
 
@@ -572,9 +573,29 @@ class Sentence(GPI):
         return "a text"
 
 
+class Dice(FixedGains):
+    """Gains that draw random numbers of their own."""
+
+    adaptive = True
+
+    def prepare(self, joint_names: Any, dt: float) -> Dice:
+        made = object.__new__(Dice)
+        vars(made).update(vars(super().prepare(joint_names, dt)))
+        return made
+
+    def step(self, e: Any, learn: Any, state: None) -> GainStep:
+        omega, zeta, p = self.nominal()
+        return GainStep(Tuning(omega * (1.0 + 0.01 * np.random.random()), zeta, p), None)  # noqa: NPY002
+
+
 @pytest.mark.parametrize(
     ("make", "error", "said"),
     [
+        (
+            lambda: GPI(ARM, 1e-3, Dice(20.0)),
+            BackendError,
+            "GPI cannot be written as C: it gives something else",
+        ),
         (lambda: GPI(ARM, 1e-3, FixedGains(np.full((4, 3), 20.0))), ParameterError, "single rollout.*4"),
         (lambda: Branches(ARM, 1e-3), BackendError, "Branches cannot be written as C: it decides"),
         (lambda: Listed(ARM, 1e-3), BackendError, "Listed cannot be written as C: .*tolist"),
