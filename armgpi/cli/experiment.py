@@ -18,36 +18,11 @@ if TYPE_CHECKING:
 
 
 @stoppable
+@opt.shared(opt.experiment, opt.results)
 def run(
     robot: opt.RobotName = None,
     controller: opt.Controller = None,
-    config: opt.ConfigFile = None,
-    to: opt.To = None,
-    start: opt.Start = None,
-    path: opt.PathName = None,
-    direction: opt.Direction = None,
-    duration: opt.Duration = None,
-    omega: opt.Omega = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    effort: opt.Effort = None,
-    inertia_scale: opt.InertiaScale = None,
-    payload: opt.Payload = None,
-    payload_range: opt.PayloadRange = None,
-    encoder_bits: opt.Bits = None,
-    delay: opt.Delay = None,
-    friction: opt.Friction = None,
-    dt: opt.SampleTime = None,
-    t_final: opt.TFinal = None,
-    seed: opt.Seed = None,
-    backend: opt.Backend = "auto",
-    out: opt.Out = None,
-    plot: opt.Plot = None,
-    view: opt.View = False,
-    html: opt.Html = None,
-    report: opt.Report = None,
-    as_json: opt.Json = False,
+    **options: Any,
 ) -> None:
     """Simulate one controller on a robot and print how well it tracked.
 
@@ -55,42 +30,15 @@ def run(
     armgpi run ur5 --payload 0.5 --encoder-bits 16
     armgpi run anthropomorphic3 --to q1=0.8,q2=0.4 --t-final 8 --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    options = dict(locals())
-    options["controllers"] = options.pop("controller")
-    sys.exit(_run(options, compare=False))
+    sys.exit(_run({"robot": robot, "controllers": controller, **options}, compare=False))
 
 
 @stoppable
+@opt.shared(opt.experiment, opt.results)
 def compare(
     robot: opt.RobotName = None,
     controllers: opt.Controllers = None,
-    config: opt.ConfigFile = None,
-    to: opt.To = None,
-    start: opt.Start = None,
-    path: opt.PathName = None,
-    direction: opt.Direction = None,
-    duration: opt.Duration = None,
-    omega: opt.Omega = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    effort: opt.Effort = None,
-    inertia_scale: opt.InertiaScale = None,
-    payload: opt.Payload = None,
-    payload_range: opt.PayloadRange = None,
-    encoder_bits: opt.Bits = None,
-    delay: opt.Delay = None,
-    friction: opt.Friction = None,
-    dt: opt.SampleTime = None,
-    t_final: opt.TFinal = None,
-    seed: opt.Seed = None,
-    backend: opt.Backend = "auto",
-    out: opt.Out = None,
-    plot: opt.Plot = None,
-    view: opt.View = False,
-    html: opt.Html = None,
-    report: opt.Report = None,
-    as_json: opt.Json = False,
+    **options: Any,
 ) -> None:
     """Simulate several controllers on the same robot and print one table.
 
@@ -98,7 +46,7 @@ def compare(
     armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
     armgpi compare --config experiment.yaml --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    sys.exit(_run(dict(locals()), compare=True))
+    sys.exit(_run({"robot": robot, "controllers": controllers, **options}, compare=True))
 
 
 def _run(options: dict[str, Any], compare: bool) -> int:

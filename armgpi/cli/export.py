@@ -53,6 +53,7 @@ Jump = Annotated[
 
 
 @stoppable
+@opt.shared(opt.experiment, opt.printing)
 def export(
     robot: opt.RobotName = None,
     out: Folder = None,
@@ -61,27 +62,7 @@ def export(
     frozen: Frozen = None,
     jump: Jump = 2.0,
     controller: opt.Controller = None,
-    config: opt.ConfigFile = None,
-    to: opt.To = None,
-    start: opt.Start = None,
-    path: opt.PathName = None,
-    direction: opt.Direction = None,
-    duration: opt.Duration = None,
-    omega: opt.Omega = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    effort: opt.Effort = None,
-    inertia_scale: opt.InertiaScale = None,
-    payload: opt.Payload = None,
-    payload_range: opt.PayloadRange = None,
-    encoder_bits: opt.Bits = None,
-    delay: opt.Delay = None,
-    friction: opt.Friction = None,
-    dt: opt.SampleTime = None,
-    t_final: opt.TFinal = None,
-    seed: opt.Seed = None,
-    as_json: opt.Json = False,
+    **options: Any,
 ) -> None:
     """Write a controller as freestanding C99 for hardware, with a log to replay.
 
@@ -89,9 +70,8 @@ def export(
     armgpi export ur5 -o controller
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
-    options = dict(locals())
-    options["controllers"] = options.pop("controller")
-    sys.exit(_export(options))
+    own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
+    sys.exit(_export({**own, "controllers": controller, **options}))
 
 
 def _export(options: dict[str, Any]) -> int:

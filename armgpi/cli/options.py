@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
@@ -184,3 +186,63 @@ Port = Annotated[
     int | None,
     typer.Option(metavar="PORT", help="Port of 127.0.0.1; the first free one from 7070 by default."),
 ]
+
+_Command = TypeVar("_Command", bound=Callable[..., None])
+
+
+def experiment(
+    config: ConfigFile = None,
+    to: To = None,
+    start: Start = None,
+    path: PathName = None,
+    direction: Direction = None,
+    duration: Duration = None,
+    omega: Omega = None,
+    lock: Lock = None,
+    keep: Keep = None,
+    mimic: Mimic = None,
+    effort: Effort = None,
+    inertia_scale: InertiaScale = None,
+    payload: Payload = None,
+    payload_range: PayloadRange = None,
+    encoder_bits: Bits = None,
+    delay: Delay = None,
+    friction: Friction = None,
+    dt: SampleTime = None,
+    t_final: TFinal = None,
+    seed: Seed = None,
+) -> None:
+    """List the options that describe an experiment, for :func:`shared`."""
+
+
+def results(
+    backend: Backend = "auto",
+    out: Out = None,
+    plot: Plot = None,
+    view: View = False,
+    html: Html = None,
+    report: Report = None,
+    as_json: Json = False,
+) -> None:
+    """List the options of what a run becomes, for :func:`shared`."""
+
+
+def printing(as_json: Json = False) -> None:
+    """List the options of what is printed, for :func:`shared`."""
+
+
+def shared(*lists: Callable[..., None]) -> Callable[[_Command], _Command]:
+    """Put lists of options in the place of a command's ``**options``."""
+
+    def decorate(command: _Command) -> _Command:
+        own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
+        for function in lists:
+            own += inspect.signature(function, eval_str=True).parameters.values()
+        # What Typer reads.
+        vars(command)["__signature__"] = inspect.Signature(
+            [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
+        )
+        command.__annotations__ = {each.name: each.annotation for each in own}
+        return command
+
+    return decorate
