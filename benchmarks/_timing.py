@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.compiled import build
+from armgpi.dynamics import cores
 from armgpi.errors import BackendError
 
 #: Share of a core that each of two threads has to get: 0.86 on an idle machine, 0.5 beside one busy process.
@@ -134,7 +135,7 @@ def machine(packages: Sequence[str]) -> dict[str, Any]:
     return {
         "cpu": _cpu_model(),
         "cores": os.cpu_count(),
-        "usable_cores": usable_cores(),
+        "usable_cores": cores(),
         "lanes": build.widest(),
         "compiler": _compiler(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -154,13 +155,6 @@ def machine_line(facts: Mapping[str, Any]) -> str:
         f"{facts['system']}; {facts['compiler']}; Python {facts['python']}, {packages}; "
         f"load average before {'unknown' if load is None else format(load, '.2f')}"
     )
-
-
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def load_average() -> float | None:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import xarray as xr
 
+from armgpi.dynamics import cores
 from armgpi.errors import RolloutError
 from armgpi.experiment import prepare
 from armgpi.paper import published
@@ -78,7 +79,7 @@ def reproduce(
     prepare(folder)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(
-        workers or _cores(), mp_context=context, initializer=_prepared, initargs=(backend,)
+        workers or cores(), mp_context=context, initializer=_prepared, initargs=(backend,)
     ) as pool:
         try:
             found = _run_all(runs.QUICK if quick else runs.FULL, quick, pool, done)
@@ -216,10 +217,3 @@ def _prepared(backend: str) -> None:
     runs.choose(backend)
     os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _cores() -> int:
-    """Return how many processes can work at a time."""
-    if hasattr(os, "sched_getaffinity"):
-        return max(1, len(os.sched_getaffinity(0)))
-    return max(1, os.cpu_count() or 1)
