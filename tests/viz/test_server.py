@@ -172,7 +172,11 @@ def test_a_report_finds_its_robot_and_its_experiment_file(cli, tmp_path: Path) -
     assert cli("view", tmp_path / "rollout.nc", "--html", tmp_path / "v.html")[0] == 0
 
 
-@pytest.mark.parametrize("arguments", [["view", ARM], ["run", ARM, "--t-final", "0.02", "--view"]])
+# Only one of the two may look for the first free port: run side by side, the second would take the port
+# that the first has just given back, and answer there.
+@pytest.mark.parametrize(
+    "arguments", [["view", ARM, "--port", "0"], ["run", ARM, "--t-final", "0.02", "--view"]]
+)
 def test_ctrl_c_stops_the_server(arguments: list[str]) -> None:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
