@@ -15,7 +15,7 @@ export MPLBACKEND ?= Agg
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format types unit docs examples wheel bench clean
+.PHONY: help install demo test lint format types unit search docs examples wheel bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -53,6 +53,9 @@ types: $(STAMP) ## Types (mypy --strict)
 
 unit: $(STAMP) ## The tests
 	$(BIN)/pytest -n auto
+
+search: $(STAMP) ## The tests of what holds for every robot and file, with new random examples
+	$(BIN)/pytest -n auto -m hypothesis --hypothesis-profile=search
 
 docs: $(STAMP) ## The documentation, into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -q docs build/docs

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
-# The machine may be busy with something else: an example that takes long is no failure.
-settings.register_profile("armgpi", deadline=None, print_blob=True)
+# The machine may be busy with something else: an example that takes long is no failure. The examples are the
+# same on every run, so that a red run means that a change broke something; `make search` looks for new ones.
+settings.register_profile("armgpi", deadline=None, print_blob=True, derandomize=True)
+settings.register_profile("search", deadline=None, print_blob=True)
 settings.load_profile("armgpi")
 
 

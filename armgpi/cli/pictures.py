@@ -105,17 +105,17 @@ def serve(page: str, port: int | None = None, browser: bool = False) -> None:
         raise refusal(
             "--open", "there is no display here; leave it out and open the printed address elsewhere"
         )
-    with Server(page, port) as server:
-        typer.echo(f"{server.url}  (Ctrl-C ends it)")
-        if remote := _ssh(server.port):
-            typer.echo(f"from your own machine: {remote}")
-        sys.stdout.flush()
-        if browser and not server.open():
-            raise refusal("--open", f"no browser could be started; open {server.url} yourself")
-        try:
+    try:
+        with Server(page, port) as server:
+            typer.echo(f"{server.url}  (Ctrl-C ends it)")
+            if remote := _ssh(server.port):
+                typer.echo(f"from your own machine: {remote}")
+            sys.stdout.flush()
+            if browser and not server.open():
+                raise refusal("--open", f"no browser could be started; open {server.url} yourself")
             server.wait()
-        except KeyboardInterrupt:
-            typer.echo("stopped", err=True)
+    except KeyboardInterrupt:
+        typer.echo("stopped", err=True)
 
 
 def _ssh(port: int) -> str:

@@ -16,7 +16,7 @@ from pictured import box_mesh, package, run
 
 import armgpi
 from armgpi import Robot
-from armgpi.cli import main
+from armgpi.cli import main, pictures
 from armgpi.errors import ParameterError
 from armgpi.viz import meshcat
 from armgpi.viz.meshcat import Server, ServerError
@@ -202,6 +202,16 @@ def test_ctrl_c_stops_the_server(arguments: list[str]) -> None:
     assert "Traceback" not in err
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(url)
+
+
+def test_ctrl_c_before_the_server_waits(cli, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
+    def interrupted(port: int) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pictures, "_ssh", interrupted)
+    code, err = cli("view", ARM, "--port", "0")
+    assert code == 0
+    assert err.strip() == "stopped"
 
 
 def test_a_live_page_is_moved_by_a_program() -> None:
