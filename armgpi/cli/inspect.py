@@ -86,11 +86,16 @@ def _folders(given: list[Path]) -> list[Path]:
 
 
 def _second_opinion(report: HealthReport) -> HealthReport:
-    """Return the report with what yourdfpy sees otherwise."""
-    from armgpi.crosscheck import cross_check
+    """Return the report with what yourdfpy sees otherwise; a file that it cannot read may be sound."""
+    from armgpi.crosscheck import NoSecondReading, cross_check
     from armgpi.health import Finding
 
-    result = cross_check(report.robot)
+    try:
+        result = cross_check(report.robot)
+    except NoSecondReading as error:
+        repair = "nothing, if other tools read it: there is just no second opinion"
+        finding = Finding("warn", "cross-check", "file", None, None, str(error), repair)
+        return report.with_findings([finding])
     repair = "one of the readers is wrong: look at that element"
     findings = [
         Finding("stop", "cross-check", "file", None, None, line, repair) for line in result.differences
