@@ -461,6 +461,26 @@ def test_a_moving_link_without_inertia_is_refused_naming_joint_and_link() -> Non
         assert "'fore'" in str(error)
 
 
+def test_joints_without_inertia_are_named_together() -> None:
+    palm = '<link name="a"/><link name="b"/>'
+    fingers = "".join(WRIST.replace('"wrist"', f'"f{x}"').replace('"hand"', f'"{x}"') for x in "ab")
+    text = str(refusal(GOOD.replace("</robot>", f"{palm}{fingers}</robot>")))
+    assert {"'fa'", "'fb'"} <= set(text.replace(";", "").replace(",", "").split())
+    assert "--lock" in text
+
+
+def test_a_robot_made_for_drawing_alone_is_refused_as_that() -> None:
+    error = refusal(GOOD.replace(BODY, ""))
+    assert error.element == "upper"
+    assert "has no mass in any link that moves ('upper', 'fore')" in str(error)
+
+
+def test_a_robot_that_never_had_a_joint_to_move_is_not_told_of_locks() -> None:
+    text = GOOD.replace("continuous", "fixed").replace("revolute", "fixed")
+    assert "nothing to control" in str(refusal(text))
+    assert "lock fewer" in str(refusal(GOOD, lock=["shoulder", "elbow"]))
+
+
 def test_a_point_mass_on_its_own_axis_is_refused_because_nothing_resists_the_joint() -> None:
     error = refusal(changed((BODY, BODY.replace("0.01", "0").replace('xyz="0.1', 'xyz="0'))))
     assert error.element == "elbow"
