@@ -547,7 +547,8 @@ def _check_mimics(joints: Mapping[str, Joint], source: str) -> None:
         leader = joint.mimic
         while leader is not None and leader in joints:
             if leader in seen:
-                raise UrdfError(source, f"joint {joint.name!r} mimics itself", joint.name)
+                way = "" if joint.mimic == joint.name else f" by way of {joint.mimic!r}"
+                raise UrdfError(source, f"joint {joint.name!r} mimics itself{way}", joint.name)
             seen.add(leader)
             leader = joints[leader].mimic
 

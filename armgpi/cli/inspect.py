@@ -58,7 +58,7 @@ def inspect(
         locks(lock or []),  # type: ignore[arg-type]  # a joint without a value is locked as by name alone
         None if not keep else split(keep),
         "lock" if mimic is None else mimic,  # type: ignore[arg-type]  # anything else is refused there
-        None if effort is None else per_joint(effort, "--effort"),
+        None if not effort else per_joint(",".join(effort), "--effort"),
         _folders(package_dir or []),
         1e-3 if dt is None else dt,
         0 if delay is None else delay,
