@@ -54,7 +54,7 @@ _TEXTS = (
     (r"#!|import |from \w+ import ", "a program: run it if it writes a URDF, and give that"),
     (r"\[\[?[\w.-]+\]\]?\s*$", "TOML or INI: give a URDF"),
     (r"[{\[]", "JSON: give a URDF"),
-    (r"40\d: |Not Found", "the answer of a server that has no such file: look at the address, download again"),
+    (r"40\d: |Not Found", "the answer of a server that has no such file: look at the address"),
     (r"<<<<<<<\s", "a file with conflicts of git in it: resolve them (git mergetool)"),
     (r"diff |--- \S|Index: ", "a patch: apply it, and give the URDF that it changes"),
     (r"#usda", "a scene (OpenUSD): give the URDF of the robot; USD is not read"),

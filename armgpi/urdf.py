@@ -489,9 +489,9 @@ def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
     listed = ", ".join(map(repr, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     raise UrdfError(
         urdf.source,
-        f"has no mass in any link that moves ({listed}): it says how the robot looks and bends, not how heavy "
-        "it is; add an <inertial> with mass and inertia to each link, or take a URDF that has them, from the "
-        "robot's maker or from CAD",
+        f"has no mass in any link that moves ({listed}): it says how the robot looks and bends, not how "
+        "heavy it is; add an <inertial> with mass and inertia to each link, or take a URDF that has them, "
+        "from the robot's maker or from CAD",
         names[0],
     )
 
