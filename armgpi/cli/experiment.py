@@ -125,10 +125,11 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     row, j = np.unravel_index(int(share.argmax()), share.shape)
     if share[row, j] > 1.0 + 1e-9:
         joint, effort = robot.joint_names[j], robot.limits.effort[j]
+        needed = holding[row, j]
         typer.secho(
-            f"warning: at {times[row]:.3g} s joint {joint!r} needs {holding[row, j]:.4g} to hold the arm where "
-            f"the reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give "
-            f"what its motor can: --effort {joint}={1.5 * holding[row, j]:.3g}",
+            f"warning: at {times[row]:.3g} s joint {joint!r} needs {needed:.4g} to hold the arm where the "
+            f"reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give what "
+            f"its motor can: --effort {joint}={1.5 * needed:.3g}",
             err=True,
             fg="yellow",
         )
