@@ -32,6 +32,8 @@ LEVELS: tuple[Level, ...] = ("stop", "warn", "note")
 _SAMPLES = 500
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
 _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
+#: Speed limits below this are none [rad/s or m/s].
+_LEAST_SPEED = 1e-6
 #: What is practically without limit [rad].
 _ENDLESS = 1000.0
 #: Lengths that are hardly meant in metres [m].
@@ -397,6 +399,12 @@ def _of_joints(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
         if joint.moves and abs(length - 1.0) > 1e-3:
             message = f"its axis {_words(joint.axis)} has length {length:.4g}; it is taken as a direction"
             yield _warn("axis", where, length, 1.0, message, "write a unit vector")
+        stands = robot.provenance["locked"].get(joint.name)
+        if stands is not None and joint.mimic is None and not joint.lower <= stands <= joint.upper:
+            message = f"is locked at {stands:g}, outside its limits {joint.lower:g}..{joint.upper:g}"
+            bound = joint.upper if stands > joint.upper else joint.lower
+            option = f"--lock {joint.name}={joint.nearest_to_zero():g}"
+            yield _warn("limits", where, stands, bound, message, "lock it inside them", option)
         if joint.name in free:
             yield from _of_range(where, joint)
             yield from _of_motor(where, joint, robot)
@@ -424,9 +432,9 @@ def _of_range(where: str, joint: urdf.Joint) -> Iterator[Finding]:
             f"0 is outside its limits {joint.lower:g}..{joint.upper:g}; runs start in the middle of them"
         )
         yield _note("neutral", where, 0.0, joint.lower if joint.lower > 0.0 else joint.upper, message)
-    if joint.velocity == 0.0:
-        message = "has velocity limit 0; moves are planned as if it had none"
-        yield _warn("velocity", where, 0.0, None, message, "give its speed")
+    if joint.velocity < _LEAST_SPEED:
+        message = f"has velocity limit {joint.velocity:g}; moves are planned as if it had none"
+        yield _warn("velocity", where, joint.velocity, None, message, "give its speed")
     elif joint.type != "prismatic" and _MOST_SPIN < joint.velocity < math.inf:
         message = f"has velocity limit {joint.velocity:g} rad/s, which looks like degrees, or like none"
         yield _warn("velocity", where, joint.velocity, _MOST_SPIN, message, "write rad/s")
@@ -620,7 +628,8 @@ def _of_tipping(robot: Robot, samples: _Samples, omega: float, highest: float) -
     if enough <= highest:
         repair, option = "a higher bandwidth", f"--omega {math.ceil(enough):d}"
     else:
-        repair, option = "lock it, or give its links the inertia that they have", f"--lock {joint}"
+        repair = "a shorter sample time, the inertia that its links really have, or lock it"
+        option = f"--lock {joint}"
     level: Level = "warn" if start else "note"
     yield Finding(level, "tipping", f"joint {joint!r}", float(tipping[row]), bound, message, repair, option)
 

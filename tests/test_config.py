@@ -626,3 +626,10 @@ def test_a_move_that_nobody_asked_for_goes_where_the_motors_hold_the_arm(
         target = move.at(np.linspace(move.t_start, move.t_start + move.duration, 201))
         tau = experiment.robot.inverse_dynamics(*target)
         assert np.abs(tau).max() <= effort
+
+
+def test_a_speed_limit_of_next_to_nothing_counts_as_none(tmp_path: Path) -> None:
+    path = tmp_path / "slow.urdf"
+    text = WEAK.replace("LOWER", "0.2").replace("UPPER", "2.2").replace("EFFORT", "90")
+    path.write_text(text.replace('velocity="9"', 'velocity="1e-300"'), encoding="utf-8")
+    assert build(f"robot: {{name: {path}}}").reference.t_end < 20.0

@@ -274,3 +274,13 @@ def test_an_upright_arm_is_said_to_fall_as_it_does(share: float, falls: bool, re
         late = rollout.sel(time=slice(6.0, None))
         error = float(np.abs(late["q"] - late["q_ref"]).max())
         assert error < 1e-3 if stays else error > 0.1
+
+
+def test_a_joint_locked_outside_its_limits_is_found(report: Any) -> None:
+    (finding,) = (f for f in report(GOOD, lock={"elbow": 99.0}).findings if f.kind == "limits")
+    assert (finding.level, finding.value, finding.bound, finding.option) == (
+        "warn",
+        99.0,
+        2.5,
+        "--lock elbow=0",
+    )

@@ -90,6 +90,9 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         typer.echo(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
+    if experiments.worst(records) == Status.DIVERGED:
+        name = experiment.config.robot.name
+        typer.echo(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.worst(records)]
 
@@ -128,8 +131,8 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
         needed = holding[row, j]
         typer.secho(
             f"warning: at {times[row]:.3g} s joint {joint!r} needs {needed:.4g} to hold the arm where the "
-            f"reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give what "
-            f"its motor can: --effort {joint}={1.5 * needed:.3g}",
+            f"reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give "
+            f"what its motor can: --effort {joint}={1.5 * needed:.3g}",
             err=True,
             fg="yellow",
         )

@@ -56,6 +56,8 @@ _MOVE_ACCELERATION = 5.0
 #: How far a move goes that nobody asked for [rad or m]; and the share of a joint's effort that holding the
 #: arm may take on its way, if it does not take more at the start.
 _MOVE, _HOLDING_SHARE, _ROUNDING = 0.5, 0.9, 1e-9
+#: Velocity limits below this are none [rad/s or m/s]: a move would take weeks.
+_LEAST_SPEED = 1e-6
 #: Share of the effort beyond gravity that a move without a duration may take; how much slower it may become.
 _MOVING_SHARE, _SLOWEST = 0.8, 4.0
 #: How long a run goes on after its reference has ended, when nothing is said [s].
@@ -431,7 +433,7 @@ def _moves(
 def _gentle(robot: Robot, start: Array, goal: Array) -> float:
     """Return a duration of a move [s] that keeps half the speeds, and the torques where motors are weak."""
     speed = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0) * _MOVE_SHARE
-    speed = np.where(speed > 0.0, speed, _MOVE_SHARE)
+    speed = np.where(speed > _LEAST_SPEED, speed, _MOVE_SHARE)
     duration = max(1.0, minimum_duration(goal - start, speed, _MOVE_ACCELERATION))
     target = Bezier(start, goal, duration).at(np.linspace(0.0, duration, 41))
     holding = robot.gravity(target.q)
