@@ -23,7 +23,8 @@ from armgpi.robot import Robot
 
 #: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
 _ROUNDING = 1e-9
-_POSTURES = 20
+#: Random postures, fewer where a robot of very many links would take seconds.
+_POSTURES, _MOST_POSES = 20, 5_000
 
 
 class NoSecondReading(ArmgpiError):
@@ -148,7 +149,8 @@ def _same(ours: Any, theirs: Any) -> bool:
 
 def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
     """Compare the poses of links at random postures."""
-    postures = robot.random_positions(_POSTURES, seed=2)
+    count = max(2, min(_POSTURES, _MOST_POSES // len(document.links)))
+    postures = robot.random_positions(count, seed=2)
     apart = _unhooked(document, robot)
     names = [name for name in document.links if name not in apart]
     order = _outwards(document)
