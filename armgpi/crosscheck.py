@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,12 @@ from armgpi.robot import Robot
 
 #: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
 _ROUNDING = 1e-9
-_POSTURES = 20
+#: Random postures, fewer where a robot of very many links would take seconds.
+_POSTURES, _MOST_POSES = 20, 5_000
+
+
+class NoSecondReading(ArmgpiError):
+    """A URDF that yourdfpy cannot read, which does not make it a bad one."""
 
 
 class CrossCheck(NamedTuple):
@@ -50,7 +56,8 @@ def cross_check(robot: Robot) -> CrossCheck:
         robot: a robot loaded from a file, whose file has not changed since.
 
     Raises:
-        ArmgpiError: when yourdfpy is not installed or cannot read the file, or the robot has no file.
+        NoSecondReading: when yourdfpy cannot read the file.
+        ArmgpiError: when yourdfpy is not installed, or the robot has no file or another one by now.
     """
     try:
         import yourdfpy
@@ -61,22 +68,33 @@ def cross_check(robot: Robot) -> CrossCheck:
     document = urdf.parse(text, source)
     if document.sha256 != robot.provenance["sha256"]:
         raise ArmgpiError(f"{source}: has changed since the robot was loaded; load it again")
-    logger = logging.getLogger("yourdfpy")
-    before = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        other = yourdfpy.URDF.load(
-            io.BytesIO(text.encode()), load_meshes=False, build_collision_scene_graph=False
-        )
-    except Exception as error:  # whatever a parser of others raises
-        raise ArmgpiError(f"{source}: yourdfpy cannot read it: {type(error).__name__}: {error}") from None
-    finally:
-        logger.setLevel(before)
+    other = _read(yourdfpy, text)
     differences = [*_of_names(document, other)]
     differences += [line for joint in document.joints.values() for line in _of_joint(joint, other)]
     if differences:
         return CrossCheck(0, 0, float("nan"), float("nan"), tuple(differences))
     return _of_poses(document, robot, other)
+
+
+def _read(yourdfpy: Any, text: str) -> Any:
+    """Return what yourdfpy makes of a URDF."""
+    text = re.sub(r"\A\s*<\?xml.*?\?>", "", text)  # what it says of the encoding may be wrong
+    logger = logging.getLogger("yourdfpy")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        with np.errstate(all="ignore"):  # axes too small or large for its arithmetic are compared below
+            other = yourdfpy.URDF.load(
+                io.BytesIO(text.encode()), load_meshes=False, build_collision_scene_graph=False
+            )
+    except Exception as error:  # whatever a parser of others raises
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise NoSecondReading(f"yourdfpy cannot read it ({said[:200]})") from None
+    finally:
+        logger.setLevel(before)
+    if not other.link_map:
+        raise NoSecondReading("yourdfpy finds no link in it, as where the root has an XML namespace")
+    return other
 
 
 def _of_names(document: urdf.Urdf, other: Any) -> list[str]:
@@ -131,17 +149,23 @@ def _same(ours: Any, theirs: Any) -> bool:
 
 def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
     """Compare the poses of links at random postures."""
-    postures = robot.random_positions(_POSTURES, seed=2)
+    count = max(2, min(_POSTURES, _MOST_POSES // len(document.links)))
+    postures = robot.random_positions(count, seed=2)
     apart = _unhooked(document, robot)
     names = [name for name in document.links if name not in apart]
+    order = _outwards(document)
     ours = {name: robot.frame_pose(name, postures) for name in names}
     position = rotation = 0.0
     worst = names[0]
     for row, q in enumerate(postures):
         values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, q.tolist(), strict=True))}
         other.update_cfg({name: values.get(name, 0.0) for name in other.actuated_joint_names})
+        # Joint by joint: a chain at once takes it time that grows with the cube of its length.
+        poses: dict[str, Array] = {document.base: np.eye(4)}
+        for joint in order:
+            poses[joint.child] = poses[joint.parent] @ other.get_transform(joint.child, joint.parent)
         for name in names:
-            pose: Array = np.asarray(other.get_transform(name, document.base))
+            pose = poses[name]
             far = float(np.linalg.norm(pose[:3, 3] - ours[name].translation[row]))
             if far > position:
                 position, worst = far, name
@@ -153,6 +177,20 @@ def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
             f"by {rotation:.3g}"
         )
     return CrossCheck(len(names), len(postures), position, rotation, tuple(lines))
+
+
+def _outwards(document: urdf.Urdf) -> list[urdf.Joint]:
+    """Return the joints, each one after that which carries it."""
+    carried: dict[str, list[urdf.Joint]] = {}
+    for joint in document.joints.values():
+        carried.setdefault(joint.parent, []).append(joint)
+    order: list[urdf.Joint] = []
+    front = [document.base]
+    while front:
+        below = carried.get(front.pop(), [])
+        order += below
+        front += [joint.child for joint in below]
+    return order
 
 
 def _unhooked(document: urdf.Urdf, robot: Robot) -> set[str]:

@@ -61,7 +61,8 @@ class NameNotFound(ArmgpiError):
         self.kind = kind
         self.name = name
         self.valid = tuple(valid)
-        near = get_close_matches(str(name), self.valid, n=3, cutoff=0.5)
+        folded = {each.casefold(): each for each in reversed(self.valid)}
+        near = [folded[n] for n in get_close_matches(str(name).casefold(), folded, n=3, cutoff=0.5)]
         text = f"there is no {kind} named {name!r}"
         if near:
             text += f"; did you mean {' or '.join(repr(n) for n in near)}?"

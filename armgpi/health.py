@@ -32,6 +32,8 @@ LEVELS: tuple[Level, ...] = ("stop", "warn", "note")
 _SAMPLES = 500
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
 _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
+#: Speed limits below this are none [rad/s or m/s].
+_LEAST_SPEED = 1e-6
 #: What is practically without limit [rad].
 _ENDLESS = 1000.0
 #: Lengths that are hardly meant in metres [m].
@@ -45,6 +47,11 @@ _TRIANGLE_ROUNDING = 0.01
 _CONDITION, _LEAST_EIGENVALUE = 1e6, 1e-6
 #: GPI with zeta_c = 1 is unstable where friction moves a joint's pole beyond this times omega_c (Theory).
 _FRICTION_RATE = 6.67
+#: It is unstable, too, where gravity tips the arm over faster than the root of this times omega_c (Theory).
+_TIPPING = 16.0 / 15.0
+#: Postures at which that is looked at, step of the differences [rad or m], most of the delay margin (0.356)
+#: that a higher bandwidth may be proposed to use.
+_TIPPED, _STEP, _MOST_PHASE = 50, 1e-4, 0.2
 #: One count of an encoder may cost this share of the torque.
 _COUNT_SHARE = 0.05
 _KNOWN = {
@@ -392,6 +399,12 @@ def _of_joints(document: urdf.Urdf, robot: Robot) -> Iterator[Finding]:
         if joint.moves and abs(length - 1.0) > 1e-3:
             message = f"its axis {_words(joint.axis)} has length {length:.4g}; it is taken as a direction"
             yield _warn("axis", where, length, 1.0, message, "write a unit vector")
+        stands = robot.provenance["locked"].get(joint.name)
+        if stands is not None and joint.mimic is None and not joint.lower <= stands <= joint.upper:
+            message = f"is locked at {stands:g}, outside its limits {joint.lower:g}..{joint.upper:g}"
+            bound = joint.upper if stands > joint.upper else joint.lower
+            option = f"--lock {joint.name}={joint.nearest_to_zero():g}"
+            yield _warn("limits", where, stands, bound, message, "lock it inside them", option)
         if joint.name in free:
             yield from _of_range(where, joint)
             yield from _of_motor(where, joint, robot)
@@ -419,9 +432,9 @@ def _of_range(where: str, joint: urdf.Joint) -> Iterator[Finding]:
             f"0 is outside its limits {joint.lower:g}..{joint.upper:g}; runs start in the middle of them"
         )
         yield _note("neutral", where, 0.0, joint.lower if joint.lower > 0.0 else joint.upper, message)
-    if joint.velocity == 0.0:
-        message = "has velocity limit 0; moves are planned as if it had none"
-        yield _warn("velocity", where, 0.0, None, message, "give its speed")
+    if joint.velocity < _LEAST_SPEED:
+        message = f"has velocity limit {joint.velocity:g}; moves are planned as if it had none"
+        yield _warn("velocity", where, joint.velocity, None, message, "give its speed")
     elif joint.type != "prismatic" and _MOST_SPIN < joint.velocity < math.inf:
         message = f"has velocity limit {joint.velocity:g} rad/s, which looks like degrees, or like none"
         yield _warn("velocity", where, joint.velocity, _MOST_SPIN, message, "write rad/s")
@@ -578,6 +591,7 @@ def _of_control(
         message = "no rotor inertia: URDFs have none, and real gears make light wrists heavier"
         repair = "with_armature, or `armature` in the experiment file"
         yield _note("armature", "joints", 0.0, None, message, repair)
+    yield from _of_tipping(robot, samples, omega, _MOST_PHASE / ((1.5 + delay) * dt))
     allowed = _omega_of_encoder(robot, samples, encoder_bits)
     for j, name in enumerate(robot.joint_names):
         if allowed[j] < omega:
@@ -588,6 +602,36 @@ def _of_control(
             level: Level = "warn" if allowed[j] < 0.5 * omega else "note"
             option = f"--omega {allowed[j]:.2g}"
             yield Finding(level, "encoder", f"joint {name!r}", float(allowed[j]), omega, message, "", option)
+
+
+def _of_tipping(robot: Robot, samples: _Samples, omega: float, highest: float) -> Iterator[Finding]:
+    """Find postures from which gravity tips the arm over faster than the default bandwidth catches it."""
+    q, steps = samples.q[: _TIPPED + 1], _STEP * np.eye(robot.n)
+    stiffness = np.empty_like(samples.inertia[: len(q)])
+    for j, step in enumerate(steps):
+        ahead, behind = robot.dynamics.gravity(q + step), robot.dynamics.gravity(q - step)
+        stiffness[:, :, j] = (ahead - behind) / (2.0 * _STEP)
+    values, vectors = np.linalg.eig(np.linalg.solve(samples.inertia[: len(q)], stiffness))
+    tipping, fastest = -values.real.min(axis=1), values.real.argmin(axis=1)
+    bound = _TIPPING * omega**2
+    if not (tipping > bound).any():
+        return
+    start = bool(tipping[0] > bound)
+    row = 0 if start else int(tipping.argmax())
+    joint = robot.joint_names[int(np.abs(vectors[row][:, fastest[row]]).argmax())]
+    enough = 1.05 * math.sqrt(float(tipping[row]) / _TIPPING)
+    where = "where runs start" if start else f"at one of {len(q)} postures"
+    message = (
+        f"gravity tips the arm over at {math.sqrt(tipping[row]):.3g} 1/s {where}, as it does with what is "
+        f"short, light and upright; at the default bandwidth GPI catches up to {math.sqrt(bound):.3g} 1/s"
+    )
+    if enough <= highest:
+        repair, option = "a higher bandwidth", f"--omega {math.ceil(enough):d}"
+    else:
+        repair = "a shorter sample time, the inertia that its links really have, or lock it"
+        option = f"--lock {joint}"
+    level: Level = "warn" if start else "note"
+    yield Finding(level, "tipping", f"joint {joint!r}", float(tipping[row]), bound, message, repair, option)
 
 
 def _omega_of_encoder(robot: Robot, samples: _Samples, bits: int) -> Array:

@@ -194,8 +194,12 @@ class TrackingInverse:
         self.frame = frame
         _, self._goal = _goal(np.zeros(3), rotation, direction, tool_axis)
         if self._goal.size > robot.n:
+            bent = " with the direction of the tool given" if self._goal.size > 3 else ""
             raise ParameterError(
-                "robot", robot, f"an arm of {self._goal.size} joints or more, to follow as many equations"
+                "robot",
+                robot,
+                f"an arm of {self._goal.size} joints or more, which a path in space{bent} takes (each of its "
+                "numbers is an equation)",
             )
         self._near = None if near is None else robot.check_position(near, "near")
         if self._near is not None and self._near.ndim != 1:

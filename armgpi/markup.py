@@ -33,9 +33,15 @@ _BINARY = (
     (b"\x28\xb5\x2f\xfd", "compressed by zstd: unpack it first (unzstd)"),
     (b"\xff\xfe", "UTF-16: save it as UTF-8 (iconv -f UTF-16 -t UTF-8)"),
     (b"\xfe\xff", "UTF-16: save it as UTF-8 (iconv -f UTF-16 -t UTF-8)"),
+    (b"<\0", "UTF-16: save it as UTF-8 (iconv -f UTF-16LE -t UTF-8)"),
+    (b"\0<", "UTF-16: save it as UTF-8 (iconv -f UTF-16BE -t UTF-8)"),
     (b"\x89PNG", "a picture (PNG): give the URDF"),
     (b"%PDF", "a PDF: give the URDF"),
     (b"\x7fELF", "a program: give the URDF"),
+    (b"7z\xbc\xaf", "a 7z archive: unpack it and give the URDF in it"),
+    (b"Rar!", "a rar archive: unpack it and give the URDF in it"),
+    (b"PXR-USDC", "a scene (OpenUSD): give the URDF of the robot; USD is not read"),
+    (b"\x89HDF", "a rollout or other data (HDF5, NetCDF): give the URDF; rollouts go with view and report"),
     (b"glTF", "a mesh (glTF): give the URDF that shows it"),
 )
 _HTML = "a web page (HTML): download the file itself, by the 'raw' link"
@@ -46,14 +52,27 @@ _TEXTS = (
     (r"solid\s", "a mesh (STL): give the URDF that shows it"),
     (r"ply\s", "a mesh (PLY): give the URDF that shows it"),
     (r"#!|import |from \w+ import ", "a program: run it if it writes a URDF, and give that"),
+    (r"\[\[?[\w.-]+\]\]?\s*$", "TOML or INI: give a URDF"),
     (r"[{\[]", "JSON: give a URDF"),
-    (r"%YAML|---\s|robot:|[\w]+:\s", "YAML: an experiment file goes with --config; give a URDF as robot"),
+    (r"40\d: |Not Found", "the answer of a server that has no such file: look at the address"),
+    (r"<<<<<<<\s", "a file with conflicts of git in it: resolve them (git mergetool)"),
+    (r"diff |--- \S|Index: ", "a patch: apply it, and give the URDF that it changes"),
+    (r"#usda", "a scene (OpenUSD): give the URDF of the robot; USD is not read"),
+    (r"ISO-10303", "a CAD model (STEP): give a URDF, to which CAD tools export"),
+    (r"(#[^\n]*\n\s*)*(v|o|mtllib) \S", "a mesh (OBJ): give the URDF that shows it"),
+    (
+        r"(#[^\n]*\n\s*)*(%YAML|---\s|robot:|[\w]+:\s)",
+        "YAML: an experiment file goes with --config; give a URDF as robot",
+    ),
 )
+_FLAGS = re.IGNORECASE | re.MULTILINE
 #: Root element -> what such a file is and the way on.
 _ROOTS = {
     "mujoco": "a MuJoCo model (MJCF): give the URDF of the robot; MJCF is not read",
     "mujocoinclude": "a part of a MuJoCo model (MJCF): give the URDF of the robot; MJCF is not read",
     "sdf": "an SDF model (Gazebo): give the URDF that it was made from; SDF is not read",
+    "model": "a model of Gazebo (SDF): give the URDF that it was made from; SDF is not read",
+    "world": "a world of Gazebo (SDF): give the URDF of the robot; SDF is not read",
     "gazebo": "a model of Gazebo (SDF): give the URDF that it was made from; SDF is not read",
     "html": _HTML,
     "COLLADA": "a mesh (COLLADA): give the URDF that shows it",
@@ -76,12 +95,15 @@ def read_file(path: Path) -> str:
         # A FIFO would hang and a device would fill the memory: look before opening.
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "no regular file"
+            pipe = "no regular file but a pipe or a device: write the URDF to a file first"
+            kind = "a folder: give the URDF in it" if stat.S_ISDIR(status.st_mode) else pipe
             raise UrdfError(path, f"expected a URDF file, this is {kind}")
+        if status.st_size == 0:  # or it is one of /proc, which may wait for ever
+            raise UrdfError(path, "is empty")
         if status.st_size > MAX_BYTES:
             raise UrdfError(path, f"has {status.st_size} bytes, more than the {MAX_BYTES} allowed")
         with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)  # also where the size is a lie, as in /proc
+            content = file.read(MAX_BYTES + 1)  # it may have grown meanwhile
     except OSError as error:
         raise UrdfError(path, f"cannot be read: {error.strerror or error}") from None
     if len(content) > MAX_BYTES:
@@ -122,6 +144,8 @@ def parse_xml(text: str, source: str) -> Element:
         raise UrdfError(source, f"is {kind or f'not well-formed XML: {error}'}") from None
     if root.tag != "robot":
         other = _ROOTS.get(root.tag, "no URDF")
+        if root.tag.lower() == "robot" and root.tag != "Robot":
+            other = "no URDF, whose names are in small letters"
         raise UrdfError(source, f"is {other}: expected the root element <robot>, got <{root.tag[:80]}>")
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         raise UrdfError(source, f"is {_XACRO}")
@@ -173,4 +197,4 @@ def _elements(text: str, source: str) -> Element:
 def _kind_of_text(text: str) -> str | None:
     """Return what a text is that does not begin as a URDF does; None when nothing is known of it."""
     head = re.sub(r"\A(<\?.*?\?>|<!--.*?-->|\s)+", "", text[:_HEAD], flags=re.DOTALL)
-    return next((kind for pattern, kind in _TEXTS if re.match(pattern, head, re.IGNORECASE)), None)
+    return next((kind for pattern, kind in _TEXTS if re.match(pattern, head, _FLAGS)), None)

@@ -677,8 +677,11 @@ class Robot(_Checked):
             self._check_digits(postures, source)
             return
         first = int(np.argmax(bad))
-        joint = self.joint_names[int(np.argmax(np.abs(vectors[first, :, 0])))]
+        weightless = eigenvalues[first] <= max(_SINGULAR * eigenvalues[first, -1], _WEIGHTLESS)
+        rows = np.abs(vectors[first][:, weightless]).argmax(axis=0)
+        joint, *others = dict.fromkeys(self.joint_names[int(row)] for row in rows)
         links = self._links_moved_by(joint)
+        alike = f"; nor does {', '.join(map(repr, others[:5]))}" if others else ""
         where = (
             ""
             if first == 0
@@ -687,7 +690,8 @@ class Robot(_Checked):
         raise UrdfError(
             source,
             f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so D(q) is "
-            f"singular{where}; give them mass and inertia, lock the joint, or check its axis",
+            f"singular{where}{alike}; give them mass and inertia, lock the joint (--lock "
+            f"{','.join([joint, *others[:5]])}), or check its axis",
             joint,
         )
 

@@ -150,7 +150,9 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
         if "://" in text:
             raise UrdfError(text, "is an address: download the file first, and what it names beside it")
         if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
-            raise UrdfError(path, "there is no such file")
+            known = path.stem in names()
+            hint = f"; the name {path.stem!r} alone is a robot that armgpi knows" if known else ""
+            raise UrdfError(path, f"there is no such file{hint}")
         return path, None
     own = _own_folder() / f"{text}.urdf"
     if os.path.isfile(own):

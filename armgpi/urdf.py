@@ -16,7 +16,7 @@ import os
 import re
 import tempfile
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -270,17 +270,23 @@ def build(
                 joint.name,
             )
     if not moving:
-        raise UrdfError(urdf.source, "has no moving joint left (revolute, continuous or prismatic)")
+        if locked:
+            left = "left (revolute, continuous or prismatic); lock fewer, or keep some"
+        else:
+            left = "(revolute, continuous or prismatic), so there is nothing to control"
+        raise UrdfError(urdf.source, f"has no moving joint {left}")
     if len(moving) > MAX_MOVING_JOINTS:
         raise UrdfError(
             urdf.source,
             f"has {len(moving)} moving joints, more than the {MAX_MOVING_JOINTS} allowed; lock some of them "
-            "or keep only an arm with keep=[...]",
+            "or keep only those of an arm (keep=[...], --keep JOINT,JOINT,...)",
         )
     moved = urdf.moved_links(locked)
     for link in urdf.links.values():
         if link.name in moved:
             _check_inertia(link, urdf.source)
+    if not any(urdf.links[name].mass > 0.0 for name in moved):
+        _refuse_shapes_alone(urdf, moved)
     model = _pinocchio_model(_written(urdf, locked), urdf.source)
     joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
     if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
@@ -477,6 +483,19 @@ def _check_inertia(link: Link, source: str) -> None:
         raise UrdfError(source, f"{where} has an inertia but no mass", link.name)
 
 
+def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
+    """Refuse a robot without any mass: many a URDF was made for drawing and planning alone."""
+    names = [name for name in urdf.links if name in moved]
+    listed = ", ".join(map(repr, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    raise UrdfError(
+        urdf.source,
+        f"has no mass in any link that moves ({listed}): it says how the robot looks and bends, not how "
+        "heavy it is; add an <inertial> with mass and inertia to each link, or take a URDF that has them, "
+        "from the robot's maker or from CAD",
+        names[0],
+    )
+
+
 def _check_tree(links: Mapping[str, Link], joints: Mapping[str, Joint], source: str) -> str:
     """Check that the joints connect all links into one tree, and return its root."""
     parent_of: dict[str, str] = {}
@@ -528,7 +547,8 @@ def _check_mimics(joints: Mapping[str, Joint], source: str) -> None:
         leader = joint.mimic
         while leader is not None and leader in joints:
             if leader in seen:
-                raise UrdfError(source, f"joint {joint.name!r} mimics itself", joint.name)
+                way = "" if joint.mimic == joint.name else f" by way of {joint.mimic!r}"
+                raise UrdfError(source, f"joint {joint.name!r} mimics itself{way}", joint.name)
             seen.add(leader)
             leader = joints[leader].mimic
 

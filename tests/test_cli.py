@@ -839,3 +839,21 @@ def test_paths_and_ranges_that_cannot_be_are_refused(
     refused = cli("run", "ur5", *arguments)
     assert refused.code == 2
     assert named in refused.err
+
+
+def test_a_goal_where_the_motors_do_not_hold_the_arm_is_warned_of(cli: Callable[..., Answer]) -> None:
+    code, _, err = cli("run", "anthropomorphic3", "--to", "q2=0.1", "--effort", "q2=2.7", "--t-final", "3")
+    assert "joint 'q2' needs" in err, err
+    assert "--effort q2=" in err
+    assert code == 0
+    assert "warning" not in cli("run", "anthropomorphic3", *SHORT).err
+
+
+def test_the_effort_of_joints_may_be_given_one_by_one_as_inspect_proposes_it(
+    cli: Callable[..., Answer],
+) -> None:
+    report = json.loads(cli("inspect", "double_pendulum", "--json").out)
+    options = [word for f in report["findings"] if f["level"] == "stop" for word in f["option"].split()]
+    assert options == ["--effort", "joint1=10", "--effort", "joint2=10"]
+    assert cli("inspect", "double_pendulum", *options).code == 0
+    assert cli("run", "double_pendulum", *SHORT, *options).code == 0

@@ -594,3 +594,43 @@ def test_no_value_of_a_key_causes_anything_but_our_error(key: str, value: object
 def test_every_error_of_the_file_is_an_error_of_ours() -> None:
     assert issubclass(ConfigError, ArmgpiError)
     assert math.isfinite(config.parse(ARM, "x").config.sample_time)
+
+
+WEAK = """<robot name="weak"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="10"/>
+<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="LOWER" upper="UPPER" effort="EFFORT" velocity="9"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    # Gravity is 49 N m times the cosine of the angle; the middle of the ranges is 1.2 or 1.5.
+    ("lower", "upper", "effort", "goal"),
+    [
+        (0.2, 2.2, 40.0, 1.2 + 0.5),
+        (-0.1, 1.9, 40.0, 0.9 + 0.5),  # 0.9 needs 30.5, and the way up less
+        (1.1, 3.1, 25.0, 2.1 - 0.5),  # 2.1 needs 24.8, and beyond more
+        (0.5, 2.64, 8.0, 1.57 + 0.125),  # it stands upright, and leans as far as it can
+    ],
+)
+def test_a_move_that_nobody_asked_for_goes_where_the_motors_hold_the_arm(
+    lower: float, upper: float, effort: float, goal: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "weak.urdf"
+    text = WEAK.replace("LOWER", str(lower)).replace("UPPER", str(upper))
+    path.write_text(text.replace("EFFORT", str(effort)), encoding="utf-8")
+    experiment = build(f"robot: {{name: {path}}}")
+    out, back = experiment.reference.moves
+    np.testing.assert_allclose(out.goal, [goal], atol=1e-12)
+    # Both moves are slow enough for what the motor has left beside gravity.
+    for move in (out, back):
+        target = move.at(np.linspace(move.t_start, move.t_start + move.duration, 201))
+        tau = experiment.robot.inverse_dynamics(*target)
+        assert np.abs(tau).max() <= effort
+
+
+def test_a_speed_limit_of_next_to_nothing_counts_as_none(tmp_path: Path) -> None:
+    path = tmp_path / "slow.urdf"
+    text = WEAK.replace("LOWER", "0.2").replace("UPPER", "2.2").replace("EFFORT", "90")
+    path.write_text(text.replace('velocity="9"', 'velocity="1e-300"'), encoding="utf-8")
+    assert build(f"robot: {{name: {path}}}").reference.t_end < 20.0

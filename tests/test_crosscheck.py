@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from armgpi import Robot
-from armgpi.crosscheck import cross_check
+from armgpi.cli import app
+from armgpi.crosscheck import NoSecondReading, cross_check
 from armgpi.errors import ArmgpiError
 
 FOLDER = Path(__file__).parent / "fixtures" / "urdf_cases"
@@ -37,6 +38,34 @@ def test_what_the_two_read_differently_is_named(tmp_path: Path) -> None:
     path.write_text(f'{head}xyz="0 2 0"{tail}', encoding="utf-8")
     (line,) = cross_check(Robot.load(path)).differences
     assert "link 'l2'" in line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('<robot name="', '<robot label="', "KeyError"),  # a name, which no dynamics need
+        ("<robot ", '<robot xmlns="http://www.ros.org" ', "finds no link"),
+    ],
+)
+def test_what_yourdfpy_alone_cannot_read_does_not_take_the_report(
+    old: str, new: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.urdf"
+    text = (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(NoSecondReading, match=said):
+        cross_check(Robot.load(path))
+    app(["inspect", str(path), "--cross-check"], standalone_mode=False)
+    assert f"warn: file: yourdfpy {'cannot' if said == 'KeyError' else 'finds no'}" in capsys.readouterr().out
+
+
+def test_what_the_file_says_of_its_encoding_does_not_stop_the_second_reading(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    text = (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
+    body = text[text.index("<robot") :]
+    path.write_text(f'<?xml version="1.0" encoding="US-ASCII"?><!-- µ -->{body}', encoding="utf-8")
+    assert cross_check(Robot.load(path)).differences == ()
 
 
 def test_a_file_that_changed_meanwhile_is_refused(tmp_path: Path) -> None:

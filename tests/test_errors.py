@@ -28,7 +28,11 @@ def test_every_error_has_the_one_root_and_every_warning_the_other() -> None:
 
 @pytest.mark.parametrize(
     ("typo", "offered"),
-    [("elbo", "did you mean 'elbow'?"), ("wrist_1x", "did you mean 'wrist_1' or 'wrist_2'?")],
+    [
+        ("elbo", "did you mean 'elbow'?"),
+        ("ELBOW", "did you mean 'elbow'?"),
+        ("wrist_1x", "did you mean 'wrist_1' or 'wrist_2'?"),
+    ],
 )
 def test_near_names_are_offered(typo: str, offered: str) -> None:
     error = NameNotFound("joint", typo, ["wrist_1", "wrist_2", "elbow"], "see the URDF")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgpi import GPI, FixedGains, Robot, health, robots
+from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, health, robots, simulate
 from armgpi.errors import ArmgpiError, NameNotFound, UrdfError
 from armgpi.health import Finding
 
@@ -251,3 +251,36 @@ def test_the_bandwidth_of_an_encoder_is_where_a_count_costs_a_share_of_the_torqu
 def test_bad_arguments_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ArmgpiError):
         health.inspect("ur5", **bad)
+
+
+PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial>
+<origin xyz="0 0 LENGTH"/><mass value="1"/>
+<inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" iyz="0" izz="1e-9"/></inertial></link>
+<joint name="j" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize(("share", "falls"), [(0.95, False), (1.15, True)])
+def test_an_upright_arm_is_said_to_fall_as_it_does(share: float, falls: bool, report: Any) -> None:
+    length = 9.81 / (share * 16.0 / 15.0 * 30.0**2)  # the limit of the Routh criterion, where share is 1
+    found = report(PENDULUM.replace("LENGTH", str(length)))
+    kinds = [(f.level, f.where, f.option) for f in found.findings if f.kind == "tipping"]
+    omega = math.ceil(1.05 * 30.0 * math.sqrt(share))
+    assert kinds == ([("warn", "joint 'j'", f"--omega {omega}")] if falls else [])
+    for omega_c, stays in ((30.0, not falls), (float(omega), True)):
+        controller = GPI(found.robot, 1e-3, FixedGains(omega_c))
+        plant = RigidBodyPlant(found.robot)
+        rollout = simulate(plant, controller, Bezier([0.0], [0.02], 1.0), t_final=8.0, progress=False)
+        late = rollout.sel(time=slice(6.0, None))
+        error = float(np.abs(late["q"] - late["q_ref"]).max())
+        assert error < 1e-3 if stays else error > 0.1
+
+
+def test_a_joint_locked_outside_its_limits_is_found(report: Any) -> None:
+    (finding,) = (f for f in report(GOOD, lock={"elbow": 99.0}).findings if f.kind == "limits")
+    assert (finding.level, finding.value, finding.bound, finding.option) == (
+        "warn",
+        99.0,
+        2.5,
+        "--lock elbow=0",
+    )

@@ -301,6 +301,8 @@ def test_a_huge_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
         (gzip.compress(GOOD.encode()), "compressed by gzip: unpack it first (gunzip)"),
         (b"PK\x03\x04", "a zip archive"),
         (GOOD.encode("utf-16"), "UTF-16: save it as UTF-8"),
+        (GOOD.encode("utf-16-le"), "UTF-16: save it as UTF-8"),
+        (b"Rar!\x1a\x07", "a rar archive"),
         (GOOD.encode() + b"\0", "a binary file"),
         (GOOD.replace("arm", "Bähr").encode("latin-1"), "iconv -f LATIN1"),
     ],
@@ -343,6 +345,16 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         ("version https://git-lfs.github.com/spec/v1\noid sha256:0", "git lfs pull"),
         ("robot:\n  name: panda\n", "YAML: an experiment file goes with --config"),
         ('{"robot": 1}', "JSON"),
+        ("# ours\n# 2024 \n\nrobot:\n  name: panda\n", "YAML"),
+        ('[robot]\nname = "x"\n', "TOML"),
+        ("404: Not Found", "the answer of a server"),
+        ("<<<<<<< HEAD\n<robot/>\n", "conflicts of git"),
+        ("diff --git a/x b/x\n", "a patch"),
+        ("# Blender 4\no Cube\nv 0 0 0\n", "a mesh (OBJ)"),
+        ("ISO-10303-21;\nHEADER;", "a CAD model (STEP)"),
+        ('<model name="m"/>', "SDF"),
+        (GOOD.replace("robot", "ROBOT"), "small letters"),
+        ("#" + " \n#" * 1000, "not well-formed"),  # and that at once
         ("solid link\n", "a mesh (STL)"),
         ('<robot name="r"><group name="arm"/></robot>', "an SRDF"),
         (GOOD.replace("<link", '<xacro:property name="m" value="1"/><link', 1), "xacro FILE > robot.urdf"),
@@ -459,6 +471,26 @@ def test_a_moving_link_without_inertia_is_refused_naming_joint_and_link() -> Non
         error = refusal(changed((BODY, body)))
         assert error.element == "elbow"
         assert "'fore'" in str(error)
+
+
+def test_joints_without_inertia_are_named_together() -> None:
+    palm = '<link name="a"/><link name="b"/>'
+    fingers = "".join(WRIST.replace('"wrist"', f'"f{x}"').replace('"hand"', f'"{x}"') for x in "ab")
+    text = str(refusal(GOOD.replace("</robot>", f"{palm}{fingers}</robot>")))
+    assert {"'fa'", "'fb'"} <= set(text.replace(";", "").replace(",", "").split())
+    assert "--lock" in text
+
+
+def test_a_robot_made_for_drawing_alone_is_refused_as_that() -> None:
+    error = refusal(GOOD.replace(BODY, ""))
+    assert error.element == "upper"
+    assert "has no mass in any link that moves ('upper', 'fore')" in str(error)
+
+
+def test_a_robot_that_never_had_a_joint_to_move_is_not_told_of_locks() -> None:
+    text = GOOD.replace("continuous", "fixed").replace("revolute", "fixed")
+    assert "nothing to control" in str(refusal(text))
+    assert "lock fewer" in str(refusal(GOOD, lock=["shoulder", "elbow"]))
 
 
 def test_a_point_mass_on_its_own_axis_is_refused_because_nothing_resists_the_joint() -> None:

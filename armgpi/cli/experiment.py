@@ -12,6 +12,9 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.words import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
 
+#: How often along the reference gravity is compared with effort.
+_LOOKS = 401
+
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -66,6 +69,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     _check_out(options)
     pictures.check(options)
     _note_early_end(experiment)
+    _warn_of_weak_motors(experiment)
     if compare:
         result = experiments.compare(experiment, backend=backend)
     else:
@@ -86,6 +90,9 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         typer.echo(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
+    if experiments.worst(records) == Status.DIVERGED:
+        name = experiment.config.robot.name
+        typer.echo(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.worst(records)]
 
@@ -108,3 +115,24 @@ def _note_early_end(experiment: Experiment) -> None:
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
         typer.echo(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
+
+
+def _warn_of_weak_motors(experiment: Experiment) -> None:
+    """Say where the reference leads to postures at which gravity exceeds a joint's effort limit."""
+    import numpy as np
+
+    robot = experiment.plant.robot
+    times = np.linspace(0.0, experiment.t_final, _LOOKS)
+    holding = np.abs(robot.gravity(experiment.reference.at(times).q))
+    share = holding / np.maximum(robot.limits.effort, np.finfo(float).tiny)
+    row, j = np.unravel_index(int(share.argmax()), share.shape)
+    if share[row, j] > 1.0 + 1e-9:
+        joint, effort = robot.joint_names[j], robot.limits.effort[j]
+        needed = holding[row, j]
+        typer.secho(
+            f"warning: at {times[row]:.3g} s joint {joint!r} needs {needed:.4g} to hold the arm where the "
+            f"reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give "
+            f"what its motor can: --effort {joint}={1.5 * needed:.3g}",
+            err=True,
+            fg="yellow",
+        )

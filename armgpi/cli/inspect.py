@@ -58,7 +58,7 @@ def inspect(
         locks(lock or []),  # type: ignore[arg-type]  # a joint without a value is locked as by name alone
         None if not keep else split(keep),
         "lock" if mimic is None else mimic,  # type: ignore[arg-type]  # anything else is refused there
-        None if effort is None else per_joint(effort, "--effort"),
+        None if not effort else per_joint(",".join(effort), "--effort"),
         _folders(package_dir or []),
         1e-3 if dt is None else dt,
         0 if delay is None else delay,
@@ -86,11 +86,16 @@ def _folders(given: list[Path]) -> list[Path]:
 
 
 def _second_opinion(report: HealthReport) -> HealthReport:
-    """Return the report with what yourdfpy sees otherwise."""
-    from armgpi.crosscheck import cross_check
+    """Return the report with what yourdfpy sees otherwise; a file that it cannot read may be sound."""
+    from armgpi.crosscheck import NoSecondReading, cross_check
     from armgpi.health import Finding
 
-    result = cross_check(report.robot)
+    try:
+        result = cross_check(report.robot)
+    except NoSecondReading as error:
+        repair = "nothing, if other tools read it: there is just no second opinion"
+        finding = Finding("warn", "cross-check", "file", None, None, str(error), repair)
+        return report.with_findings([finding])
     repair = "one of the readers is wrong: look at that element"
     findings = [
         Finding("stop", "cross-check", "file", None, None, line, repair) for line in result.differences

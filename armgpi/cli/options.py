@@ -104,8 +104,11 @@ PackageDir = Annotated[
     ),
 ]
 Effort = Annotated[
-    str | None,
-    typer.Option(metavar="NUMBERS", help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all."),
+    list[str] | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
+    ),
 ]
 InertiaScale = Annotated[
     float | None,

@@ -43,7 +43,7 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     if given("mimic"):
         override("--mimic", options["mimic"], "robot", "mimic")
     if given("effort"):
-        override("--effort", per_joint(options["effort"], "--effort"), "robot", "effort")
+        override("--effort", per_joint(",".join(options["effort"]), "--effort"), "robot", "effort")
     if given("payload"):
         override("--payload", options["payload"], "plant", "payload", "mass")
     if given("friction"):

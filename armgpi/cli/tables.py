@@ -17,6 +17,9 @@ _Columns = tuple[tuple[str, str], ...]
 #: Length to which names of joints and controllers may be folded in tables.
 _FOLDED = 10
 
+#: Beyond a limit by less is no more than rounding [rad or m].
+_ROUNDING = 1e-12
+
 
 def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     """Print a table of figures per controller and joint, and a line on how each rollout ended."""
@@ -47,7 +50,7 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         console.print(_table(heading, records, columns))
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
-        note = f"; left its joint limits by up to {excess:.3g}" if excess > 0.0 else ""
+        note = f"; left its joint limits by up to {excess:.3g}" if excess > _ROUNDING else ""
         console.print(f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}")
 
 

@@ -42,7 +42,7 @@ from armgpi.plants import actuators, loads, sensors
 from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.references import paths
-from armgpi.references.bezier import minimum_duration
+from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, Inverse
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
@@ -53,6 +53,13 @@ _MAX_SAMPLES = 10**9
 #: Share of the velocity limits that a move without a duration uses, and its acceleration [rad/s^2].
 _MOVE_SHARE = 0.5
 _MOVE_ACCELERATION = 5.0
+#: How far a move goes that nobody asked for [rad or m]; and the share of a joint's effort that holding the
+#: arm may take on its way, if it does not take more at the start.
+_MOVE, _HOLDING_SHARE, _ROUNDING = 0.5, 0.9, 1e-9
+#: Velocity limits below this are none [rad/s or m/s]: a move would take weeks.
+_LEAST_SPEED = 1e-6
+#: Share of the effort beyond gravity that a move without a duration may take; how much slower it may become.
+_MOVING_SHARE, _SLOWEST = 0.8, 4.0
 #: How long a run goes on after its reference has ended, when nothing is said [s].
 _SETTLE = 2.0
 #: Time for a path without an end, when nothing is said [s].
@@ -404,9 +411,7 @@ def _moves(
     holds = section.holds
     if section.points is None:
         middle = robot.middle()
-        room = robot.limits.upper - middle
-        goal = middle + np.minimum(0.5, 0.5 * room)
-        points = [middle, goal, middle]
+        points = [middle, _goal(robot, middle), middle]
         holds = 1.0 if holds is None else holds
     for index, point in enumerate(section.points or ()):
         here = place.at("points", index)
@@ -416,11 +421,7 @@ def _moves(
             robot.check_position(points[-1], f"point {index + 1} of the reference")
     durations = section.durations
     if durations is None:
-        gentle = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0) * _MOVE_SHARE
-        gentle = np.where(gentle > 0.0, gentle, _MOVE_SHARE)
-        durations = [
-            max(1.0, minimum_duration(b - a, gentle, _MOVE_ACCELERATION)) for a, b in pairwise(points)
-        ]
+        durations = [_gentle(robot, a, b) for a, b in pairwise(points)]
     with place.blamed():
         reference = Waypoints(points, durations, 0.0 if holds is None else holds)
     filled = ReferenceSection(
@@ -429,6 +430,32 @@ def _moves(
         holds=0.0 if holds is None else holds,
     )
     return reference, reference.t_end, filled
+
+
+def _gentle(robot: Robot, start: Array, goal: Array) -> float:
+    """Return a duration of a move [s] that keeps half the speeds, and the torques where motors are weak."""
+    speed = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0) * _MOVE_SHARE
+    speed = np.where(speed > _LEAST_SPEED, speed, _MOVE_SHARE)
+    duration = max(1.0, minimum_duration(goal - start, speed, _MOVE_ACCELERATION))
+    target = Bezier(start, goal, duration).at(np.linspace(0.0, duration, 41))
+    holding = robot.gravity(target.q)
+    moving = robot.inverse_dynamics(*target) - holding  # falls with the square of the duration
+    left = robot.limits.effort - np.sign(moving) * holding
+    share = np.divide(np.abs(moving), _MOVING_SHARE * left, out=np.zeros_like(moving), where=left > 0.0)
+    return duration * math.sqrt(min(max(1.0, float(share.max())), _SLOWEST**2))
+
+
+def _goal(robot: Robot, middle: Array) -> Array:
+    """Return a posture near the middle to which the motors hold the arm all the way, where there is one."""
+    step = np.minimum(_MOVE, 0.5 * (robot.limits.upper - middle))
+    most = np.maximum(_HOLDING_SHARE * robot.limits.effort, np.abs(robot.gravity(middle)))
+    for scale in (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.125, -0.125):
+        goal: Array = middle + scale * step
+        way = middle + np.linspace(0.0, 1.0, 21)[:, None] * (goal - middle)
+        inside = (goal >= robot.limits.lower).all()
+        if inside and (np.abs(robot.gravity(way)) <= most + _ROUNDING * most).all():
+            return goal
+    return middle + step
 
 
 def _per_joint(

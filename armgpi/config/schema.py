@@ -365,8 +365,8 @@ class ReferenceSection(_Section):
     Attributes:
         points: postures [rad or m]; a mapping keeps the joints that it does not name where they were, and
             starts from the middle of the joint ranges. When not given, every joint moves by up to 0.5 from
-            there and back.
-        durations: of the moves [s]; gentle ones when not given.
+            there and back, and less where the motors would not hold the arm.
+        durations: of the moves [s]; gentle ones when not given, which the motors can.
         holds: at each posture [s]; 0 when not given, 1 when there are no points either.
         path: instead of all these, where a frame shall go in space.
         frame: which frame follows the path; the tip when not given.
