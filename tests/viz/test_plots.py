@@ -38,7 +38,7 @@ def texts_overlap(figure: Figure) -> list[tuple[str, str]]:
     for axes in figure.axes:
         if not axes.get_visible():
             continue
-        items = [axes.title, axes.xaxis.label, axes.yaxis.label, axes.yaxis.get_offset_text()]
+        items = [axes.title, axes.xaxis.label, axes.yaxis.label, axes.yaxis.get_offset_text(), *axes.texts]
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
             items += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
