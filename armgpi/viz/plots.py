@@ -39,6 +39,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -642,6 +643,7 @@ def _draw(
             color=color,
             linestyle=dashes,
             drawstyle="steps-post" if steps and len(time) < 200 else "default",
+            marker="." if len(time) == 1 else None,
             label=text(trace.label or alone),
         )
         _mark_end(axes, trace, values)
@@ -686,9 +688,10 @@ def _show_effort(axes: Axes, drawn: Sequence[Trace], effort: float, unit: str) -
             fontsize=5.5,
             color=style.QUIET,
         )
-    for trace in drawn:
+    for trace, sign in product(drawn, (-1.0, 1.0)):
         tau = trace.data["tau"].values
-        at_limit = np.abs(tau) >= effort * (1.0 - 1e-9)
+        # Each side by itself: a torque that jumps from one limit to the other was at neither in between.
+        at_limit = sign * tau >= effort * (1.0 - 1e-9)
         if at_limit.ndim == 1 and at_limit.any():
             axes.plot(
                 trace.data["time"].values,

@@ -84,8 +84,9 @@
         const yaxis = `y${axis}`;
         for (const trace of quantity.traces) {
           if (trace.joint !== j || (trace.run >= 0 && !this.runs.has(trace.run))) continue;
+          const count = this.array(trace.x).length;
           traces.push({
-            x: this.array(trace.x), y: this.array(trace.y), xaxis: "x", yaxis, type: "scatter", mode: "lines", name: plain(trace.name),
+            x: this.array(trace.x), y: this.array(trace.y), xaxis: "x", yaxis, type: "scatter", mode: count > 1 ? "lines" : "markers", name: plain(trace.name),
             line: { color: trace.color, width: 1.4, dash: trace.dash, shape: "linear" }, hovertemplate: "%{y:.4g}", connectgaps: false,
           });
         }
@@ -212,6 +213,8 @@
       }
     } else {
       by("scene").append(element("p", { class: "complaint" }, meta.no_arm));
+      by("scene").parentElement.style.height = "auto";
+      for (const empty of document.querySelectorAll(".stage .controls, #gauges")) empty.hidden = true;
     }
   } catch (error) {
     Armgpi.complain(error);
