@@ -96,7 +96,10 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
     provenance = json.loads(result.attrs["provenance"])
     found = []
     for index in range(rows.sizes["rollout"]):
-        label = str(rows["label"].values[index]) if "label" in rows.coords else "run"
+        if "label" in rows.coords:
+            label = str(rows["label"].values[index])
+        else:
+            label = "run" if single else f"rollout {index}"
         own = provenance.get(label, provenance)
         figures = {
             name: [_plain(x) for x in table[name].isel(rollout=index).values]

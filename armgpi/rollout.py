@@ -271,7 +271,7 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
         raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
     found = rollout.attrs.get("armgpi_format")
     if not isinstance(found, int | np.integer) or found != FORMAT:
-        raise RolloutError(f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = {found!r})")
+        raise RolloutError(f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = {found})")
     if missing := [name for name in _REQUIRED if name not in rollout]:
         raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
     if damage := _damage(rollout):

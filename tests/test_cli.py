@@ -857,3 +857,26 @@ def test_the_effort_of_joints_may_be_given_one_by_one_as_inspect_proposes_it(
     assert options == ["--effort", "joint1=10", "--effort", "joint2=10"]
     assert cli("inspect", "double_pendulum", *options).code == 0
     assert cli("run", "double_pendulum", *SHORT, *options).code == 0
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_figures_of_prismatic_joints_have_their_units(
+    mixed: bool, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    def joint(name: str, kind: str, parent: str) -> str:
+        return (
+            f"<link name='{name}_link'><inertial><origin xyz='0.1 0 0'/><mass value='1'/>"
+            "<inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+            f"<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{name}_link'/>"
+            "<axis xyz='1 0 0'/><limit lower='-1' upper='1' velocity='1' effort='50'/></joint>"
+        )
+
+    urdf = tmp_path / "rail.urdf"
+    second = joint("swing", "revolute", "rail_link") if mixed else ""
+    urdf.write_text(
+        f"<robot name='r'><link name='base'/>{joint('rail', 'prismatic', 'base')}{second}</robot>"
+    )
+    answer = cli("run", urdf, *SHORT)
+    assert ("rad s²" in answer.out) is mixed
+    assert ("m s²" in answer.out) is not mixed
+    assert ("prismatic: rail: m for rad, N for N m" in answer.out) is mixed

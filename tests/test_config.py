@@ -351,7 +351,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
     "negative gain": ("controllers: [{type: pid, kd: -1}]", "controllers.0.kd", 2, "0 or more"),
     "box upside down": (
         "controllers: [{type: network, omega: {lower: 60, upper: 20}}]",
-        "controllers.0",
+        "controllers.0.omega",
         2,
         "lower <= upper",
     ),

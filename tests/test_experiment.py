@@ -277,3 +277,10 @@ def test_trying_a_folder_leaves_nothing_in_it(tmp_path: Path) -> None:
 
 def test_the_module_offers_what_the_command_line_uses() -> None:
     assert {experiment.run, experiment.compare, experiment.save} == {run, compare, save}
+
+
+def test_rollouts_of_a_batch_without_labels_are_told_apart(compared: xr.Dataset) -> None:
+    own = json.loads(compared.attrs["provenance"])["gpi"]
+    batch = compared.drop_vars("label").assign_attrs(provenance=json.dumps(own))
+    names = [record["label"] for record in records(batch)]
+    assert names == [f"rollout {i}" for i in range(compared.sizes["rollout"])]

@@ -29,7 +29,8 @@ ConfigFile = Annotated[
     ),
 ]
 Controller = Annotated[
-    str | None, typer.Option(metavar="NAME", help="gpi (default) or pid; or a label of the experiment file.")
+    str | None,
+    typer.Option(metavar="NAME", help="gpi (default), network or pid; or a label of the experiment file."),
 ]
 Controllers = Annotated[
     str | None,

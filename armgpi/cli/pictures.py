@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import os
 import sys
+import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,8 +55,13 @@ def check_file(path: Path, option: str) -> None:
             folder.mkdir(parents=True)
         except OSError as error:
             raise refusal(option, f"{folder}: cannot be made: {error.strerror or error}") from None
-    if not os.access(folder, os.W_OK):
-        raise refusal(option, f"{folder}: cannot be written to")
+    if path.exists() and not path.is_file():  # a pipe or a device
+        return
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise refusal(option, f"{folder}: cannot be written to: {error.strerror or error}") from None
 
 
 def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) -> list[Path]:

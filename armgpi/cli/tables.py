@@ -37,6 +37,9 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     seen = {"Measurement": "positions only", "FullState": "positions and velocities"}
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
     console = Console(width=width, markup=False, emoji=False, highlight=False)
+    slides = [kind == "prismatic" for kind in experiment.robot.joint_types]
+    if all(slides):
+        errors, torques = _sliding(errors), _sliding(torques)
     title = f"{experiment.robot.name}, {experiment.t_final:.4g} s"
     if len(records) == 1:
         title = f"{records[0]['label']} on {title}"
@@ -48,10 +51,18 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         folded = _table(heading, records, columns, longest=_FOLDED)
         console.width = max(console.width, _width(console, folded))
         console.print(_table(heading, records, columns))
+    if any(slides) and not all(slides):
+        names = [n for n, slide in zip(experiment.robot.joint_names, slides, strict=True) if slide]
+        console.print(f"prismatic: {', '.join(names)}: m for rad, N for N m")
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         note = f"; left its joint limits by up to {excess:.3g}" if excess > _ROUNDING else ""
         console.print(f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}")
+
+
+def _sliding(columns: _Columns) -> _Columns:
+    """Return columns with the units of prismatic joints."""
+    return tuple((name, text.replace("N m", "N").replace("rad", "m")) for name, text in columns)
 
 
 def _table(

@@ -297,7 +297,10 @@ def _network(
         if isinstance(value, BoxSection):
             here = place.at(key)
             ends = ("lower", "upper")
-            return tuple(_per_joint(getattr(value, end), robot, here.at(end), None) for end in ends)
+            low, high = (_per_joint(getattr(value, end), robot, here.at(end), None) for end in ends)
+            if np.any(low > high):
+                raise here.error(f"expected lower <= upper, got {low.tolist()} above {high.tolist()}")
+            return low, high
         return _per_joint(value, robot, place.at(key), None)
 
     def each(key: str) -> Any:

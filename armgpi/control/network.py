@@ -128,7 +128,11 @@ class BSplineNetwork(Gains):
             if order != 3:
                 raise ParameterError("order", order, "3 with the default knots; give knots as well")
         self.basis = BSplineBasis(knots, order)
-        if not np.array_equal(self.basis.knots, -self.basis.knots[::-1]):
+        mirrored = -self.basis.knots[::-1]
+        if np.allclose(self.basis.knots, mirrored, rtol=0.0, atol=1e-12 * self.basis.knots[-1]):
+            # But for rounding, as numpy.linspace makes them.
+            self.basis = BSplineBasis(0.5 * (self.basis.knots + mirrored), order)
+        else:
             raise ArrayError("knots", f"expected knots symmetric about 0, got {self.basis.knots}")
         self.size = 2 * ((self.basis.size + 1) // 2)
 

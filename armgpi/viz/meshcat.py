@@ -84,20 +84,25 @@ def rollout_page(rollout: xr.Dataset, robot: Robot | None = None, *, frame: str 
 
 
 def write(html: str, path: str | PathLike[str]) -> Path:
-    """Write a page to a file.
+    """Write a page to a file; it appears whole or not at all.
 
     Raises:
         RolloutError: when the file cannot be written.
     """
     target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        partial.write_text(html, encoding="utf-8")
-        partial.replace(target)
+        if target.exists() and not target.is_file():  # a pipe or a device: not to be replaced
+            target.write_text(html, encoding="utf-8")
+            return target
+        place = target.resolve()  # a link stays one
+        partial = place.with_name(f".{place.name}.{os.getpid()}")
+        try:
+            partial.write_text(html, encoding="utf-8")
+            partial.replace(place)
+        finally:
+            partial.unlink(missing_ok=True)
     except OSError as error:
         raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
     return target
 
 

@@ -10,8 +10,13 @@ from __future__ import annotations
 
 import io
 import re
+import signal
 import stat
+import sys
+import threading
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -223,10 +228,32 @@ def toolbox() -> Any:
         MissingPackage: when it is not installed.
     """
     try:
-        import trimesh
+        with _interrupts_kept():
+            import trimesh
     except ImportError:
         raise MissingPackage("trimesh") from None
     return trimesh
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Let a Ctrl-C count when the block has ended.
+
+    trimesh takes whatever is raised while it imports other packages for a package that is not there, and a
+    Ctrl-C at that moment would be lost.
+    """
+    usual = signal.getsignal(signal.SIGINT)
+    if "trimesh" in sys.modules or threading.current_thread() is not threading.main_thread() or usual is None:
+        yield
+        return
+    pressed: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+    if pressed:
+        signal.raise_signal(signal.SIGINT)
 
 
 def box(x: float, y: float, z: float) -> Triangles:

@@ -39,6 +39,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,7 +65,7 @@ MOST_LINES = 14
 FORMATS = ("png", "svg", "pdf")
 #: Width of a figure over both columns of a page [in], and height of a panel.
 _WIDTH, _HEIGHT = 7.2, 1.25
-#: A torque limit is drawn as a line when the torque comes this near to it; else it is named in a corner.
+#: A torque limit is drawn as a line when the torque comes this near to it; else it is named above.
 _NEAR = 0.4
 #: Everything that makes a figure look like one of ours, and its file the same each time.
 _FONT = "DejaVu Sans"
@@ -244,6 +245,8 @@ def plot_torque(
     if onset:
         _mark_onset(axes, rollout, joint)
     _label(axes, f"torque [{unit}]" if unit == "N m" else f"force [{unit}]", joint)
+    if axes.texts and len(joint) > 28:
+        axes.set_title(text(joint), pad=11.0)  # clear of the note on the limit
 
 
 def plot_disturbance(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
@@ -255,6 +258,7 @@ def plot_disturbance(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
         axes.plot(
             values["time"], values, color=style.DISTURBANCE, label="disturbance" if index == 0 else None
         )
+    axes.margins(x=0.0)
     _label(axes, f"disturbance [{_unit(rollout, joint, 'N m')}]", joint)
 
 
@@ -292,6 +296,7 @@ def plot_signal(
                     linestyle=style.look(number * len(style.PALETTE)).dashes,
                     label=text(name if len(drawn) == 1 else f"{name}, {trace.label}"),
                 )
+    axes.margins(x=0.0)
     what = wanted[0] if len(wanted) == 1 else _common_start(wanted)
     _label(axes, text(what) + (f" [{unit}]" if unit else ""), joint)
 
@@ -638,6 +643,7 @@ def _draw(
             color=color,
             linestyle=dashes,
             drawstyle="steps-post" if steps and len(time) < 200 else "default",
+            marker="." if len(time) == 1 else None,
             label=text(trace.label or alone),
         )
         _mark_end(axes, trace, values)
@@ -661,7 +667,7 @@ def _mark_end(axes: Axes, trace: Trace, values: xr.DataArray) -> None:
 
 
 def _show_effort(axes: Axes, drawn: Sequence[Trace], effort: float, unit: str) -> None:
-    """Show an effort limit: as lines where the torque comes near to it, else as a note in the corner."""
+    """Show an effort limit: as lines where the torque comes near to it, else as a note in words."""
     if not math.isfinite(effort) or effort >= 1e300:
         return
     peak = max(_largest(trace.data["tau"]) for trace in drawn)
@@ -670,13 +676,22 @@ def _show_effort(axes: Axes, drawn: Sequence[Trace], effort: float, unit: str) -
             if sign * peak >= 0.0 or _smallest(drawn) <= -_NEAR * effort:
                 _limit_line(axes, sign * effort, lambda _: True)
     else:
-        axes.text(
-            0.99, 0.97, f"limit ±{effort:.3g} {unit}", transform=axes.transAxes, ha="right", va="top",
-            fontsize=5.5, color=style.QUIET,
-        )  # fmt: skip
-    for trace in drawn:
+        # Above the axes: inside it would stand in the way of some curve.
+        axes.annotate(
+            f"limit ±{effort:.6g} {unit}",
+            xy=(1.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(-1.0, 1.5),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            fontsize=5.5,
+            color=style.QUIET,
+        )
+    for trace, sign in product(drawn, (-1.0, 1.0)):
         tau = trace.data["tau"].values
-        at_limit = np.abs(tau) >= effort * (1.0 - 1e-9)
+        # Each side by itself: a torque that jumps from one limit to the other was at neither in between.
+        at_limit = sign * tau >= effort * (1.0 - 1e-9)
         if at_limit.ndim == 1 and at_limit.any():
             axes.plot(
                 trace.data["time"].values,

@@ -327,8 +327,15 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
 
 def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     """Return the figures of merit as an HTML table."""
+    slides = (
+        rollout["joint_type"].values == "prismatic" if "joint_type" in rollout.coords else np.zeros(1, bool)
+    )
+    units = [unit for *_, unit in _COLUMNS]
+    if slides.all():
+        units = [unit.replace("N m", "N").replace("rad", "m") for unit in units]
     head = "".join(
-        f"<th scope=col>{page.text(title)}<br>{page.text(unit)}</th>" for _, title, unit in _COLUMNS
+        f"<th scope=col>{page.text(title)}<br>{page.text(unit)}</th>"
+        for (_, title, _), unit in zip(_COLUMNS, units, strict=True)
     )
     rows = []
     for record in records:
@@ -343,7 +350,7 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     note = ""
     if len(rows) > _MOST_ROWS:
         note = f"<p>{len(rows) - _MOST_ROWS} more rows are left out.</p>"
-    if "joint_type" in rollout.coords and (rollout["joint_type"] == "prismatic").any():
+    if slides.any() and not slides.all():
         note += "<p>Prismatic joints: m for rad, N for N m.</p>"
     return (
         "<div class=scroll tabindex=0 role=region aria-label='figures of merit'>"

@@ -187,7 +187,9 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
                 links=tuple(links[index]),
                 triangles=fine[index],
                 coarse=coarse[index],
-                ring=_ring(coarse[index], coarse[max(parent, 0)], placement, axis, size),
+                ring=_ring(
+                    coarse[index], coarse[max(parent, 0)], placement, axis, size, _spacing(model, index, size)
+                ),
             )
         )
     return Scene(
@@ -407,13 +409,24 @@ def _simplified(parts: list[_T], most: int, sharp: bool = True) -> list[_T]:
     ]
 
 
-def _ring(child: Triangles, parent: Triangles, placement: Array, axis: Array, size: float) -> float:
-    """Return how far out a ring around a joint must be to be seen [m]."""
+def _spacing(model: Any, index: int, size: float) -> float:
+    """Return how far a joint is from the nearest one before or after it that is not in the same place [m]."""
+    near = [
+        c for c in range(1, model.njoints) if index in (c, int(model.parents[c])) and int(model.parents[c])
+    ]
+    lengths = [float(np.linalg.norm(model.jointPlacements[c].translation)) for c in near]
+    return min((length for length in lengths if length > 0.02 * size), default=size)
+
+
+def _ring(
+    child: Triangles, parent: Triangles, placement: Array, axis: Array, size: float, spacing: float
+) -> float:
+    """Return how far out a ring around a joint must be to be seen, short of the next joint [m]."""
     back = np.linalg.inv(placement)
     points = np.concatenate([child.points, parent.points @ back[:3, :3].T + back[:3, 3]])
     along = points @ axis
     out = np.linalg.norm(points - along[:, None] * axis, axis=1)
-    near = (np.abs(along) < 0.015 * size) & (out < 0.085 * size)
+    near = (np.abs(along) < 0.015 * size) & (out < min(0.085 * size, 0.75 * spacing))
     widest = float(out[near].max()) if near.any() else 0.0
     return float(np.clip(1.15 * widest, 0.035 * size, 0.1 * size))
 
@@ -445,11 +458,16 @@ def _size(model: Any, drawn: Sequence[Triangles | None]) -> float:
     extents = [float(np.linalg.norm(part.points, axis=1).max()) for part in drawn if part is not None]
     if extents and (largest <= 0.0 or max(extents) < _FAR_OUT * largest):
         largest = max(largest, *extents)
+    if largest <= 1e-6:  # a single joint without a tool: out to where its mass is
+        largest = max(float(np.linalg.norm(inertia.lever)) for inertia in model.inertias)
     return largest if largest > 1e-6 else 1.0
 
 
 def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
-    """Return lines from a body's origin to the joints that hang on it, and to the tool, as thin bars."""
+    """Return lines from a body's origin to the joints that hang on it, and to the tool, as thin bars.
+
+    Where nothing hangs on it, to its centre of mass: else the last link of an arm would be a dot.
+    """
     ends = [
         np.array(model.jointPlacements[child].translation)
         for child in range(1, model.njoints)
@@ -457,6 +475,8 @@ def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
     ]
     if int(tool.parentJoint) == index:
         ends.append(np.array(tool.placement.translation))
+    if index and all(np.linalg.norm(end) <= 1e-3 * size for end in ends):
+        ends.append(np.array(model.inertias[index].lever))
     parts = [meshes.sphere(0.018 * size)] if index else [meshes.box(0.08 * size, 0.08 * size, 0.02 * size)]
     for end in ends:
         length = float(np.linalg.norm(end))

@@ -199,3 +199,10 @@ def test_learning_rates_are_stable_or_refused(rate: float) -> None:
 def test_a_bad_argument_is_named(arguments: Any, error: type[ArmgpiError], named: str) -> None:
     with pytest.raises(error, match=named):
         GPI(ARM, DT, BSplineNetwork(**arguments))
+
+
+@pytest.mark.parametrize("count", [8, 11, 12, 13])
+def test_knots_of_linspace_are_symmetric_but_for_rounding(count: int) -> None:
+    knots = BSplineNetwork(knots=np.linspace(-2.0, 2.0, count), order=4).basis.knots
+    np.testing.assert_array_equal(knots, -knots[::-1])
+    np.testing.assert_allclose(knots, np.linspace(-2.0, 2.0, count), rtol=0.0, atol=1e-15)

@@ -139,3 +139,9 @@ def test_the_words_about_the_ablation_follow_the_numbers() -> None:
         "tracks better, chatters more",
         "worse in both",
     ]
+
+
+def test_published_cells_stand_in_the_tables_as_they_are_printed() -> None:
+    sheet = tables.comparison(published.TABLES[2], "ideal", [], runs.holding_cost())
+    assert sheet.rows[0][2:8] == ("31.22", "11.78", "30.91", "8.84", "324.1", "41.06")
+    assert sheet.rows[1][2:8] == ("3.01", "0.08", "0.0014", "35.53", "324.4972", "39.77")

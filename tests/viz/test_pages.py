@@ -138,6 +138,36 @@ def test_the_arm_is_in_sight_whatever_its_size(
     assert all(inside)
 
 
+#: How far from the middle of the picture a corner of a body is at a time; 1 is at the picture's edge.
+FARTHEST = """(time) => {
+    const { scene } = armgpi, T = scene.THREE;
+    scene.show(time);
+    scene.viewer.camera.updateWorldMatrix(true, false);
+    const corners = scene.robots[0].nodes.flatMap((node, i) => {
+        node.object.updateWorldMatrix(true, false);
+        const { min, max } = scene.geometry(i, "coarse").boundingBox;
+        return [0, 1, 2, 3, 4, 5, 6, 7].map((k) =>
+            new T.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z)
+                .applyMatrix4(node.object.matrixWorld).project(scene.viewer.camera));
+    });
+    return Math.max(...corners.flatMap((at) => [Math.abs(at.x), Math.abs(at.y)]));
+}"""
+
+
+def test_all_that_an_arm_does_is_in_sight(chromium: browsers.Browser, tmp_path: Path) -> None:
+    rollout = moving(ARM).copy(deep=True)
+    share = np.linspace(0.0, 1.0, rollout.sizes["time"])[:, np.newaxis]
+    rollout["q"].values = share * np.array([0.5, 1.5, 0.0])  # from lying to standing
+    # The tool hardly moves: its path alone does not say how much room the arm takes.
+    html = meshcat.rollout_page(rollout, ARM, frame=ARM.joint_names[0])
+    shown = opened(chromium, html, tmp_path)
+    shown.eval("armgpi.player.play(false)")
+    for view in ("iso", "front", "side", "top"):
+        shown.eval(f"armgpi.scene.look_from('{view}')")
+        farthest = [shown.eval(f"({FARTHEST})({time})") for time in rollout["time"].values[[0, 7, -1]]]
+        assert 0.3 < max(farthest) <= 1.0
+
+
 def test_a_ghost_stands_at_the_reference(chromium: browsers.Browser, tmp_path: Path) -> None:
     rollout = moving(ARM).copy(deep=True)
     rollout["q_ref"].values += 0.3

@@ -38,7 +38,7 @@ def texts_overlap(figure: Figure) -> list[tuple[str, str]]:
     for axes in figure.axes:
         if not axes.get_visible():
             continue
-        items = [axes.title, axes.xaxis.label, axes.yaxis.label, axes.yaxis.get_offset_text()]
+        items = [axes.title, axes.xaxis.label, axes.yaxis.label, axes.yaxis.get_offset_text(), *axes.texts]
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
             items += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
@@ -226,3 +226,21 @@ def test_colours_can_be_told_apart() -> None:
     # Okabe and Ito's palette; its relative luminances differ, so that it also works in grey.
     assert len({style.look(i) for i in range(28)}) == 28
     assert style.hex_number("#0072B2") == 0x0072B2
+
+
+def test_a_torque_that_jumps_between_its_limits_is_marked_at_each_by_itself() -> None:
+    effort = ONE["effort"].values
+    signs = np.where(np.arange(ONE.sizes["time"]) % 2, 1.0, -1.0)
+    jumping = ONE.assign(tau=ONE["tau"].copy(data=signs[:, np.newaxis] * effort))
+    figure = plots.torques(jumping, joints=["q2"])
+    marked = [one for one in figure.axes[0].get_lines() if one.get_label() == "at the limit"]
+    for one, sign in zip(marked, (-1.0, 1.0), strict=True):
+        values = np.asarray(one.get_ydata())
+        assert set(values[np.isfinite(values)]) == {sign * effort[1]}
+
+
+def test_the_note_on_a_limit_is_clear_of_a_long_name() -> None:
+    name = "a_very_long_joint_name_from_a_cad_assembly_left_arm_v2_final_1"
+    figure = plots.torques(ONE.assign_coords(joint=[name, "$x_1$", "c"]))
+    assert any("limit" in text.get_text() for axes in figure.axes for text in axes.texts)
+    assert texts_overlap(figure) == []

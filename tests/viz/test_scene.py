@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import struct
+import sys
 import warnings
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pictured import box_mesh, chain, compared, made_up, package, run
+from pictured import box_mesh, chain, chain_urdf, compared, made_up, package, run
 from strategies import robots_and_states
 
 import armgpi
@@ -229,6 +231,30 @@ def test_no_visuals_make_sticks() -> None:
     assert all(len(body.triangles.faces) for body in arm.bodies)
 
 
+def test_a_last_link_without_a_tool_is_a_stick_to_its_mass() -> None:
+    robot = Robot.from_xml(
+        "<robot name='one'><link name='base'/><link name='arm'><inertial><origin xyz='0.25 0 0'/>"
+        "<mass value='1'/><inertia ixx='1e-4' ixy='0' ixz='0' iyy='0.02' iyz='0' izz='0.02'/></inertial>"
+        "</link>"
+        "<joint name='a' type='revolute'><parent link='base'/><child link='arm'/><axis xyz='0 1 0'/>"
+        "<limit lower='-1' upper='1' velocity='1' effort='9'/></joint></robot>"
+    )
+    arm = scene.build(robot)
+    assert arm.size == pytest.approx(0.25)
+    assert arm.bodies[1].triangles.points[:, 0].max() == pytest.approx(0.25, rel=1e-6)
+
+
+def test_rings_around_the_joints_of_short_links_do_not_reach_the_next_ones(tmp_path: Path) -> None:
+    text = chain_urdf(14, reach=2.1)
+    boxes = (
+        "<visual><origin xyz='0.075 0 0'/><geometry><box size='0.15 0.02 0.02'/></geometry></visual></link>"
+    )
+    urdf = tmp_path / "chain.urdf"
+    urdf.write_text(text.replace("</link>", boxes))
+    arm = scene.build(Robot.load(urdf))
+    assert max(body.ring for body in arm.bodies[1:]) < 0.75 * 0.15
+
+
 def test_colours_and_primitives_of_the_urdf(tmp_path: Path) -> None:
     urdf = package(tmp_path, good_stl=box_mesh("stl"))
     text = urdf.read_text()
@@ -342,3 +368,17 @@ def test_a_rollout_of_another_robot_is_refused() -> None:
         scene.clip(run(ARM, t_final=0.02), chain(3))
     with pytest.raises(NameNotFound, match="hand"):
         scene.build(ARM, "hand")
+
+
+def test_a_ctrl_c_while_trimesh_is_imported_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "trimesh")
+    steps = []
+
+    def imported() -> None:
+        with meshes._interrupts_kept():
+            signal.raise_signal(signal.SIGINT)
+            steps.append("whole")  # trimesh would have taken it for a missing package
+
+    with pytest.raises(KeyboardInterrupt):
+        imported()
+    assert steps == ["whole"]

@@ -227,3 +227,20 @@ def test_a_live_page_is_moved_by_a_program() -> None:
         server.show([0.1, 0.2, 0.3], robot)
         assert received.readline() == "data: [0.1, 0.2, 0.3]\n"
         connection.close()
+
+
+def test_a_page_goes_through_a_link_and_into_a_device(tmp_path: Path) -> None:
+    link = tmp_path / "link.html"
+    link.symlink_to("real.html")
+    meshcat.write("page", link)
+    assert link.is_symlink()
+    assert (tmp_path / "real.html").read_text() == "page"
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        meshcat.write("page", pipe)
+        assert os.read(reader, 99) == b"page"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()

@@ -120,6 +120,7 @@ def _cartesian(rollout: xr.Dataset) -> Figure:
         axes = figure.add_subplot(grid[axis, 0])
         axes.plot(rollout["time"], should[:, axis], color=style.REFERENCE, dashes=(4, 2), label="desired")
         axes.plot(rollout["time"], is_at[:, axis], color=style.PALETTE[0], label="actual", zorder=1)
+        axes.margins(x=0.0)
         _name(axes, axis, f"Tracking on the {letter} axis", f"${letter}$ [m]")
         if axis == 2:
             axes.set_xlabel("time [s]")
@@ -190,9 +191,10 @@ def _name(axes: Axes, panel: int, title: str, ylabel: str) -> None:
 
 
 def _finished(figure: Figure, axes: Any) -> Figure:
-    """Label the time axis at the bottom and give the figure its legend."""
+    """Label the time axis at the bottom, without empty ends, and give the figure its legend."""
     for bottom in axes[-1]:
         bottom.set_xlabel("time [s]")
+        bottom.margins(x=0.0)
     _one_legend(figure)
     return figure
 

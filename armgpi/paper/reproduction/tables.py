@@ -105,7 +105,7 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
     """Return Table 2, 3 or 4: published beside ours."""
     rows: list[tuple[str, ...]] = []
     for name, cells in (("published PID-like", table.pid), ("published proposal", table.proposal)):
-        rows.append((name, "", *map(_short, (*cells.itae, *cells.isci)), "not stated", ""))
+        rows.append((name, "", *map(_printed, (*cells.itae, *cells.isci)), "not stated", ""))
     rows.append(("holding against gravity and load alone", "", "", "", "", *map(_short, holding), "", ""))
     for one in found:
         if (one.sensors, one.scale) != (sensors, table.inertia_scale):
@@ -170,7 +170,7 @@ def statuses(found: Sequence[Contender]) -> Sheet:
                 continue
             for cell in _cells(table, one):
                 where = (str(table.number), one.sensors, one.name, cell.figure, cell.joint)
-                rows.append((*where, _short(cell.ours), _short(cell.published), cell.status))
+                rows.append((*where, _short(cell.ours), _printed(cell.published), cell.status))
     return Sheet(
         "statuses",
         "Every cell of Tables 2 to 4",
@@ -310,6 +310,11 @@ def _at(result: xr.Dataset, label: str, bits: int) -> xr.Dataset:
 def _short(value: float) -> str:
     """Return a number with three significant digits; a dash when there is none."""
     return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def _printed(value: float) -> str:
+    """Return a published number with all the digits that the paper prints."""
+    return f"{value:.7g}"
 
 
 def _latex(text: str) -> str:

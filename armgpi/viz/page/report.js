@@ -7,6 +7,14 @@
   // Plotly reads some HTML in names: show all of it to the letter.
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;").replace(/%\{/g, "%&#123;");
 
+  /** Return a name that is no longer than a width [letters], its middle left out. */
+  const shortened = (name, most) => {
+    const letters = Array.from(name);
+    const kept = Math.max(8, most) - 1;
+    if (letters.length <= kept + 1) return name;
+    return `${letters.slice(0, Math.ceil(kept / 2)).join("")}…${letters.slice(letters.length - Math.floor(kept / 2)).join("")}`;
+  };
+
   class Plots {
     constructor(meta, array, box) {
       this.meta = meta;
@@ -27,14 +35,17 @@
     /** Draw every quantity of the joints and rollouts that are chosen. */
     draw() {
       for (const one of this.panes) {
-        const [traces, layout] = this.figure(one.quantity);
+        const width = one.pane.clientWidth;
+        const [traces, layout] = this.figure(one.quantity, width);
         const known = Boolean(one.pane._fullLayout);
         // Where a page is resized or printed, Plotly takes the height from here.
         one.pane.style.height = `${layout.height}px`;
         Plotly.react(one.pane, traces, layout, {
           responsive: true, displaylogo: false, scrollZoom: false,
           modeBarButtonsToRemove: ["select2d", "lasso2d"], showEditInChartStudio: false, showSendToCloud: false,
+          displayModeBar: width < 600 ? false : "hover",  // it would cover the names; zoom has buttons of its own
         });
+        one.drawn_for = width;
         if (!known) {
           one.pane.append(one.cursor);
           one.pane.on("plotly_relayout", (change) => this.zoomed(one, change));
@@ -44,7 +55,7 @@
       }
     }
 
-    figure(quantity) {
+    figure(quantity, width) {
       const joints = this.meta.plots.joints;
       const chosen = [...this.joints].sort((a, b) => a - b);
       const traces = [];
@@ -67,13 +78,15 @@
           gridcolor: "#e3e7eb", zerolinecolor: "#9aa5b1", anchor: "x", exponentformat: "e", nticks: 4, automargin: false,
         };
         layout.annotations.push({
-          text: plain(joints[j]), x: 0, xref: "paper", xanchor: "left", y: high, yref: "paper", yanchor: "bottom", showarrow: false, font: { size: 12 },
+          // Beside Plotly's buttons where they are; a letter is about 7 pixels wide.
+          text: plain(shortened(joints[j], (width - (width < 600 ? 80 : 260)) / 7)), x: 0, xref: "paper", xanchor: "left", y: high, yref: "paper", yanchor: "bottom", showarrow: false, font: { size: 12 },
         });
         const yaxis = `y${axis}`;
         for (const trace of quantity.traces) {
           if (trace.joint !== j || (trace.run >= 0 && !this.runs.has(trace.run))) continue;
+          const count = this.array(trace.x).length;
           traces.push({
-            x: this.array(trace.x), y: this.array(trace.y), xaxis: "x", yaxis, type: "scatter", mode: "lines", name: plain(trace.name),
+            x: this.array(trace.x), y: this.array(trace.y), xaxis: "x", yaxis, type: "scatter", mode: count > 1 ? "lines" : "markers", name: plain(trace.name),
             line: { color: trace.color, width: 1.4, dash: trace.dash, shape: "linear" }, hovertemplate: "%{y:.4g}", connectgaps: false,
           });
         }
@@ -141,7 +154,7 @@
           onchange: () => { if (input.checked) chosen.add(i); else chosen.delete(i); plots.draw(); },
         });
         const dot = color ? [element("span", { class: "dot", style: `background:${color[i]}` }), " "] : [];
-        return element("label", {}, input, " ", ...dot, name);
+        return element("label", { title: name }, input, " ", ...dot, shortened(name, 36));
       });
       box.append(element("fieldset", {}, element("legend", {}, title), ...boxes));
     };
@@ -168,6 +181,9 @@
     const plots = new Plots(meta, array, by("plots"));
     choices(plots, by("choices"));
     plots.draw();
+    window.addEventListener("resize", () => {
+      if (plots.panes.some((one) => Math.abs(one.drawn_for - one.pane.clientWidth) > 60)) plots.draw();
+    });
     by("zoom").append(
       element("button", { type: "button", onclick: () => plots.scale(0.5) }, "zoom in"),
       element("button", { type: "button", onclick: () => plots.scale(2) }, "zoom out"),
@@ -197,6 +213,8 @@
       }
     } else {
       by("scene").append(element("p", { class: "complaint" }, meta.no_arm));
+      by("scene").parentElement.style.height = "auto";
+      for (const empty of document.querySelectorAll(".stage .controls, #gauges")) empty.hidden = true;
     }
   } catch (error) {
     Armgpi.complain(error);

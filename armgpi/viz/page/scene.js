@@ -429,30 +429,54 @@ const Armgpi = (() => {
       this.viewer.set_dirty();
     }
 
-    /** Look at the arm from "iso", "front", "side" or "top", so that it and its tool's path are in sight. */
+    /** Return postures from all of the clip: where the arm is, and where it should be. */
+    postures(actor) {
+      const last = this.clip.times.length - 1;
+      const found = [];
+      for (let k = 0; k <= 24; k++) {
+        const frame = Math.round((k * last) / 24);
+        for (const name of ["q", "q_ref"]) found.push(this.positions(actor, name, { frame, next: frame, part: 0 }));
+      }
+      // A joint that slides out of its range and away has left the picture.
+      const slides = this.bodies.filter((body) => body.kind === "prismatic").map((body) => body.coordinate);
+      const { joints } = this.meta.arm;
+      const near = (q) => slides.every((j) => q[j] > joints[j].lower - this.size && q[j] < joints[j].upper + this.size);
+      return found.filter((q, i) => i === 0 || near(q));
+    }
+
+    /** Look at the arm from "iso", "front", "side" or "top", so that all that it does and its tool's path are in sight. */
     look_from(where) {
       const T = this.THREE;
       this.where = where;
-      const box = new T.Box3();
-      const q0 = this.clip ? this.positions(this.clip.actors[0], "q", { frame: 0, next: 0, part: 0 }) : this.posture;
-      this.robots.forEach((robot) => {
-        this.pose(robot, q0);
+      const points = [];
+      const surround = (one) => {
+        for (let corner = 0; corner < 8; corner++) {
+          points.push(new T.Vector3(
+            corner & 1 ? one.max.x : one.min.x, corner & 2 ? one.max.y : one.min.y, corner & 4 ? one.max.z : one.min.z
+          ));
+        }
+      };
+      const surround_arm = (robot, q) => {
+        this.pose(robot, q);
         robot.root.object.updateWorldMatrix(true, true);
         // MeshCat turns the scene as a whole, from z up to y up.
         const upright = this.viewer.scene.matrixWorld.clone().invert();
         robot.nodes.forEach((node, i) => {
           const geometry = this.geometry(i, "coarse");
           if (!geometry.boundingBox) geometry.computeBoundingBox();
-          const place = node.object.matrixWorld.clone().premultiply(upright);
-          box.union(geometry.boundingBox.clone().applyMatrix4(place));
+          surround(geometry.boundingBox.clone().applyMatrix4(node.object.matrixWorld.clone().premultiply(upright)));
         });
+      };
+      this.robots.forEach((robot, r) => {
+        for (const q of this.clip ? this.postures(this.clip.actors[r]) : [this.posture]) surround_arm(robot, q);
         if (this.clip) {
           for (const what of [robot.desired, robot.drawn]) {
             what.geometry.computeBoundingBox();
-            box.union(what.geometry.boundingBox.clone().translate(what.position));
+            surround(what.geometry.boundingBox.clone().translate(what.position));
           }
         }
       });
+      const box = new T.Box3().setFromPoints(points);
       const centre = box.getCenter(new T.Vector3());
       const views = { iso: [1, -0.75, 0.45], front: [1, 0, 0.02], side: [0, -1, 0.02], top: [0.02, 0, 1] };
       const back = new T.Vector3(...views[where]).normalize();
@@ -463,10 +487,8 @@ const Armgpi = (() => {
       const tall = Math.tan((0.5 * camera.fov * Math.PI) / 180);
       const wide = tall * camera.aspect;
       let distance = 0.1 * this.size;
-      for (let corner = 0; corner < 8; corner++) {
-        const at = new T.Vector3(
-          corner & 1 ? box.max.x : box.min.x, corner & 2 ? box.max.y : box.min.y, corner & 4 ? box.max.z : box.min.z
-        ).sub(centre);
+      for (const point of points) {
+        const at = point.sub(centre);
         const need = Math.max(Math.abs(at.dot(right)) / wide, Math.abs(at.dot(up)) / tall);
         distance = Math.max(distance, at.dot(back) + 1.12 * need);
       }
