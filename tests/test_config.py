@@ -581,6 +581,7 @@ def test_no_text_causes_anything_but_our_error(text: str) -> None:
 
 
 @settings(max_examples=150)
+@example("sample_time", 15)
 @given(st.sampled_from(sorted(config.ExperimentConfig.model_fields)), TREES)
 def test_no_value_of_a_key_causes_anything_but_our_error(key: str, value: object) -> None:
     data = {"robot": {"name": "anthropomorphic3"}, key: value}

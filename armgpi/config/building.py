@@ -147,6 +147,12 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     reference, end, moves = _reference(config.reference, robot, top.at("reference"))
     t_final = end + _SETTLE if config.t_final is None else config.t_final
     if not 0.5 < t_final / config.sample_time <= _MAX_SAMPLES:
+        if config.t_final is None:  # then it is not what is wrong
+            usual = ExperimentConfig.model_fields["sample_time"].default
+            key = "sample_time" if config.sample_time != usual else "reference"
+            raise top.at(key).error(
+                f"expected 1 to {_MAX_SAMPLES:.0e} samples, got {t_final:g} s of {config.sample_time:g} s each"
+            )
         raise top.at("t_final").error(
             f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
             f"{_MAX_SAMPLES:.0e} samples), got {t_final:g} s"
