@@ -172,8 +172,12 @@ def _pareto(every: dict[int, dict[str, tuple[float, float]]] | None) -> Figure:
             axes.annotate(f"{omega:g}", (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6.5)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        for axis, values in zip((axes.xaxis, axes.yaxis), np.transpose(list(costs.values())), strict=True):
+            # Less than a decade needs more numbers for there to be three.
+            narrow = values.max() < 5.0 * values.min()
+            axis.set_major_locator(
+                LogLocator(subs=(1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0) if narrow else (1.0, 2.0, 5.0))
+            )
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.set_minor_formatter(NullFormatter())
         axes.margins(0.15)
@@ -194,7 +198,8 @@ def _finished(figure: Figure, axes: Any) -> Figure:
     """Label the time axis at the bottom, without empty ends, and give the figure its legend."""
     for bottom in axes[-1]:
         bottom.set_xlabel("time [s]")
-        bottom.margins(x=0.0)
+    for one in axes.flat:
+        one.margins(x=0.0)
     _one_legend(figure)
     return figure
 
