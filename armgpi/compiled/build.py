@@ -26,6 +26,8 @@ FLAGS = (
     # What this CPU has; on ARM the option has another name.
     "-mcpu=native" if platform.machine() in ("aarch64", "arm64") else "-march=native",
     "-ffp-contract=off",
+    # GCC 12 fuses where it makes vectors of scalars (vfmaddsub), whatever the line above says.
+    "-fno-tree-slp-vectorize",
     "-fno-math-errno",
     "-fno-trapping-math",
     "-fPIC",

@@ -248,8 +248,6 @@ class CompiledRun:
         self._job.final = 1
         self._run(self.done, self.done + 1)
         self._store(self.done + 1)
-        for values in self.recording.variables.values():  # where all diverged, time goes on without them
-            values[self.recording.stored :] = np.nan
         self._close()
 
     def interrupt(self) -> None:
