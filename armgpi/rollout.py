@@ -180,6 +180,11 @@ def to_dataset(
     variables: dict[str, Any] = {}
     # A run that was interrupted at once has no samples of what it would have recorded.
     arrays = {name: np.empty((0, *recording.shape)) for name in _SAMPLED} | recording.variables
+    if (recording.status == Status.DIVERGED).all():
+        # The run went on for some samples, as many as it takes at once: they are none of the rollout.
+        after = recording.times >= recording.t_end.max()
+        for values in recording.variables.values():
+            values[after] = np.nan
     if disturbance is not None:
         if batched and disturbance.ndim == 2:
             disturbance = disturbance[:, None]  # the same for every rollout

@@ -26,6 +26,8 @@ FLAGS = (
     # What this CPU has; on ARM the option has another name.
     "-mcpu=native" if platform.machine() in ("aarch64", "arm64") else "-march=native",
     "-ffp-contract=off",
+    # GCC 12 fuses where it makes vectors of scalars (vfmaddsub), whatever the line above says.
+    "-fno-tree-slp-vectorize",
     "-fno-math-errno",
     "-fno-trapping-math",
     "-fPIC",
@@ -58,10 +60,10 @@ def _probed(command: tuple[str, ...], path: str | None) -> Compiler | None:
     if shutil.which(command[0], path=path) is None:
         return None
     try:
-        said = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30, check=True)
+        said = subprocess.run([*command, "--version"], capture_output=True, timeout=30, check=True)
     except (OSError, subprocess.SubprocessError):
         return None
-    return Compiler(command, said.stdout)
+    return Compiler(command, said.stdout.decode(errors="replace"))
 
 
 def compiler() -> Compiler:
@@ -112,9 +114,12 @@ def widest() -> int:
 def cache_folder() -> Path:
     """Return where libraries are kept: ARMGPI_CACHE, or armgpi in the user's cache folder."""
     if asked := os.environ.get("ARMGPI_CACHE"):
-        return Path(asked)
-    base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    return Path(base).expanduser() / "armgpi"
+        return Path(asked).absolute()  # a library without a folder in its name is looked for elsewhere
+    try:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    except RuntimeError:  # a user without a home, as in some containers
+        base = Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"
+    return base / "armgpi"
 
 
 _loaded: dict[str, ctypes.CDLL] = {}
@@ -138,6 +143,8 @@ def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
         try:
             _loaded[key] = ctypes.CDLL(str(path))
         except OSError as error:
+            with suppress(OSError):  # the next one makes it anew
+                path.unlink()
             raise BackendError(f"{path}: cannot be loaded: {error}") from None
     return _loaded[key]
 
@@ -165,15 +172,19 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
     except OSError:  # a home that cannot be written: compile for this process alone
-        folder = work = Path(tempfile.mkdtemp(prefix="armgpi-"))
+        try:
+            folder = work = Path(tempfile.mkdtemp(prefix="armgpi-"))
+        except OSError as error:
+            raise BackendError(f"{folder}: cannot be written, nor can a temporary folder: {error}") from None
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     try:
         (work / "loop.c").write_text(source)
         built = work / "loop.so"
         command = [*found.command, *flags, "-o", str(built), str(work / "loop.c"), "-lm"]
-        said = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
+        said = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
         if said.returncode or not built.is_file():
-            lines = [line for line in said.stderr.splitlines() if "error" in line] or ["it said nothing"]
+            text = said.stderr.decode(errors="replace")
+            lines = [line for line in text.splitlines() if "error" in line] or ["it said nothing"]
             raise BackendError(f"{' '.join(found.command)} failed: {lines[0]}")
         target = folder / f"{key}-{_digest(built)}.so"
         built.replace(target)

@@ -31,6 +31,7 @@ _NUMBER = {
     ca.OP_ATAN: "v_atan({0})",
     ca.OP_FLOOR: "v_floor({0})",
     ca.OP_SIGN: "v_sign({0})",
+    ca.OP_FMOD: "v_fmod({0}, {1})",
     ca.OP_REMAINDER: "{0} - v_rint({0})",  # only ever by one
 }
 _TRUTH = {

@@ -124,6 +124,12 @@ EACH(v_log, log)
 EACH(v_tan, tan)
 EACH(v_tanh, tanh)
 EACH(v_atan, atan)
+static inline V v_fmod(V x, V y)
+{
+    V z = x;
+    for (int i = 0; i < LANES; ++i) LANE(z, i) = fmod(LANE(x, i), LANE(y, i));
+    return z;
+}
 
 /* Sine and cosine: x - k pi / 2 in three parts (Cody, Waite 1980), then fdlibm's polynomials on
    [-pi/4, pi/4]. The absolute error is below 1.6e-16 for |x| < 1e6 (tests); NaN and infinity give NaN. */

@@ -18,7 +18,7 @@ from armgpi.compiled import build
 from armgpi.compiled.emit import CallSite, Dialect, straight_line
 from armgpi.compiled.kernels import Kernel
 from armgpi.compiled.symbols import NotElementwise
-from armgpi.compiled.trace import Trace, check_repeatable, trace, writing_down
+from armgpi.compiled.trace import Trace, check_repeatable, columns, trace, writing_down
 from armgpi.dynamics import thread_count
 from armgpi.errors import BackendError
 from armgpi.rollout import Recording, Status
@@ -29,8 +29,11 @@ _HELD, _TAU = _ORDER.index("tau_command"), _ORDER.index("tau")
 _TARGETS = ("q_ref", "v_ref")
 #: How long one call of the generated code should take [s]: between two calls Ctrl-C is heard.
 _CALL = 0.05
-#: A user's law is compared with NumPy over so many samples, relative to the largest entry.
+#: A user's law is compared with NumPy over so many samples, relative to the largest entry: from its start on,
+#: and from states at random, as at rest all errors may be zero. For each: the sample to begin with, and how
+#: far all numbers of the state are moved.
 _COMPARED, _AGREEMENT = 3, 1e-8
+_TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
 #: Numbers in a table of targets, at most.
 _TABLE = 1 << 20
 
@@ -169,10 +172,9 @@ class CompiledRun:
         self.threads = min(thread_count(), self._blocks)
         padded = self._blocks * self.lanes
         names = _names(traced)
-        place = np.minimum(np.arange(padded), self.rows - 1)  # lanes without a rollout repeat the last one
-        start = np.concatenate([traced.start, np.zeros((len(names) * traced.n, traced.start.shape[1]))])
+        place = np.minimum(np.arange(padded), self.rows - 1)
         self._keep = {
-            "state": self._packed(start[:, place]),
+            "state": self._start(traced.start),
             "shared": np.array([value for _, value in traced.shared]),
             "own": self._packed(
                 np.array([np.broadcast_to(v, self.rows)[place] for _, v in traced.own]).reshape(-1, padded)
@@ -189,47 +191,75 @@ class CompiledRun:
             divergence=divergence,
         )
         if traced.foreign:
-            self._check_beginning(state, len(names))
+            self._check(state, len(names))
         # Not before: a run that NumPy takes over makes rooms of its own, blank ones.
         arrays = [recording.room(name, blank=False) for name in names]
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job.out = self._keep["out"].ctypes.data
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
-    def _check_beginning(self, state: Any, variables: int) -> None:
-        """Refuse code whose first samples are not NumPy's: a user's law that mixes rollouts, say.
+    def _check(self, state: Any, variables: int) -> None:
+        """Refuse code whose samples are not NumPy's: a user's law that mixes rollouts, say.
 
         Raises:
             BackendError: naming the sample and the difference.
         """
+        random = np.random.default_rng(0)
+        last = round(self.recording.times[-1] / self.loop.dt)
+        for late, size in _TRIALS:
+            first = max(0, min(late, last - _COMPARED))  # a reference may end
+            try:
+                theirs = self._by_numpy(begin := _moved(state[1:], random, first, size), first)
+            except Exception as error:  # a user's law may raise anything
+                raise BackendError(f"this loop has no generated code: NumPy's raises {error!r}") from None
+            # The trials' states are copies: a law may write into its state.
+            ours = self._by_code(begin, first, variables)
+            for k, (a, b) in enumerate(zip(ours, theirs, strict=True), first):
+                runs, should = np.isfinite(a).all(axis=(0, 2)), np.isfinite(b).all(axis=(0, 2))
+                apart = np.abs(a - b)[:, runs & should]
+                largest = np.abs(b[:, runs & should]).max(axis=(1, 2), keepdims=True, initial=1.0)
+                if (runs != should).any() or not (apart <= _AGREEMENT * largest).all():
+                    raise BackendError(
+                        f"this loop has no generated code: sample {k} of it differs from NumPy's by "
+                        f"{np.max(apart, initial=0.0):.2g} (does its law mix joints of several rollouts?)"
+                    )
+
+    def _by_numpy(self, state: Any, first: int) -> Array:
+        """Return q, v and the torque asked for of some samples from a state on: (samples, 3, rollouts, n)."""
+        plant, controller = _moved(state, None)
+        rows = []
+        for k in range(first, first + _COMPARED):
+            truth = self.loop.plant.truth(plant)
+            target = self.loop.reference.at(k * self.loop.dt)
+            plant, controller, _, tau = self.loop._sample(plant, controller, target)
+            rows.append([np.array(x).reshape(self.rows, -1) for x in (truth.q, truth.v, tau)])
+        return np.array(rows)
+
+    def _by_code(self, state: Any, first: int, variables: int) -> Array:
+        """Return the same by generated code; NaN where a number is not finite."""
         if self._traced.table:
-            self._fill_table(0, _COMPARED)
-        found = np.empty((variables, _COMPARED, self.rows, self._traced.n))
+            self._fill_table(first, first + _COMPARED)
+        found = np.full((variables, _COMPARED, self.rows, self._traced.n), np.nan)
+        # The recording counts from sample 0.
+        skipped = first * self.rows * self._traced.n * found.itemsize
         scratch = {
-            "state": _aligned(self._keep["state"]),
-            "out": np.array([part.ctypes.data for part in found], dtype=np.uintp),
-            "ended": self._keep["ended"].copy(),
+            "state": self._start(columns(state, self.recording.shape[:-1])),
+            "out": np.array([part.ctypes.data - skipped for part in found], dtype=np.uintp),
+            "ended": np.full(self.rows, -1, dtype=np.int64),
         }
         job = _Job.from_buffer_copy(self._job)
         for name, array in scratch.items():
             setattr(job, name, array.ctypes.data)
-        job.k0, job.k1, job.every, job.final = 0, _COMPARED, 1, 0
+        job.k0, job.k1, job.every, job.divergence = first, first + _COMPARED, 1, math.inf
         self._library.run(ctypes.byref(job), ctypes.c_int64(0), ctypes.c_int64(self._blocks))
-        plant, controller = state[1:]
-        for k in range(_COMPARED):
-            target = self.loop.reference.at(k * self.loop.dt)
-            truth = self.loop.plant.truth(plant)
-            plant, controller, _, tau = self.loop._sample(plant, controller, target)
-            theirs = np.stack([truth.q, truth.v, tau]).reshape(3, self.rows, -1)
-            ours = found[[0, 1, _HELD], k]
-            runs = scratch["ended"] < 0
-            apart = np.abs(ours - theirs)[:, runs]
-            largest = np.abs(theirs[:, runs]).max(axis=(1, 2), keepdims=True, initial=1.0)
-            if not (apart <= _AGREEMENT * largest).all():
-                raise BackendError(
-                    f"this loop has no generated code: sample {k} of it differs from NumPy's by "
-                    f"{np.nanmax(apart):.2g} (does its law mix joints of several rollouts?)"
-                )
+        return np.swapaxes(found[[0, 1, _HELD]], 0, 1)
+
+    def _start(self, columns: Array) -> Array:
+        """Return the memory of blocks whose rollouts begin with these numbers (s, rollouts)."""
+        recorded = np.zeros((len(_names(self._traced)) * self._traced.n, columns.shape[1]))
+        # Lanes without a rollout repeat the last one.
+        place = np.minimum(np.arange(self._blocks * self.lanes), self.rows - 1)
+        return self._packed(np.concatenate([columns, recorded])[:, place])
 
     def take(self, count: int) -> int:
         """Take `count` samples and record them."""
@@ -248,8 +278,6 @@ class CompiledRun:
         self._job.final = 1
         self._run(self.done, self.done + 1)
         self._store(self.done + 1)
-        for values in self.recording.variables.values():  # where all diverged, time goes on without them
-            values[self.recording.stored :] = np.nan
         self._close()
 
     def interrupt(self) -> None:
@@ -341,6 +369,15 @@ class CompiledRun:
         return _aligned(blocks)
 
 
+def _moved(state: Any, random: np.random.Generator | None, k: int = 0, size: float = 0.0) -> Any:
+    """Return a copy of a state, `k` samples later and with its numbers moved by some `size` at random."""
+    if isinstance(state, tuple):
+        return tuple.__new__(type(state), [_moved(part, random, k, size) for part in state])
+    if isinstance(state, np.ndarray):
+        return state.copy() if random is None else state + size * random.normal(size=state.shape)
+    return state + k if isinstance(state, int) else state
+
+
 def _aligned(values: Array) -> Array:
     """Return a flat copy that begins where vectors of lanes may."""
     room = np.empty(values.size + 8)
@@ -368,6 +405,4 @@ def _traced(loop: Any, state: Any, signals: bool) -> Trace:
         used.update(map(str, call.parameters))
     traced.shared = [(symbol, value) for symbol, value in traced.shared if str(symbol) in used]
     traced.own = [(symbol, values) for symbol, values in traced.own if str(symbol) in used]
-    if not math.prod(traced.start.shape):
-        traced.start = np.zeros((0, 1))
     return traced

@@ -108,6 +108,7 @@ class Scalar:
 
     def __neg__(self) -> Scalar:
         """Return the negative."""
+        _numbers(self)
         return Scalar(-self.sx)
 
     def __pos__(self) -> Scalar:
@@ -116,10 +117,12 @@ class Scalar:
 
     def __abs__(self) -> Scalar:
         """Return the absolute value."""
+        _numbers(self)
         return Scalar(ca.fabs(self.sx))
 
     def __pow__(self, power: Any) -> Any:
         """Return a whole power by multiplication, as NumPy's answer is one rounding from it."""
+        _numbers(self)
         if isinstance(power, int | float) and power == int(power) and 0 < power <= 16:
             result: Any = None
             base, left = self, int(power)
@@ -130,9 +133,15 @@ class Scalar:
             return result
         raise NotElementwise(f"it raises to the power {power!r}; only whole powers from 1 to 16 are known")
 
-    def __mod__(self, other: Any) -> Scalar:
+    def __mod__(self, other: Any) -> Any:
         """Return the remainder with the sign of the divisor, as Python's."""
-        return Scalar(self.sx - ca.floor(self.sx / _sx(other)) * _sx(other))
+        return _remainder(self, other) if _is_one(other) else NotImplemented
+
+
+class Truth(Scalar):
+    """What is true or false, as NumPy's bool: its sums and bits are other ones than those of numbers."""
+
+    __slots__ = ()
 
 
 def _is_one(x: Any) -> bool:
@@ -145,48 +154,83 @@ def _sx(x: Any) -> Any:
     return x.sx if isinstance(x, Scalar) else float(x)
 
 
-def _binary(function: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    def apply(a: Any, b: Any) -> Any:
-        if isinstance(a, Scalar):
-            return Scalar(function(a.sx, _sx(b)))
-        if isinstance(b, Scalar):
-            return Scalar(function(ca.SX(float(a)), b.sx))
-        return float(function(float(a), float(b)))
-
-    return apply
+def is_truth(x: Any) -> bool:
+    """Tell truths from numbers."""
+    return isinstance(x, Truth | bool | np.bool_)
 
 
-def _unary(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    def apply(a: Any) -> Any:
-        return Scalar(function(a.sx)) if isinstance(a, Scalar) else float(function(a))
+def _numbers(*operands: Any) -> None:
+    """Refuse arithmetic on truths alone: NumPy's has one bit (True + True is True)."""
+    if all(is_truth(x) for x in operands):
+        raise NotElementwise("it does arithmetic on truths (multiply them by 1.0 before)")
+
+
+def _truths(*operands: Any) -> None:
+    """Refuse operations on the bits of numbers."""
+    if not all(is_truth(x) for x in operands):
+        raise NotElementwise("it works on the bits of numbers (&, |, ~)")
+
+
+def _free(*operands: Any) -> None:
+    """Take any operands."""
+
+
+def _applied(
+    function: Callable[..., Any], kind: Any = Scalar, check: Callable[..., None] = _numbers
+) -> Callable[..., Any]:
+    """Return a function of CasADi's as one of scalars and numbers; `kind` is what it gives."""
+
+    def apply(*operands: Any) -> Any:
+        check(*operands)
+        if any(isinstance(x, Scalar) for x in operands):
+            return kind(function(*(ca.SX(_sx(x)) for x in operands)))
+        return (bool if kind is Truth else float)(function(*map(float, operands)))
 
     return apply
 
 
 def _product(a: Any, b: Any) -> Any:
     """Return a b; zeros and ones, of which a model is full, never become an expression."""
+    _numbers(a, b)
     for x, y in ((a, b), (b, a)):
         if not isinstance(x, Scalar) and isinstance(y, Scalar) and x in (0.0, 1.0):
-            return y if x == 1.0 else 0.0
+            return _number(y) if x == 1.0 else 0.0
     return _multiply(a, b)
 
 
 def _sum(a: Any, b: Any) -> Any:
     """Return a + b, without an expression where one is zero."""
+    _numbers(a, b)
     if not isinstance(a, Scalar) and a == 0.0:
-        return b
-    return a if not isinstance(b, Scalar) and b == 0.0 else _add(a, b)
+        return _number(b)
+    return _number(a) if not isinstance(b, Scalar) and b == 0.0 else _add(a, b)
 
 
 def _difference(a: Any, b: Any) -> Any:
     """Return a - b, without an expression where b is zero."""
-    return a if not isinstance(b, Scalar) and b == 0.0 else _subtract(a, b)
+    _numbers(a, b)
+    return _number(a) if not isinstance(b, Scalar) and b == 0.0 else _subtract(a, b)
 
 
-_less, _not_above, _equal, _unequal = map(_binary, (operator.lt, operator.le, operator.eq, operator.ne))
-_multiply, _add, _subtract, _divide = map(
-    _binary, (operator.mul, operator.add, operator.sub, operator.truediv)
+_less, _not_above, _equal, _unequal = (
+    _applied(f, Truth, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
 )
+_multiply, _add, _subtract = map(_applied, (operator.mul, operator.add, operator.sub))
+_divide = _applied(operator.truediv, check=_free)
+_modulo = _applied(ca.fmod)
+_not_zero = _applied(lambda x: x != 0.0, Truth, _free)
+
+
+def _number(x: Any) -> Any:
+    """Return a truth as the number that it is, and a number as it is."""
+    return Scalar(x.sx) if isinstance(x, Truth) else x
+
+
+def _remainder(a: Any, b: Any) -> Any:
+    """Return the remainder with the sign of the divisor, of the exact quotient as NumPy's."""
+    rest = _modulo(a, b)
+    other = _both(_not_zero(rest), _unequal(_less(rest, 0.0), _less(b, 0.0)))
+    return select(other, rest + b, rest)
 
 
 def rint(x: Scalar) -> Scalar:
@@ -196,11 +240,16 @@ def rint(x: Scalar) -> Scalar:
 
 def select(condition: Any, yes: Any, no: Any) -> Any:
     """Return `yes` where the condition holds, else `no`."""
+    kind: Any = Truth if is_truth(yes) and is_truth(no) else Scalar
     if not isinstance(condition, Scalar):
         return yes if condition else no
     if not isinstance(yes, Scalar) and not isinstance(no, Scalar) and float(yes) == float(no):
         return yes
-    return Scalar(ca.if_else(condition.sx, _sx(yes), _sx(no)))
+    return kind(ca.if_else(condition.sx, _sx(yes), _sx(no)))
+
+
+_both, _either = (_applied(f, Truth, _free) for f in (ca.logic_and, ca.logic_or))
+_not = _applied(ca.logic_not, Truth, _free)
 
 
 #: What NumPy's functions are on one scalar.
@@ -209,42 +258,44 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.subtract: _difference,
     np.multiply: _product,
     np.true_divide: _divide,
-    np.minimum: _binary(ca.fmin),
-    np.maximum: _binary(ca.fmax),
+    np.minimum: _applied(ca.fmin),
+    np.maximum: _applied(ca.fmax),
     np.less: _less,
     np.less_equal: _not_above,
     np.greater: lambda a, b: _less(b, a),
     np.greater_equal: lambda a, b: _not_above(b, a),
     np.equal: _equal,
     np.not_equal: _unequal,
-    np.logical_and: _binary(ca.logic_and),
-    np.logical_or: _binary(ca.logic_or),
-    np.bitwise_and: _binary(ca.logic_and),
-    np.bitwise_or: _binary(ca.logic_or),
-    np.logical_not: _unary(ca.logic_not),
-    np.invert: _unary(ca.logic_not),
+    np.logical_and: _both,
+    np.logical_or: _either,
+    np.logical_not: _not,
+    np.bitwise_and: _applied(ca.logic_and, Truth, _truths),
+    np.bitwise_or: _applied(ca.logic_or, Truth, _truths),
+    np.invert: _applied(ca.logic_not, Truth, _truths),
     np.power: operator.pow,
-    np.remainder: operator.mod,
-    np.negative: operator.neg,
-    np.positive: operator.pos,
-    np.absolute: abs,
-    np.fabs: abs,
+    np.remainder: _remainder,
+    np.fmod: _modulo,
+    np.negative: _applied(operator.neg),
+    np.positive: _applied(operator.pos),
+    np.absolute: _applied(ca.fabs),
+    np.fabs: _applied(ca.fabs),
     np.square: lambda x: x * x,
-    np.sin: _unary(ca.sin),
-    np.cos: _unary(ca.cos),
-    np.sqrt: _unary(ca.sqrt),
-    np.exp: _unary(ca.exp),
-    np.log: _unary(ca.log),
-    np.tan: _unary(ca.tan),
-    np.tanh: _unary(ca.tanh),
-    np.arctan: _unary(ca.atan),
-    np.floor: _unary(ca.floor),
+    np.sin: _applied(ca.sin),
+    np.cos: _applied(ca.cos),
+    np.sqrt: _applied(ca.sqrt),
+    np.exp: _applied(ca.exp),
+    np.log: _applied(ca.log),
+    np.tan: _applied(ca.tan),
+    np.tanh: _applied(ca.tanh),
+    np.arctan: _applied(ca.atan),
+    np.floor: _applied(ca.floor),
     np.rint: lambda x: rint(x) if isinstance(x, Scalar) else float(np.rint(x)),
-    np.sign: _unary(ca.sign),
+    np.sign: _applied(ca.sign),
     np.isfinite: lambda x: _less(abs(x), math.inf),
 }
 _VECTORISED = {ufunc: np.frompyfunc(f, ufunc.nin, 1) for ufunc, f in _ELEMENTWISE.items()}
 _SELECT = np.frompyfunc(select, 3, 1)
+_COUNTED = np.frompyfunc(lambda x: _number(x) if isinstance(x, Scalar) else float(x), 1, 1)
 
 
 class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
@@ -330,7 +381,7 @@ class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **keywords: Any) -> Any:
         """Apply one of NumPy's elementwise functions."""
         arrays = [_objects(x) for x in inputs]
-        if method != "__call__" or set(keywords) - {"dtype", "out"}:
+        if method != "__call__" or set(keywords) - {"dtype", "out"} or not _is_float(keywords.get("dtype")):
             raise NotElementwise(f"it uses np.{ufunc.__name__} in a way that has no expression")
         if ufunc is not np.matmul and ufunc not in _VECTORISED:
             raise NotElementwise(f"it uses np.{ufunc.__name__}, which the generator does not know")
@@ -368,6 +419,32 @@ def _wrapped(x: Any) -> Symbols:
     return Symbols(x)
 
 
+def _is_float(dtype: Any) -> bool:
+    """Tell whether a type of numbers, None when not given, is the one of symbols."""
+    return dtype is None or np.dtype(dtype) == np.float64
+
+
+def _filled(x: Symbols, value: float, dtype: Any) -> Symbols:
+    """Return so many numbers, all the same."""
+    if not _is_float(dtype) or (dtype is None and any(map(is_truth, x.x.ravel()))):
+        raise NotElementwise("it makes an array of another type than float64")
+    return Symbols(np.full(x.shape, value, dtype=object))
+
+
+def _as_it_is(x: Symbols, dtype: Any = None) -> Symbols:
+    """Return an array that is made no other."""
+    if not _is_float(dtype):
+        raise NotElementwise("it makes an array of another type than float64")
+    return x
+
+
+def _rounded(x: Any, decimals: int = 0) -> Any:
+    """Return whole numbers."""
+    if decimals != 0:
+        raise NotElementwise(f"it rounds to {decimals} decimals")
+    return np.rint(x)
+
+
 def _solve(matrix: Any, column: Any) -> Symbols:
     """Solve for symmetric, positive definite matrices, which is all that the laws here have."""
     from armgpi.compiled.model import solve
@@ -381,17 +458,17 @@ def _solve(matrix: Any, column: Any) -> Symbols:
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: lambda c, x, y: _wrapped(_SELECT(_objects(c), _objects(x), _objects(y))),
     np.clip: lambda x, low, high: np.minimum(np.maximum(x, low), high),
-    np.zeros_like: lambda x, dtype=None: Symbols(np.full(x.shape, 0.0, dtype=object)),
-    np.ones_like: lambda x, dtype=None: Symbols(np.full(x.shape, 1.0, dtype=object)),
+    np.zeros_like: lambda x, dtype=None: _filled(x, 0.0, dtype),
+    np.ones_like: lambda x, dtype=None: _filled(x, 1.0, dtype),
     np.broadcast_to: lambda x, shape: Symbols(np.broadcast_to(_objects(x), shape)),
-    np.ascontiguousarray: lambda x, dtype=None: x,
-    np.round: lambda x, decimals=0: np.rint(x),
+    np.ascontiguousarray: _as_it_is,
+    np.round: _rounded,
     np.shape: lambda x: x.shape,
     np.ndim: lambda x: x.ndim,
     np.concatenate: lambda xs, axis=0: Symbols(np.concatenate([_objects(x) for x in xs], axis=axis)),
     np.stack: lambda xs, axis=0: Symbols(np.stack([_objects(x) for x in xs], axis=axis)),
     np.linalg.solve: _solve,
-    np.sum: lambda x, axis=None: _wrapped(np.sum(_objects(x), axis=axis)),
+    np.sum: lambda x, axis=None: _wrapped(np.sum(_COUNTED(_objects(x)), axis=axis)),
     np.dot: lambda a, b: _wrapped(np.dot(_objects(a), _objects(b))),
 }
 

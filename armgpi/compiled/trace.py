@@ -7,6 +7,7 @@ sample is taken.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import traceback
 import types
@@ -22,7 +23,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.compiled.kernels import Arm, Call, TracedDynamics, arm_of
-from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.compiled.outside import Outside
+from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat, is_truth
 from armgpi.control.splines import BSplineBasis
 from armgpi.dynamics import Dynamics, ScaledDynamics
 from armgpi.plants.loads import Load
@@ -136,6 +138,7 @@ class Lifting:
         self._copies: dict[int, Any] = {}
         self._kept: list[tuple[Any, Any, Any]] = []  # what ids in _copies belong to, copies and their content
         self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
+        self._outside = Outside()
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
         """Return the copy of a value; with `numbers`, floats become symbols as well."""
@@ -148,8 +151,10 @@ class Lifting:
         elif isinstance(value, Robot | RobotBatch):
             return self._robot(value)
         elif isinstance(value, (BSplineBasis, Arm, *_PLAIN)):
+            self._outside.watch(value)
             return value
         elif isinstance(value, types.MethodType):
+            self._outside.watch(value.__func__)
             return types.MethodType(value.__func__, self(value.__self__, numbers))
         elif isinstance(value, tuple):
             items = [self(item, numbers) for item in value]
@@ -187,6 +192,7 @@ class Lifting:
         self._copies[id(value)] = made
         ours = type(value).__module__.startswith("armgpi.")
         self.trace.foreign |= not ours
+        self._outside.watch(type(value))
         for name, attribute in vars(value).items():
             if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
                 raise NotElementwise(
@@ -227,12 +233,25 @@ class Lifting:
         self._copies[id(value)] = made
         self._kept.append((value, made, _content(made)))
 
-    def check_unchanged(self) -> None:
-        """Refuse what remembers anything but in its state.
+    @contextmanager
+    def unchanged(self) -> Iterator[None]:
+        """Call laws with symbols: what they write to outside of themselves is put back.
 
         Raises:
-            NotElementwise: when an attribute of a copy, or what is in it, is not what it was.
+            NotElementwise: when they remember anything but in their state.
         """
+        try:
+            yield
+            self._check_unchanged()
+            if changes := self._outside.changes():
+                raise NotElementwise(
+                    f"outside of it {', '.join(changes)} changes; what changes belongs into the state"
+                )
+        finally:
+            self._outside.restore()
+
+    def _check_unchanged(self) -> None:
+        """Refuse when an attribute of a copy, or what is in it, is not what it was."""
         for value, made, content in self._kept:
             now = _content(made)
             changed = [key for key in now.keys() | content.keys() if now.get(key) is not content.get(key)]
@@ -304,7 +323,9 @@ def writing_down() -> Iterator[None]:
         places = [
             f"{Path(frame.filename).name}, line {frame.lineno}"
             for frame in traceback.extract_tb(error.__traceback__)
-            if not frame.filename.startswith(_GENERATORS) and "site-packages" not in frame.filename
+            if not frame.filename.startswith(_GENERATORS)
+            and "site-packages" not in frame.filename
+            and frame.filename != contextlib.__file__
         ]
         raise NotElementwise(f"{said}, in {places[-1]}" if places else said) from error
 
@@ -338,37 +359,55 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     result = Trace(n, k=ca.SX.sym("k"))
     rollouts = loop.truth(state).q.shape[:-1]
     lifting = Lifting(result, *rollouts or (1,))
-    columns: list[Array] = []
 
     def place(value: Any) -> Any:
-        """Return symbols for a part of the state, and note its values."""
+        """Return symbols for a part of the state."""
         if isinstance(value, tuple):
             return tuple.__new__(type(value), [place(part) for part in value])
         if isinstance(value, int) and not isinstance(value, bool):
             return Counter(result.k, value, result.draws)
         if isinstance(value, np.ndarray | float):
-            values = np.asarray(value, dtype=np.float64)
+            values = np.asarray(value)
+            if values.dtype != np.float64:  # its sums, quotients and bits are other ones
+                raise NotElementwise(f"its state holds an array of {values.dtype}")
             # One array for all rollouts, or a row for each.
             shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
             symbols = Symbols.new(f"s{len(result.state)}", shape)
             result.state.extend(flat(symbols))
             result.joints.extend(i % n for i in range(symbols.size))
-            count = rollouts[0] if rollouts else 1
-            columns.extend(np.broadcast_to(values, (*rollouts, *shape)).reshape(count, -1).T)
             return symbols
         if value is None:
             return None
         raise NotElementwise(f"its state holds a {type(value).__name__}")
 
     before = place(tuple(state[1:]))
-    result.start = np.array(columns)
+    result.start = columns(state[1:], rollouts)
+    with lifting.unchanged():
+        result.recorded = _sampled(loop, before, lifting, result, signals)
+    return result
+
+
+def columns(state: Any, rollouts: tuple[int, ...]) -> Array:
+    """Return the numbers of a state in the order of its symbols, shape (s, rollouts or 1)."""
+    if isinstance(state, tuple):
+        parts = [columns(part, rollouts) for part in state]
+        return np.concatenate([np.empty((0, *(rollouts or (1,)))), *parts])
+    if not isinstance(state, np.ndarray | float):
+        return np.empty((0, *(rollouts or (1,))))
+    values = np.asarray(state)
+    shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
+    return np.broadcast_to(values, (*rollouts, *shape)).reshape(*(rollouts or (1,)), -1).T
+
+
+def _sampled(loop: Any, before: Any, lifting: Lifting, result: Trace, signals: bool) -> dict[str, list[Any]]:
+    """Take one sample with symbols: note the state after it, and return what is recorded."""
+    n = result.n
     looked = copy.copy(loop)
     looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
     target = _target(loop, lifting, result)
     plant, controller, measured, tau = looked._sample(*before, target)
     truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
     _collect((plant, controller), before, result.after)
-    lifting.check_unchanged()
     recorded = {
         "q": truth.q,
         "v": truth.v,
@@ -380,8 +419,19 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     }
     if signals:
         recorded.update(looked.controller.signals(controller))
-    result.recorded = {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
-    return result
+    return {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
+
+
+def state_part(after: Any, shape: tuple[int, ...]) -> Any:
+    """Return a part of the state after a sample in the shape that it had before.
+
+    Raises:
+        NotElementwise: when it is no longer of numbers.
+    """
+    truths = isinstance(after, Symbols) and any(map(is_truth, after.x.ravel()))
+    if truths or (isinstance(after, np.ndarray | bool) and np.asarray(after).dtype != np.float64):
+        raise NotElementwise("its state is of float64 before a sample and of another type after it")
+    return np.broadcast_to(after, shape)
 
 
 def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:
@@ -402,7 +452,7 @@ def _collect(after: Any, before: Any, expressions: list[Any]) -> None:
         if not isinstance(after, Counter) or after.offset != before.offset + 1:
             raise NotElementwise("its state counts by other than one a sample")
     elif isinstance(before, Symbols):
-        expressions += flat(np.broadcast_to(after, before.shape))
+        expressions += flat(state_part(after, before.shape))
     elif isinstance(before, tuple):
         if not isinstance(after, tuple) or len(after) != len(before):
             raise NotElementwise("its state has another form after a sample than before")

@@ -102,8 +102,9 @@ _HELPERS = {
     "v_not": "static inline uint32_t v_not(uint32_t m) { return (m != 0U) ? 0U : 1U; }",
     "v_only": "static inline {R} v_only(uint32_t m, {R} x) { return (m != 0U) ? x : 0.0{F}; }",
     "v_number": "static inline {R} v_number(uint32_t m) { return (m != 0U) ? 1.0{F} : 0.0{F}; }",
-    "v_min": "static inline {R} v_min({R} a, {R} b) { return (a < b) ? a : b; }",
-    "v_max": "static inline {R} v_max({R} a, {R} b) { return (b < a) ? a : b; }",
+    # NaN on either side comes out, so that the supervision finds it.
+    "v_min": "static inline {R} v_min({R} a, {R} b) { return ((a < b) || !(a >= a)) ? a : b; }",
+    "v_max": "static inline {R} v_max({R} a, {R} b) { return ((b < a) || !(a >= a)) ? a : b; }",
     "v_abs": "static inline {R} v_abs({R} x) { return fabs{f}(x); }",
     "v_sin": "static inline {R} v_sin({R} x) { return sin{f}(x); }",
     "v_cos": "static inline {R} v_cos({R} x) { return cos{f}(x); }",
@@ -113,6 +114,7 @@ _HELPERS = {
     "v_tan": "static inline {R} v_tan({R} x) { return tan{f}(x); }",
     "v_tanh": "static inline {R} v_tanh({R} x) { return tanh{f}(x); }",
     "v_atan": "static inline {R} v_atan({R} x) { return atan{f}(x); }",
+    "v_fmod": "static inline {R} v_fmod({R} x, {R} y) { return fmod{f}(x, y); }",
     "v_floor": "static inline {R} v_floor({R} x) { return floor{f}(x); }",
     "v_rint": "static inline {R} v_rint({R} x) { return rint{f}(x); }",
     "v_sign": (
@@ -703,7 +705,7 @@ def _counted(lines: Iterable[str]) -> Counts:
         found = re.match(r"const \w+ i?x\d+ = (.*);$", line)
         if found is None:
             continue
-        if re.match(r"v_(sin|cos|exp|log|tan|tanh|atan)\(", found[1]):
+        if re.match(r"v_(sin|cos|exp|log|tan|tanh|atan|fmod)\(", found[1]):
             kinds["transcendental"] += 1
         elif " / " in found[1] or found[1].startswith("v_sqrt("):
             kinds["divisions"] += 1

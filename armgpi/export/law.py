@@ -12,7 +12,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.compiled.kernels import Call
 from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.compiled.trace import Lifting, Trace, writing_down
+from armgpi.compiled.trace import Lifting, Trace, state_part, writing_down
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
@@ -109,15 +109,16 @@ def write_down(controller: Controller) -> Law:
         raise ParameterError(
             "controller", controller, f"for a single rollout; this one has parameters for {size} of them"
         )
+    trace = Trace(controller.robot.n)
     with writing_down():
-        return _written(controller)
+        lifting = _Lifting(trace, controller)
+        with lifting.unchanged():
+            return _written(controller, trace, lifting)
 
 
-def _written(controller: Controller) -> Law:
+def _written(controller: Controller, trace: Trace, lifting: _Lifting) -> Law:
     """Call `init` and `step` with symbols."""
     n = controller.robot.n
-    trace = Trace(n)
-    lifting = _Lifting(trace, controller)
     law: Any = lifting(controller)
     # Symbols go where a law expects arrays.
     inputs: dict[str, Any] = {name: Symbols.new(name, (n,)) for name in INPUTS}
@@ -152,8 +153,6 @@ def _written(controller: Controller) -> Law:
     tau, after = law.step(measured, target, given)
     step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, state)])
     step.calls.extend(taken())
-
-    lifting.check_unchanged()
 
     holding = getattr(law, "bias_robot", law.robot)
     torque = law.limited(holding.dynamics.gravity(inputs["q_measured"]))
@@ -241,6 +240,8 @@ def _leaves(state: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         keys = getattr(state, "_fields", range(len(state)))
         for key, part in zip(keys, state, strict=True):
             yield from _leaves(part, f"{path}.{key}" if path else str(key))
+    elif isinstance(state, np.ndarray) and state.dtype != np.float64:
+        raise NotElementwise(f"its state holds an array of {state.dtype}")
     elif isinstance(state, np.ndarray | float | int) and not isinstance(state, bool):
         yield path or "value", state
     elif state is not None:
@@ -267,7 +268,7 @@ def _matched(state: Any, expected: list[tuple[str, Any]]) -> list[Any]:
     return [
         x
         for part, (_, like) in zip(found, expected, strict=True)
-        for x in flat(np.broadcast_to(part, np.shape(like)))
+        for x in flat(state_part(part, np.shape(like)))
     ]
 
 

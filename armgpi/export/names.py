@@ -14,7 +14,9 @@ def identifiers(names: Sequence[str]) -> list[str]:
     found: list[str] = []
     for j, name in enumerate(names):
         text = re.sub(r"[^A-Za-z0-9]", "_", name).upper()
-        found.append(f"{text}_{j}" if text in found or not text else text)
+        while text in found or not text:
+            text = f"{text}_{j}"
+        found.append(text)
     return found
 
 

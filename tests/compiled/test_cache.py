@@ -188,3 +188,28 @@ def test_a_library_that_cannot_be_loaded_is_an_error_in_words(monkeypatch: pytes
     with pytest.warns(ArmgpiWarning, match="running by NumPy: .*cannot be loaded: no room"):
         run = simulate(*LOOP, backend="compiled")
     np.testing.assert_array_equal(run["q"], simulate(*LOOP)["q"])
+
+
+def test_a_user_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nobody(path: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("ARMGPI_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "expanduser", nobody)
+    assert build.cache_folder().is_absolute()
+
+
+def test_a_cache_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ARMGPI_CACHE", ".")
+    assert answer() == 42
+
+
+def test_a_compiler_that_says_what_is_no_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "odd-cc"
+    path.write_text("#!/bin/sh\nprintf '\\377\\376'\nprintf 'error \\377' >&2\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("CC", str(path))
+    with pytest.raises(BackendError, match="odd-cc failed: error"):
+        answer()

@@ -155,3 +155,15 @@ def test_every_lane_of_every_width_gives_the_same_bits(name: str) -> None:
         for shift in range(lanes):
             moved = [np.roll(part, shift) for part in (a, b, c)]
             np.testing.assert_array_equal(np.roll(bits(run(lanes, name, *moved)), -shift), expected)
+
+
+def test_no_product_is_fused_with_a_sum() -> None:
+    # GCC 12 makes one instruction of this pair whatever -ffp-contract says, unless told not to make vectors.
+    a = np.array([1.0 + 2.0**-30, 1.0 + 2.0**-30])
+    parts = (a, a, np.array([1.0, -1.0]), np.empty(2))
+    pair = build.library(
+        "void pair(const double *restrict a, const double *restrict b, const double *restrict c,"
+        " double *restrict y) { y[0] = a[0] * b[0] - c[0]; y[1] = a[1] * b[1] + c[1]; }"
+    )
+    pair.pair(*(ctypes.c_void_p(part.ctypes.data) for part in parts))
+    np.testing.assert_array_equal(parts[-1], a * a - 1.0)

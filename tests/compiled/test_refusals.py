@@ -108,6 +108,19 @@ def keeps(self: Any, e: Any) -> Any:
     return e + 0.1 * last
 
 
+OUTSIDE: dict[str, Any] = {}
+
+
+def keeps_outside(self: Any, e: Any) -> Any:
+    last, OUTSIDE["last"] = OUTSIDE.get("last", e), e
+    return e + 0.1 * last
+
+
+def counts_calls(self: Any, e: Any, calls: list[int] = []) -> Any:  # noqa: B006 (what users do)
+    calls.append(0)
+    return e * (1.0 if len(calls) < 10 else 0.1)
+
+
 LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
     "if": (lambda self, e: e if (e > 0.0).any() else 2.0 * e, "it decides by the values of symbols", dict),
     "if one": (lambda self, e: e if e[..., 0].ravel()[0] > 0.0 else 2.0 * e, "on symbols", dict),
@@ -136,6 +149,22 @@ LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
     "dictionary": (keeps, "a dict in it (last) changes", lambda: {"kept": {}}),
     "counter": (counts, "a Law in it (count) changes", lambda: {"count": 0}),
     "integral": (integrates, "a Law in it (integral) changes", lambda: {"integral": np.zeros(3)}),
+    "global": (keeps_outside, "outside of it OUTSIDE changes", lambda: OUTSIDE.clear() or {}),
+    "default": (
+        counts_calls,
+        "outside of it counts_calls changes",
+        lambda: counts_calls.__defaults__[0].clear() or {},  # type: ignore[index]
+    ),
+    "random of all": (
+        lambda self, e: e * (1.0 if np.random.random() < 0.9 else 2.0),  # noqa: NPY002
+        "outside of it np.random changes",
+        lambda: np.random.seed(0) or {},  # type: ignore[func-returns-value]  # noqa: NPY002
+    ),
+    "decimals": (lambda self, e: np.round(e, 6), "it rounds to 6 decimals", dict),
+    "bits of numbers": (lambda self, e: e * (np.where(e > 1e-3, 2, 0) & 1), "bits of numbers", dict),
+    "sum of truths": (lambda self, e: e * ((e > 1e-3) + (e > 2e-3)), "arithmetic on truths", dict),
+    "single": (lambda self, e: np.add(e, 1e-3, dtype=np.float32), "np.add", dict),
+    "whole": (lambda self, e: e + np.zeros_like(e, dtype=int), "another type", dict),
     "integral in place": (integrates_in_place, "changes", lambda: {"integral": np.zeros(3)}),
 }
 
@@ -302,3 +331,17 @@ def test_what_numpy_takes_over_is_blank_where_nothing_happened() -> None:
     assert (runs[0]["status"] == Status.DIVERGED).all()
     for name in ("q", "tau", "q_ref"):
         np.testing.assert_array_equal(runs[1][name], runs[0][name])
+
+
+def test_a_law_that_mixes_rollouts_only_once_they_err() -> None:
+    # At rest all errors are zero, and so is what differs.
+    mixes = lambda self, e: e + np.where(np.abs(e) > 1e-2, np.sum(e), 0.0)  # noqa: E731
+    q0 = np.broadcast_to(MOVE.start, (2, 3))
+    falls_back(Law(mixes), "differs from NumPy's by", q0=q0)
+
+
+def test_remainders_are_of_the_exact_quotient() -> None:
+    law = Law(lambda self, e: e + 1e-3 * ((0.0 * e + 1.0) % 0.1) + 1e-3 * np.fmod(50.0 * e, 0.3))
+    expected = simulate(RigidBodyPlant(ARM), law, MOVE, 0.03)
+    got = compiled(RigidBodyPlant(ARM), law, MOVE, 0.03)
+    np.testing.assert_allclose(got["q"], expected["q"], rtol=0, atol=1e-12)

@@ -154,6 +154,16 @@ def test_when_all_diverge_the_run_ends(threads: int) -> None:
     np.testing.assert_array_equal(got["t_end"], expected["t_end"])
 
 
+def test_what_is_left_when_all_diverge_does_not_depend_on_how_many_samples_are_taken_at_once() -> None:
+    loop = wild([2, 5, 8], seconds=2.0)
+    runs = [simulate(*loop), compiled(*loop)]
+    last = runs[0]["t_end"].values.max()
+    for run in runs:
+        for name in SAMPLED:
+            assert np.isnan(run[name].sel(time=slice(last, None))).all(), name
+        assert np.isfinite(run["q_ref"].sel(time=slice(0.0, last - 0.5 * DT))).all()
+
+
 @pytest.mark.parametrize(
     "bad", [{"v0": [[0.0] * 3, [1e200] * 3]}, {"divergence": 1e-9}, {"v0": [[0.0] * 3, [1e9] * 3]}]
 )

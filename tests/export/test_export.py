@@ -682,3 +682,23 @@ def test_names_of_joints_can_be_anything(tmp_path: Path) -> None:
         assert (
             ExportedController(robot, tmp_path).report(np.zeros(99, dtype=np.uint64)).status == "before init"
         )
+
+
+def test_names_of_joints_in_c_are_all_different() -> None:
+    from armgpi.export.names import identifiers
+
+    assert len(set(identifiers(["a_2", "a", "A", "a-2", ""]))) == 5
+
+
+def test_what_is_not_a_number_is_not_cut_to_the_limit() -> None:
+    # inf - inf, from numbers that are all finite: no torque, and a state that would stay so for good.
+    controller = GPI(Robot.load("anthropomorphic3"), 1e-3)
+    exported = ExportedController.of(controller, faults=Faults(jump=0.0, frozen_samples=0))
+    q = exported.robot.middle()
+    target = Target(q, np.zeros(3), np.zeros(3))
+    state = exported.init(Measurement(q), target)
+    tau, state = exported.step(
+        Measurement(np.full(3, 1.7e308)), target._replace(q=np.full(3, -1.7e308)), state
+    )
+    assert np.isfinite(tau).all()
+    assert exported.report(state).status == "fault"
