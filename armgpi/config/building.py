@@ -151,7 +151,8 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             usual = ExperimentConfig.model_fields["sample_time"].default
             key = "sample_time" if config.sample_time != usual else "reference"
             raise top.at(key).error(
-                f"expected 1 to {_MAX_SAMPLES:.0e} samples, got {t_final:g} s of {config.sample_time:g} s each"
+                f"expected 1 to {_MAX_SAMPLES:.0e} samples, got {t_final:g} s of "
+                f"{config.sample_time:g} s each"
             )
         raise top.at("t_final").error(
             f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
