@@ -161,3 +161,26 @@ def _numbers() -> list[float]:
 
     m, lengths, lc, moments = _draw(1, 2)
     return [*m, lengths[0], *lc, moments[0][1], moments[1][1], 9.81]
+
+
+def test_large_arms_that_slide_and_turn_give_no_false_alarm() -> None:
+    mass, length, g = 2e3, 8.0, 9.81
+    robot = Robot.from_xml(
+        '<robot name="crane"><link name="base"/>'
+        '<link name="cart"><inertial><mass value="3e3"/>'
+        '<inertia ixx="1e3" iyy="1e3" izz="1e3" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="q1" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>'
+        '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+        f'<link name="boom"><inertial><origin xyz="{length} 0 0"/><mass value="{mass}"/>'
+        '<inertia ixx="9e3" iyy="9e3" izz="9e3" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="q2" type="revolute"><parent link="cart"/><child link="boom"/><axis xyz="0 -1 0"/>'
+        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+    )
+
+    def forward_dynamics(q: Array, v: Array, tau: Array) -> Array:
+        c, s = np.cos(q[1]), np.sin(q[1])
+        k = mass * length
+        D = np.array([[3e3 + mass, -k * s], [-k * s, 9e3 + k * length]])
+        return np.linalg.solve(D, tau - np.array([-k * c * v[1] ** 2, k * g * c]))
+
+    assert validate({"forward_dynamics": forward_dynamics}, robot).agrees
