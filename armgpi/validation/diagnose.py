@@ -19,7 +19,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
-from armgpi.validation import fragments, harmonics
+from armgpi.validation import fragments, harmonics, words
 from armgpi.validation.hypotheses import Family, Hypothesis, Names, angle_maps, discrete, families
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.tree import Tree, evaluate
@@ -30,6 +30,8 @@ ALTERNATIVES = 4
 PAIR_COST = 2.0
 #: How far-fetched a wrong value among the model's own numbers is.
 OWN_COST = 2.2
+#: What is usually taken for gravity [m/s²], and that of the moon and of Mars; in feet and in cm.
+_STRENGTHS = (9.81, 9.8, 10.0, 1.62, 3.71, 32.174, 981.0, 1.0)
 #: Elements whose posture dependence is shown, at most.
 SHOWN = 6
 #: Postures at which a summand at another angle is compared: there are few functions of the posture.
@@ -115,6 +117,7 @@ class _Search:
         self.discrete = [(h, problem.explains(h)) for h in discrete(problem.tree)]
         self.maps = [(h, problem.explains(h)) for h in angle_maps(problem.tree)]
         self.families = [_Fitted(problem, family) for family in families(problem.tree)]
+        self.known = words.known_numbers(problem.tree)
         self._fragments: list[fragments.Fragment] = []
         self._mapped: list[tuple[Hypothesis, list[fragments.Fragment]]] = []
 
@@ -122,6 +125,7 @@ class _Search:
         """Return the causes, the ones with the largest scope first."""
         p, left = self.problem, self.differing.copy()
         if found := self.best(np.ones_like(left), left):
+            found = self.widened(found, left)
             return [
                 self.cause(
                     found, left, "model" if len({e[1:] for e in self.elements(left)}) > 1 else "elements"
@@ -141,6 +145,21 @@ class _Search:
         if any(cause.kind == "unknown" for cause in causes) and (found := self.pairs(scope)):
             causes = [self.cause(found, left, "model")]
         return [*causes, *consequences]
+
+    def widened(self, found: list[_Candidate], left: Mask) -> list[_Candidate]:
+        """Return also what explains the one function that differs and would spoil others that agree.
+
+        Where a formula is wrong in one function alone, the others need not know of it.
+        """
+        p = self.problem
+        names, pieces = set(p.terms[left].tolist()), {p.elements[k].piece for k in np.flatnonzero(left)}
+        if len(names) > 1 or len(pieces) > 1:
+            return found
+        scope = p.term(names.pop()) & p.piece(*pieces)
+        texts = {c.text for c in found}
+        # With 0.5 more: what spoils nothing is named first among equals.
+        more = [c._replace(cost=c.cost + 0.5) for c in self.best(scope, left) if c.text not in texts]
+        return sorted([*found, *more], key=lambda c: c.cost)
 
     def by_function(self, left: Mask) -> Iterator[Cause]:
         """Yield causes for every term of every function alone."""
@@ -189,6 +208,7 @@ class _Search:
         factor = self.common_factor(scope)
         if factor is not None and len(alike) > 1:
             text = f"it is {factor:.6g} times what it should be, in every entry"
+            text += words.of_factor(factor, self.known)
             found.append(_Candidate(4.5, "factor", text, factor, 1.0))
         if len(alike) == 1 and not any(c.cost <= 2.5 for c in found):
             # One entry alone: a summand of it is a better explanation than a value that only it feels.
@@ -196,9 +216,25 @@ class _Search:
             explained = [self.explain_one(column) for column in columns]
             if explained[0] and all(e and e[0].text == explained[0][0].text for e in explained):
                 found += explained[0]
+        if len(alike) > 1 and not any(c.cost <= 2.5 for c in found):
+            found += self.common_summands(differing)
         if not found:
             found += self.link_parameters(scope, differing)
         return sorted(found, key=lambda c: c.cost)
+
+    def common_summands(self, differing: Mask) -> list[_Candidate]:
+        """Return the summands that are wrong in the same way in every element that differs."""
+        self._fragments = self._fragments or fragments.fragments(self.problem)
+        found = []
+        for fragment in self._fragments:
+            matches = [fragments.match(self.problem, fragment, int(k)) for k in np.flatnonzero(differing)]
+            one = matches[0]
+            if one is None or any(m is None or abs(m.factor - one.factor) > 1e-7 for m in matches):
+                continue
+            reason = "" if one.plain else words.of_factor(one.factor, self.known)
+            named = one.plain or bool(reason)
+            found.append(_Candidate(3.0 if named else 6.5, "summand", one.text + reason))
+        return found
 
     def gravity(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return another gravity vector, by least squares, if that is all that differs."""
@@ -226,7 +262,9 @@ class _Search:
             return [_Candidate(0.0, "gravity-sign", "the sign of gravity")]
         if own and np.abs(g / strength - felt / own).max() < 1e-7:
             text = f"the strength of gravity: {strength:.6g} m/s², the robot's is {own:.6g}"
-            return [_Candidate(1.9, "gravity-strength", text, strength, own, structural=False)]
+            usual = any(abs(strength / known - 1.0) < 1e-3 for known in _STRENGTHS)
+            cost = 1.9 if usual else 4.5
+            return [_Candidate(cost, "gravity-strength", text, strength, own, structural=False)]
         text = f"the direction of gravity: the model has {shown} m/s² along x, y, z of the base"
         return [_Candidate(2.1, "gravity-direction", text)]
 
@@ -250,9 +288,20 @@ class _Search:
             if (away <= p.tolerance)[scope | p.agreeing].all():
                 text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees"
                 found.append(
-                    _Candidate(OWN_COST + 3.0 * odd, "parameter", text, value, best, structural=False)
+                    _Candidate(
+                        OWN_COST + 3.0 * odd + 2.5 * self.is_right(value),
+                        "parameter",
+                        text + words.ratio(value / best if best else 0.0),
+                        value,
+                        best,
+                        structural=False,
+                    )
                 )
         return found
+
+    def is_right(self, value: float) -> bool:
+        """Tell whether a number of the model is one of the robot's too: hardly the wrong one."""
+        return any(abs(abs(value) - known) <= 1e-7 * known for known, _ in self.known if known > 0.0)
 
     def _solve_number(self, name: str, value: float, differing: Mask, names: frozenset[str]) -> float | None:
         """Return the value for which the differing elements agree, by the secant method."""
@@ -373,14 +422,16 @@ class _Search:
             return [copied]
         tolerance = float(p.tolerance[column])
         mine, theirs = p.user[:, column], p.reference[:, column]
-        slip = harmonics.trigonometry(p.q, mine - theirs, p.tree.prismatic, tolerance)
-        if slip is not None:
-            return [_Candidate(3.5, "trigonometry", slip)]
+        slips = harmonics.trigonometry(p.q, mine - theirs, p.tree.prismatic, tolerance)
+        if slips:
+            return [_Candidate(3.5, "trigonometry", text) for text in slips]
         mapped = self.mapped_fragment(column) if self._fragments else None
         if mapped is not None:
             return [_Candidate(4.0, "summand", mapped.text)]
         if summands:
-            return [_Candidate(5.0, "summand", m.text, m.factor, 1.0) for m in summands]
+            named = [(m, words.of_factor(m.factor, self.known)) for m in summands]
+            named = sorted(named, key=lambda one: not one[1])
+            return [_Candidate(5.0, "summand", m.text + why, m.factor, 1.0) for m, why in named]
         slip = harmonics.slip(p.q, mine, theirs, p.tree.prismatic, tolerance)
         if slip is not None:
             return [_Candidate(4.5, "term", slip)]
@@ -439,8 +490,12 @@ class _Search:
                 kind = "sign" if known == -1.0 else "factor"
                 return _Candidate(1.0, kind, text, known, 1.0)
         if plain:
-            return None
-        return _Candidate(6.0, "factor", f"is {factor:.6g} times what it should be", factor, 1.0)
+            unit = words.ratio(factor)
+            return (
+                _Candidate(1.2, "factor", f"is {factor:.6g} times what it should be{unit}") if unit else None
+            )
+        text = f"is {factor:.6g} times what it should be{words.of_factor(factor, self.known)}"
+        return _Candidate(6.0, "factor", text, factor, 1.0)
 
     def common_factor(self, scope: Mask) -> float | None:
         """Return the factor by which all of `scope` is off, None when there is no common one."""
@@ -550,8 +605,12 @@ class _Fitted:
         else:
             shown = f"{value:.6g} {unit}"
         text = f"{self.family.what}: {shown} in the model, {self.family.value:.6g} {unit} in the robot"
+        if self.family.kind == "scale":
+            text = f"{self.family.what} {value:.6g}"
         same = self._same_as(value)
         text += f" ({same})" if same else ""
+        if not same and not self.family.angle and self.family.value:
+            text += words.ratio(value / self.family.value)
         odd = 2.0 if value * self.family.value < 0.0 or value == 0.0 else 0.0
         return _Candidate(
             self.family.cost + odd, self.family.kind, text, value, self.family.value, structural=False
@@ -564,10 +623,10 @@ class _Fitted:
         tree, names = self.problem.tree, Names(self.problem.tree)
         lengths = [(f"the length to {names.joint(i)}", p) for i, p in enumerate(tree.positions)]
         lengths += [(f"the centre of mass of {names.link(i)}", b.com) for i, b in enumerate(tree.bodies)]
-        for words, vector in [*lengths, ("the length to the tool", tree.tool_position)]:
+        for which, vector in [*lengths, ("the length to the tool", tree.tool_position)]:
             for part in (float(np.linalg.norm(vector)), *np.abs(vector).tolist()):
                 if abs(abs(value) - part) <= 1e-7 * part:
-                    return f"which is {words}"
+                    return f"which is {which}"
         return ""
 
     def _closest(self, parts: Array, target: Array) -> float:

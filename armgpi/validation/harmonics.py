@@ -62,13 +62,14 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
     return None
 
 
-def trigonometry(q: Array, rest: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
-    """Return in words which slip of trigonometry a difference is, None when it is none."""
+def trigonometry(q: Array, rest: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[str]:
+    """Return in words which slips of trigonometry a difference may be, the positive ones first."""
+    found = []
     for text, shape in _slips(q, prismatic):
         share = float(rest @ shape) / float(shape @ shape)
         if np.abs(rest - share * shape).max() <= tolerance:
-            return f"{text} (times {share:.6g})"
-    return None
+            found.append((share < 0.0, f"{text} (times {share:.6g})"))
+    return [text for _, text in sorted(found, key=lambda one: one[0])]
 
 
 def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
@@ -116,7 +117,13 @@ def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]
         yield f"(1 - sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 - s) ** 2 - c**2
         yield f"(1 + sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 + s) ** 2 - c**2
         yield f"(1 - cos {x})² stands for 1 - cos² {x} = sin² {x}", (1.0 - c) ** 2 - s**2
-        yield f"cos² {x} and sin² {x} are mixed up", c**2 - s**2
+        yield f"sin {x} stands for sin² {x}", s - s**2
+        yield f"cos {x} stands for cos² {x}", c - c**2
+        yield f"sin² {x} stands for sin {x}", s**2 - s
+        yield f"cos² {x} stands for cos {x}", c**2 - c
+        yield f"sin(2 {x}) stands for 2 sin {x}", np.sin(2.0 * value) - 2.0 * s
+        yield f"cos² {x} stands where sin² {x} belongs", c**2 - s**2
+        yield f"sin² {x} stands where cos² {x} belongs", s**2 - c**2
         yield f"{x} stands for sin {x} (small angles)", value - s
         yield f"1 stands for cos {x} (small angles)", 1.0 - c
         yield f"1 - {x}²/2 stands for cos {x} (small angles)", 1.0 - 0.5 * value**2 - c

@@ -126,8 +126,10 @@ def discrete(tree: Tree) -> list[Hypothesis]:
         *_coordinates(tree),
         *_bodies(tree),
         *_frames(tree),
+        *_kinematic(tree),
         *_structure(),
         *_left_out(tree),
+        *_unturned(tree),
     ]
     return sorted(found, key=lambda h: h.cost)
 
@@ -184,6 +186,10 @@ def _coordinates(tree: Tree) -> Iterator[Hypothesis]:
         yield Hypothesis("joint-sign", text, 1, affine=Affine(A, zero, A))
         text = f"the sign of q{i + 1} inside of the formulas"
         yield Hypothesis("angle-sign", text, 3, affine=_inside(A))
+    if n > 1:
+        text = "every joint has the other sign"
+        yield Hypothesis("joint-sign", text, 2, affine=Affine(-eye, zero, -eye))
+        yield Hypothesis("angle-sign", f"{text} inside of the formulas", 3, affine=_inside(-eye))
     for i in revolute:
         for degrees in (90, -90, 180):
             b = zero.copy()
@@ -257,7 +263,11 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
         zero = np.zeros(n)
         yield Hypothesis("absolute-angles", text, cost, affine=Affine(B, zero, B))
         yield Hypothesis("absolute-angles", f"{text}, inside of the formulas", cost + 0.5, affine=_inside(B))
+        rates = f"absolute angles: the rates and torques of {joints} are absolute, their angles are not"
+        yield Hypothesis("absolute-angles", rates, cost + 1.0, affine=Affine(np.eye(n), zero, B))
         A = np.asarray(np.linalg.inv(B), dtype=np.float64)
+        rates = f"the rates and torques of {joints} are added up once more, their angles are not"
+        yield Hypothesis("absolute-angles", rates, cost + 2.0, affine=Affine(np.eye(n), zero, A))
         text = f"the angles of {joints} are added to those before where the robot's are added already"
         yield Hypothesis("absolute-angles", text, cost + 1.0, affine=Affine(A, zero, A))
         yield Hypothesis("absolute-angles", f"{text}, inside of the formulas", cost + 1.5, affine=_inside(A))
@@ -293,6 +303,12 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
     yield all_bodies("inertia-about-joint", f"every link: {twice}", 2, lambda t, i: steiner(t, i, 1.0))
     text = "every link is a point mass: the inertias about the centres of mass are missing"
     yield all_bodies("no-inertia", text, 2, lambda t, i: t.with_body(i, inertia=np.zeros((3, 3))))
+    for factor, word in ((0.5, "halved"), (2.0, "doubled")):
+
+        def scaled(t: Tree, i: int, factor: float = factor) -> Tree:
+            return t.with_body(i, inertia=factor * t.bodies[i].inertia)
+
+        yield all_bodies("inertia", f"the inertias of all links are {word}", 2.5, scaled)
     text = "the products of inertia have the other sign in every link"
     yield all_bodies("products-of-inertia", text, 3, lambda t, i: t.with_body(i, inertia=_signed(t, i, -1.0)))
     text = "the products of inertia are missing in every link"
@@ -402,9 +418,115 @@ def _frames(tree: Tree) -> Iterator[Hypothesis]:
                 com = tree.bodies[tree.parents[i]].com
                 text = f"the distance of the centre of mass stands for the length to {joint} (lc for l)"
                 yield Hypothesis("length", text, 2.6, tree=item("positions", i, com))
+    yield from _lengths(tree, names)
     if tree.tool_position.any():
         text = "the tool stands at the last joint: its length is missing"
         yield Hypothesis("tool", text, 3, tree=lambda t: replace(t, tool_position=np.zeros(3)))
+
+
+def _lengths(tree: Tree, names: Names) -> Iterator[Hypothesis]:
+    """Yield mistakes in two or more lengths at once."""
+    sizes = [float(np.linalg.norm(p)) for p in tree.positions]
+    carried = [i for i in range(tree.n) if tree.parents[i] >= 0 and sizes[i] > 0.0]
+    if len(carried) > 1:
+        text = "the distances of the centres of mass stand for the lengths of all links (lc for l)"
+
+        def short(t: Tree) -> Tree:
+            for i in carried:
+                t = t.with_item("positions", i, tree.bodies[tree.parents[i]].com)
+            return t
+
+        yield Hypothesis("length", text, 2.4, tree=short)
+
+    def swapped(i: int, j: int) -> Callable[[Tree], Tree]:
+        def change(t: Tree) -> Tree:
+            t = t.with_item("positions", i, t.positions[i] * (sizes[j] / sizes[i]))
+            if j < t.n:
+                return t.with_item("positions", j, t.positions[j] * (sizes[i] / sizes[j]))
+            return replace(t, tool_position=t.tool_position * (sizes[i] / sizes[j]))
+
+        return change
+
+    sizes.append(float(np.linalg.norm(tree.tool_position)))
+    words = [f"the length to {names.joint(i)}" for i in range(tree.n)] + ["the length to the tool"]
+    ends = [*carried, *([tree.n] if sizes[-1] > 0.0 else [])]
+    for i, j in itertools.combinations(ends, 2):
+        text = f"{words[i]} and {words[j]} are swapped"
+        yield Hypothesis("lengths-swapped", text, 3, tree=swapped(i, j))
+
+
+def _kinematic(tree: Tree) -> Iterator[Hypothesis]:
+    """Yield mistakes in the frame of the tool's position and of its Jacobian."""
+
+    def turned(R: Array) -> Callable[[Pieces], Pieces]:
+        def change(p: Pieces) -> Pieces:
+            changed = {name: p[name] @ R.T for name in ("F",) if name in p}
+            if "J" in p:
+                changed["J"] = np.concatenate([R @ p["J"][:, :3], R @ p["J"][:, 3:]], axis=1)
+            return changed
+
+        return change
+
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            R = np.diag(signs) @ np.eye(3)[list(order)]
+            if np.array_equal(R, np.eye(3)):
+                continue
+            axes = ", ".join(f"{'-' if s < 0.0 else ''}{_XYZ[k]}" for s, k in zip(signs, order, strict=True))
+            text = f"the kinematics in another frame: {axes} of the base stand as x, y, z"
+            flips = sum(s < 0.0 for s in signs)
+            cost = 2.0 + 0.1 * flips + (0.0 if np.linalg.det(R) > 0.0 else 0.3)
+            yield Hypothesis("frame", text, cost, post=turned(R))
+
+    def with_tool(change: Callable[[Array, Array, Array], Array]) -> Callable[..., Pieces]:
+        def custom(t: Tree, q: Array, want: Iterable[str]) -> Pieces:
+            pieces = evaluate(t, q, want)
+            if "J" in pieces:
+                seen = evaluate(t, q, ("R", "F"))
+                parts = zip(pieces["J"], seen["R"], seen["F"], strict=True)
+                pieces["J"] = np.stack([change(J, R, p) for J, R, p in parts])
+            return pieces
+
+        return custom
+
+    def along_tool(J: Array, R: Array, _: Array) -> Array:
+        return np.concatenate([R.T @ J[:3], R.T @ J[3:]])
+
+    def spatial(J: Array, _: Array, p: Array) -> Array:
+        return np.concatenate([J[:3] + np.cross(p, J[3:], axisb=0).T, J[3:]])
+
+    def spin_along_tool(J: Array, R: Array, _: Array) -> Array:
+        return np.concatenate([J[:3], R.T @ J[3:]])
+
+    body = "the Jacobian along the axes of the tool (body frame), not along those of the base"
+    moving = "the Jacobian of the point of the tool that passes the base's origin (spatial velocity)"
+    spin = "the angular rows of the Jacobian along the axes of the tool, not along those of the base"
+    yield Hypothesis("jacobian", body, 2, custom=with_tool(along_tool))
+    yield Hypothesis("jacobian", moving, 2, custom=with_tool(spatial))
+    yield Hypothesis("jacobian", spin, 2.5, custom=with_tool(spin_along_tool))
+    for name, rates in (("roll, pitch, yaw", _of_rpy), ("ZYZ Euler angles", _of_zyz)):
+
+        def analytic(J: Array, R: Array, _: Array, rates: Callable[[Array], Array] = rates) -> Array:
+            return np.concatenate([J[:3], rates(R) @ J[3:]])
+
+        text = f"the angular rows of the Jacobian are rates of {name} (analytic), not angular velocities"
+        yield Hypothesis("jacobian", text, 2.5, custom=with_tool(analytic))
+
+
+def _of_rpy(R: Array) -> Array:
+    """Return the rates of roll, pitch and yaw from the angular velocity along the base (Siciliano 3.6)."""
+    pitch, yaw = np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    T = np.array([[c * np.cos(pitch), -s, 0.0], [s * np.cos(pitch), c, 0.0], [-np.sin(pitch), 0.0, 1.0]])
+    return np.asarray(np.linalg.pinv(T))
+
+
+def _of_zyz(R: Array) -> Array:
+    """Return the rates of ZYZ Euler angles from the angular velocity along the base (Siciliano 3.6)."""
+    a, b = np.arctan2(R[1, 2], R[0, 2]), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
+    c, s = np.cos(a), np.sin(a)
+    T = np.array([[0.0, -s, c * np.sin(b)], [0.0, c, s * np.sin(b)], [1.0, 0.0, np.cos(b)]])
+    return np.asarray(np.linalg.pinv(T))
 
 
 def _structure() -> Iterator[Hypothesis]:
@@ -503,36 +625,108 @@ def _left_out(tree: Tree) -> Iterator[Hypothesis]:
 def _dropper(k: int, j: int, turning: bool) -> Callable[[Tree, Array, Iterable[str]], Pieces]:
     """Return the pieces where body k does not turn (or its centre not move) with joint j."""
 
+    def lost(tree: Tree, _: Array, spin: Array, move: Array) -> Array:
+        body = tree.bodies[k]
+        part, tensor = (spin, body.inertia) if turning else (move, body.mass * np.eye(3))
+        kept = part.copy()
+        kept[:, j] = 0.0
+        return np.asarray(part.T @ tensor @ part - kept.T @ tensor @ kept)
+
+    return _less(k, lost)
+
+
+def _less(k: int, lost: Callable[[Tree, Array, Array, Array], Array]) -> Callable[..., Pieces]:
+    """Return the pieces of an arm whose D lacks something of body k.
+
+    Args:
+        k: the body.
+        lost: gives what D lacks, (n, n), for the tree, the rotation of the body in the base, and the
+            Jacobians of its turning and of its centre of mass, (3, n), along its own axes.
+    """
+
     def custom(tree: Tree, q: Array, want: Iterable[str]) -> Pieces:
         want = tuple(want)
         pieces = evaluate(tree, q, want)
         model = tree.model()
         data = model.createData()
-        body, n = tree.bodies[k], tree.n
+        com, n = tree.bodies[k].com, tree.n
 
-        def lost(rows: Array) -> Array:
+        def all_lost(rows: Array) -> Array:
             out = np.empty((len(rows), n, n))
             for row, x in enumerate(rows):
+                pin.forwardKinematics(model, data, x)
                 J = pin.computeJointJacobian(model, data, x, k + 1).reshape(6, n)
                 spin = J[3:].copy()
-                move = J[:3] + np.cross(spin.T, body.com).T
-                part, tensor = (spin, body.inertia) if turning else (move, body.mass * np.eye(3))
-                kept = part.copy()
-                kept[:, j] = 0.0
-                out[row] = part.T @ tensor @ part - kept.T @ tensor @ kept
+                out[row] = lost(tree, data.oMi[k + 1].rotation, spin, J[:3] + np.cross(spin.T, com).T)
             return out
 
         if "D" in want:
-            pieces["D"] = pieces["D"] - lost(q)
+            pieces["D"] = pieces["D"] - all_lost(q)
         if "H" in want:
             step, columns = 1e-3, []
             for e in np.eye(n):
-                near, far = (lost(q + step * m * e) - lost(q - step * m * e) for m in (1, 2))
+                near, far = (all_lost(q + step * m * e) - all_lost(q - step * m * e) for m in (1, 2))
                 columns.append((8.0 * near - far) / (12.0 * step))
             pieces["H"] = pieces["H"] - christoffel(np.stack(columns, axis=-1))
         return pieces
 
     return custom
+
+
+def _unturned(tree: Tree) -> Iterator[Hypothesis]:
+    """Yield inertias that are not turned from the link into the base, or the wrong way."""
+    names = Names(tree)
+
+    def wrong(k: int, end: Array, backward: bool) -> Callable[[Tree, Array, Array, Array], Array]:
+        def lost(t: Tree, R: Array, spin: Array, _: Array) -> Array:
+            tensor, across = t.bodies[k].inertia, R @ end
+            own = end.T @ tensor @ end  # in the frame at the far end of the link, as in Denavit-Hartenberg
+            seen = across.T @ own @ across if backward else own
+            over = R @ spin
+            return np.asarray(spin.T @ tensor @ spin - over.T @ seen @ over)
+
+        return lost
+
+    def links(
+        chosen: Iterable[int], ends_of: Mapping[int, Array], backward: bool
+    ) -> Callable[[Tree, Array, Iterable[str]], Pieces]:
+        changes = [_less(k, wrong(k, ends_of[k], backward)) for k in chosen]
+
+        def custom(t: Tree, q: Array, want: Iterable[str]) -> Pieces:
+            want = tuple(want)
+            right, total = evaluate(t, q, want), evaluate(t, q, want)
+            for change in changes:
+                one = change(t, q, want)
+                total = {name: total[name] + one[name] - right[name] for name in total}
+            return total
+
+        return custom
+
+    turning = [k for k in range(tree.n) if tree.bodies[k].inertia.any()]
+    far = {k: _far_rotation(tree, k) for k in turning}
+    here = {k: np.eye(3) for k in turning}
+    choices = [here] + ([far] if any(not np.allclose(R, np.eye(3)) for R in far.values()) else [])
+    groups = [turning] + ([[k] for k in turning] if len(turning) > 1 else [])
+    for frame in choices:
+        for chosen in groups:
+            which = "every link" if chosen == turning else names.link(chosen[0])
+            for backward in (False, True):
+                how = (
+                    "turned the wrong way (R' I R for R I R')"
+                    if backward
+                    else "not turned into the base frame (I for R I R')"
+                )
+                text = f"the inertia of {which} is {how}"
+                cost = 2.8 if chosen == turning else 3.2
+                yield Hypothesis("inertia-frame", text, cost, custom=links(chosen, frame, backward))
+
+
+def _far_rotation(tree: Tree, k: int) -> Array:
+    """Return the fixed rotation at the far end of link k: before the next joint, or of the tool."""
+    for j, parent in enumerate(tree.parents):
+        if parent == k:
+            return tree.rotations[j]
+    return tree.tool_rotation if tree.tool_parent == k else np.eye(3)
 
 
 def families(tree: Tree) -> list[Family]:
@@ -637,6 +831,39 @@ def families(tree: Tree) -> list[Family]:
                 shifted,
             )
         )
+    if n > 1:
+
+        def masses(t: Tree, x: float) -> Tree:
+            return replace(t, bodies=tuple(b._replace(mass=x * b.mass) for b in t.bodies))
+
+        def inertias(t: Tree, x: float) -> Tree:
+            return replace(t, bodies=tuple(b._replace(inertia=x * b.inertia) for b in t.bodies))
+
+        add("scale", "all masses times", "", 1.0, 6, masses)
+        add("scale", "all inertias about the centres of mass times", "", 1.0, 6, inertias)
+
+    def lengths(t: Tree, x: float) -> Tree:
+        bodies = tuple(b._replace(com=x * b.com) for b in t.bodies)
+        positions = tuple(x * p for p in t.positions)
+        return replace(t, bodies=bodies, positions=positions, tool_position=x * t.tool_position)
+
+    add("scale", "all lengths times", "", 1.0, 6, lengths)
+    for i in range(n):
+        k, p = tree.parents[i], tree.positions[i]
+        if k < 0 or not p.any():
+            continue
+        for way, direction, more in directions(p):
+            if more:
+                continue
+
+            def longer(t: Tree, x: float, i: int = i, k: int = k, direction: Array = direction) -> Tree:
+                change = (x - float(tree.positions[i] @ direction)) * direction
+                t = t.with_item("positions", i, t.positions[i] + change)
+                return t.with_body(k, com=t.bodies[k].com + change)
+
+            what = f"length from {names.joint(k)} to {names.joint(i)}{way}"
+            what += f", with the centre of mass of {names.link(k)} counted from its far end"
+            add("length", what, "m", float(p @ direction), 5.5, longer)
     p = tree.tool_position
     for way, direction, more in directions(p):
         what = f"position of the tool{way}"

@@ -325,8 +325,10 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
     parameters = parameters if isinstance(parameters, Mapping) else {}
     fixed = {sympy.Symbol(str(k)): v for k, v in parameters.items() if not _is_number(v)}
     plain = {name: _plain(sympy, e) for name, e in expressions.items()}
-    joints = 0
+    joints, from_zero = 0, False
     for name, expression in plain.items():
+        if expression.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
+            raise Unusable(f"{name} divides by zero: it contains infinity or NaN")
         for symbol in expression.free_symbols:
             joint = _joint_of(symbol.name)
             if joint is None and symbol.name not in own and symbol.name not in map(str, fixed):
@@ -335,6 +337,9 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
                     "nor in `parameters`; add its value there"
                 )
             joints = max(joints, joint[1] if joint else 0)
+            from_zero = from_zero or (joint is not None and joint[1] == 0 and symbol.name not in own)
+    first = 0 if from_zero else 1  # q0, q1, .. or q1, q2, ..
+    joints += 1 - first
     n = max(joints, *(max(getattr(e, "shape", (1,))) for e in plain.values()))
     letters = {
         letter: [sympy.Symbol(f"{letter}_{i + 1}__") for i in range(n)] for letter in ("q", "v", "a", "tau")
@@ -346,7 +351,12 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
         for symbol in expression.free_symbols:
             joint = _joint_of(symbol.name) if symbol.name not in own else None
             if joint is not None:
-                swap[symbol] = letters[joint[0]][joint[1] - 1]
+                if joint[0] not in ARGUMENTS[name]:
+                    takes = ", ".join(ARGUMENTS[name])
+                    raise Unusable(
+                        f"{name} has the symbol {symbol.name}, but it is a function of {takes} alone"
+                    )
+                swap[symbol] = letters[joint[0]][joint[1] - first]
         arguments = [letters[letter] for letter in ARGUMENTS[name]]
         calls[name] = sympy.lambdify([*arguments, symbols], expression.xreplace(swap), "numpy", cse=True)
     inputs = dict(own)

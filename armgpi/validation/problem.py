@@ -120,6 +120,10 @@ class Problem:
         self, hypothesis: Hypothesis, rows: int | None = None, want: Iterable[str] | None = None
     ) -> Array:
         """Return the columns of a hypothesis, at the first postures and of some pieces if so wished."""
+        if hypothesis.post is not None and hypothesis.tree is None and hypothesis.affine is None:
+            names = self.want if want is None else want
+            pieces = {k: x[:rows] for k, x in self._reference_pieces.items() if k in names}
+            return self.columns({**pieces, **hypothesis.post(pieces)})
         return self.columns(hypothesis.pieces(self.tree, self.q[:rows], self.want if want is None else want))
 
     def fits(self, columns: Array) -> Mask:
@@ -208,7 +212,10 @@ class Problem:
                 # Differences of larger numbers.
                 out[column] += 1e-14 * float(np.abs(sampled[element.term].values).max())
             elif element.term == "forward_dynamics":
-                out[column] += 1e-15 * condition * (whole + weight)
+                # A unit torque hardly moves a heavy arm: what is lost in its response, D enlarges twice.
+                fastest = float(np.abs(sampled[element.term].values).max())
+                lost = 1e-16 * inertia * inertia * fastest * (1.0 if element.piece == "D" else fastest)
+                out[column] += 1e-15 * condition * (whole + weight) + lost
         return out
 
 

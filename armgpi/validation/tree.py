@@ -6,8 +6,8 @@ pieces of its equations of motion at many postures at once:
     D(q) a + h(q, v) + G(q) = tau,   h_i = sum_jk H_ijk v_j v_k,   H symmetric in j and k (Christoffel).
 
 Names of pieces, with N postures: "D" (N, n, n), "H" (N, n, n, n), "G" (N, n), "V" (N,) potential energy
-less that at the first posture, "F" (N, 3) position of the tool, "J" (N, 6, n) its Jacobian along the base
-axes.
+less that at the first posture, "F" (N, 3) position of the tool, "R" (N, 3, 3) its rotation, "J" (N, 6, n)
+its Jacobian along the base axes.
 """
 
 from __future__ import annotations
@@ -200,6 +200,10 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
         pin.framesForwardKinematics(model, data, row)
         return np.array(data.oMf[tool].translation)
 
+    def rotation(row: Array) -> Array:
+        pin.framesForwardKinematics(model, data, row)
+        return np.array(data.oMf[tool].rotation)
+
     def jacobian(row: Array) -> Array:
         return np.array(pin.computeFrameJacobian(model, data, row, tool, axes)).reshape(6, n)
 
@@ -209,6 +213,7 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
         "G": lambda row: np.array(pin.computeGeneralizedGravity(model, data, row)).reshape(n),
         "V": lambda row: np.array(pin.computePotentialEnergy(model, data, row)),
         "F": position,
+        "R": rotation,
         "J": jacobian,
     }
     pieces = {name: np.stack([one[name](row) for row in x]) for name in want if name in one}

@@ -85,7 +85,11 @@ class Worker:
         self.close()
 
     def close(self) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, whatever it is doing, and those that it has started."""
+        # Its group has its id, and is there as long as the process has not been waited for.
+        with suppress(OSError):
+            if self._process.pid is not None and os.getpgid(self._process.pid) == self._process.pid:
+                os.killpg(self._process.pid, signal.SIGKILL)
         if self._process.is_alive():
             self._process.kill()
         self._process.join()
@@ -160,6 +164,9 @@ class _Silent(io.TextIOBase):
 def _serve(parents: Any, pipe: Any, model: Any) -> None:
     """Read the model, then answer calls until the parent goes away."""
     parents.close()
+    with suppress(OSError):
+        os.setsid()  # a group of its own: what the model starts ends with it
+    own = os.getpid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     silent = _Silent()
     for stream in ("stdout", "stderr", "__stdout__", "__stderr__"):
@@ -173,14 +180,16 @@ def _serve(parents: Any, pipe: Any, model: Any) -> None:
     sys.argv = [str(model)]
     try:
         functions = models.resolve(model)
+        _end_copies(own)
         pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used)))
     except BaseException as error:
+        _end_copies(own)
         _answer(pipe, False, _told(error))
         os._exit(0)
     with suppress(EOFError, OSError):
         while True:
             name, states, numbers = pipe.recv()
-            _answer_calls(pipe, functions, name, states, numbers, silent)
+            _answer_calls(pipe, functions, name, states, numbers, silent, own)
     os._exit(0)
 
 
@@ -191,8 +200,9 @@ def _answer_calls(
     states: Sequence[Sequence[Array]],
     numbers: Mapping[str, float],
     silent: _Silent,
+    own: int,
 ) -> None:
-    """Answer one list of calls."""
+    """Answer one list of calls; `own` is the process that may."""
     try:
         function = functions.with_numbers(numbers)[name]
     except BaseException as error:
@@ -204,15 +214,23 @@ def _answer_calls(
         start = time.perf_counter()
         try:
             value = _numbers(function(*given))
+            _end_copies(own)
             for label, x, before in zip(models.ARGUMENTS[name], given, state, strict=True):
                 if not np.array_equal(x, before):
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
         except BaseException as error:
+            _end_copies(own)
             _answer(pipe, False, _told(error))
         else:
             _answer(pipe, True, (value, silent.used, time.perf_counter() - start))
     if numbers:
         functions.with_numbers({name: functions.numbers[name] for name in numbers})
+
+
+def _end_copies(own: int) -> None:
+    """End a copy of the process that the model has made by forking: it would answer, and fork, as well."""
+    if os.getpid() != own:
+        os._exit(0)
 
 
 def _answer(pipe: Any, good: bool, answer: Any) -> None:
@@ -247,7 +265,7 @@ def _told(error: BaseException) -> str:
         return str(error)
     if isinstance(error, SystemExit):
         return f"calls sys.exit({error.code!r})"
-    frames = traceback.extract_tb(error.__traceback__)
+    frames = traceback.extract_tb(error.__traceback__, limit=-30)  # the last: recursion has thousands
     ours = Path(__file__).parent
     theirs = [frame for frame in frames if ours not in Path(frame.filename).parents]
     place = ""

@@ -123,3 +123,37 @@ def test_the_command_ends_with_2_and_no_traceback(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: {path}: gravity: raises ZeroDivisionError")
     assert "Traceback" not in done.stderr + done.stdout
+
+
+def test_a_model_that_forks_leaves_no_copies_that_answer(tmp_path: Path) -> None:
+    path = tmp_path / "forks.py"
+    # Never more than three times, should the copies live on.
+    text = """
+import os
+_calls = 0
+def gravity(q):
+    global _calls
+    _calls += 1
+    if _calls <= 3:
+        if os.fork():
+            open(r"{file}", "a").write("parent\\n")
+    return 0 * q
+"""
+    path.write_text(text.replace("{file}", str(tmp_path / "who")), encoding="utf-8")
+    report = validate(path, ARM)
+    assert not report.agrees
+    assert (tmp_path / "who").read_text(encoding="utf-8").split() == ["parent"] * 3
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("gravity = Matrix([zoo * q1, q2])", "gravity divides by zero"),
+        ("gravity = Matrix([q1 * v1, q2])", "gravity has the symbol v1, but it is a function of q alone"),
+    ],
+)
+def test_expressions_that_mean_nothing_are_named(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.sympy"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(errors.ModelError, match=message):
+        validate(path, ARM)

@@ -1,0 +1,186 @@
+"""Causes of mistakes that textbook models of other arms have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from armgpi import Robot, validate
+from tests.hand_models import _draw, planar, scara, spatial
+
+Array = np.ndarray
+
+
+def causes(model: object, robot: Robot) -> str:
+    report = validate(model, robot)
+    assert not report.agrees
+    return " | ".join(" ".join((cause.text, *cause.alternatives)) for cause in report.causes)
+
+
+def first(model: object, robot: Robot) -> str:
+    return validate(model, robot).causes[0].text
+
+
+def test_symbols_may_count_from_zero(tmp_path: object) -> None:
+    robot, right = planar(1)
+    q = [0.3, -0.7]
+    import sympy
+
+    q0, q1 = sympy.symbols("q0 q1")
+    # Two unknowns: the weights of cos q0 and of cos(q0 + q1).
+    two = right["gravity"](q)[1] / np.cos(q[0] + q[1])
+    one = (right["gravity"](q)[0] - right["gravity"](q)[1]) / np.cos(q[0])
+    far = two * sympy.cos(q0 + q1)
+    assert validate({"gravity": sympy.Matrix([one * sympy.cos(q0) + far, far])}, robot).agrees
+
+
+# Kinematics.
+
+
+def _along_tool(J: Array, R: Array, _: Array) -> Array:
+    return np.vstack([R.T @ J[:3], R.T @ J[3:]])
+
+
+def _spatial(J: Array, _: Array, p: Array) -> Array:
+    return np.vstack([J[:3] + np.cross(p, J[3:].T).T, J[3:]])
+
+
+def _analytic(J: Array, R: Array, _: Array) -> Array:
+    return np.vstack(
+        [J[:3], np.linalg.inv(pin.rpy.computeRpyJacobian(pin.rpy.matrixToRpy(R), pin.WORLD)) @ J[3:]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [(_along_tool, "body frame"), (_spatial, "spatial velocity"), (_analytic, "rates of roll, pitch, yaw")],
+)
+def test_the_frame_of_a_jacobian_is_named(change: Callable[..., Array], text: str) -> None:
+    robot = Robot.load("anthropomorphic3")
+    tip = robot.tip
+
+    def jacobian(q: Array) -> Array:
+        pose = robot.frame_pose(tip, q)
+        return change(robot.frame_jacobian(tip, q), pose.rotation, pose.translation)
+
+    assert text in causes({"jacobian": jacobian}, robot)
+
+
+def test_a_position_in_another_frame_is_named() -> None:
+    robot = Robot.load("anthropomorphic3")
+    place = {"forward_kinematics": lambda q: robot.frame_pose(robot.tip, q).translation[[0, 2, 1]]}
+    assert "another frame: x, z, y of the base" in causes(place, robot)
+
+
+# Units.
+
+
+def test_a_mass_in_grams_is_named() -> None:
+    robot, model = scara(1)
+    mass = model["mass_matrix"](np.zeros(3))[2, 2]
+    grams = {**model, "mass_matrix": lambda q: model["mass_matrix"](q) + np.diag([0, 0, 999.0 * mass])}
+    assert "g for kg" in first(grams, robot)
+
+
+# Inertias in the wrong frame.
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_inertias_that_are_not_turned_into_the_base_are_named(backward: bool) -> None:
+    robot, _ = spatial(1)
+    model = robot.pinocchio_model()
+    data = model.createData()
+
+    def mass_matrix(q: Array) -> Array:
+        pin.computeJointJacobians(model, data, q)
+        D = np.zeros((3, 3))
+        for k in range(1, 4):
+            J = pin.getJointJacobian(model, data, k, pin.LOCAL_WORLD_ALIGNED)
+            R, body = data.oMi[k].rotation, model.inertias[k]
+            move = J[:3] - pin.skew(R @ body.lever) @ J[3:]
+            tensor = R.T @ body.inertia @ R if backward else body.inertia
+            D += body.mass * move.T @ move + J[3:].T @ tensor @ J[3:]
+        return D
+
+    text = "turned the wrong way" if backward else "not turned into the base frame"
+    assert text in first({"mass_matrix": mass_matrix}, robot)
+
+
+# Formulas that are wrong in one function alone.
+
+
+def test_a_link_that_gravity_forgets_is_named() -> None:
+    lift, right = scara(1)
+    half = {**right, "gravity": lambda q: 0.37 * right["gravity"](q)}
+    # No one takes 3.63 m/s² for gravity; the mass of the quill may be wrong as well.
+    told = causes(half, lift)
+    assert "strength of gravity" in told
+    assert "mass of link 3" in told
+
+
+def test_a_summand_that_is_halved_everywhere_is_named() -> None:
+    robot, model = planar(1)
+    elbow = model["mass_matrix"](np.zeros(2))[0, 1] - model["mass_matrix"](np.zeros(2))[1, 1]
+
+    def mass_matrix(q: Array) -> Array:
+        c = 0.5 * elbow * np.cos(q[1])
+        return model["mass_matrix"](q) - np.array([[2.0 * c, c], [c, 0.0]])
+
+    assert (
+        first({**model, "mass_matrix": mass_matrix}, robot)
+        == "a factor 2 is missing in the terms m l lc of link 2"
+    )
+
+
+def test_a_square_of_a_sine_is_told_from_a_sine() -> None:
+    robot, model = planar(1)
+    wrong = {
+        "mass_matrix": lambda q: (
+            model["mass_matrix"](q) + np.diag([0.3 * (np.sin(q[1]) - np.sin(q[1]) ** 2), 0])
+        )
+    }
+    assert first(wrong, robot) == "sin q2 stands for sin² q2 (times 0.3)"
+
+
+def test_a_number_that_is_right_is_not_blamed() -> None:
+    robot, model = planar(1)
+    p = dict(zip(("m1", "m2", "l1", "lc1", "lc2", "I1", "I2", "g"), _numbers(), strict=True))
+    m2, l1 = p["m2"], p["l1"]
+
+    def mass_matrix(q: Array) -> Array:
+        return model["mass_matrix"](q) - np.diag([m2 * l1**2, 0.0])
+
+    told = first({"mass_matrix": mass_matrix, "parameters": p}, robot)
+    assert told == "the terms m l² of link 2 is missing"
+
+
+def _numbers() -> list[float]:
+
+    m, lengths, lc, moments = _draw(1, 2)
+    return [*m, lengths[0], *lc, moments[0][1], moments[1][1], 9.81]
+
+
+def test_large_arms_that_slide_and_turn_give_no_false_alarm() -> None:
+    mass, length, g = 2e3, 8.0, 9.81
+    robot = Robot.from_xml(
+        '<robot name="crane"><link name="base"/>'
+        '<link name="cart"><inertial><mass value="3e3"/>'
+        '<inertia ixx="1e3" iyy="1e3" izz="1e3" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="q1" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>'
+        '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+        f'<link name="boom"><inertial><origin xyz="{length} 0 0"/><mass value="{mass}"/>'
+        '<inertia ixx="9e3" iyy="9e3" izz="9e3" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="q2" type="revolute"><parent link="cart"/><child link="boom"/><axis xyz="0 -1 0"/>'
+        '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+    )
+
+    def forward_dynamics(q: Array, v: Array, tau: Array) -> Array:
+        c, s = np.cos(q[1]), np.sin(q[1])
+        k = mass * length
+        D = np.array([[3e3 + mass, -k * s], [-k * s, 9e3 + k * length]])
+        return np.linalg.solve(D, tau - np.array([-k * c * v[1] ** 2, k * g * c]))
+
+    assert validate({"forward_dynamics": forward_dynamics}, robot).agrees
