@@ -594,7 +594,7 @@ class Dice(FixedGains):
         (
             lambda: GPI(ARM, 1e-3, Dice(20.0)),
             BackendError,
-            "GPI cannot be written as C: it gives something else",
+            "GPI cannot be written as C: outside of it np.random changes",
         ),
         (lambda: GPI(ARM, 1e-3, FixedGains(np.full((4, 3), 20.0))), ParameterError, "single rollout.*4"),
         (lambda: Branches(ARM, 1e-3), BackendError, "Branches cannot be written as C: it decides"),
