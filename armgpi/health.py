@@ -1,8 +1,8 @@
 """The health report of a robot: what its model is, what will bite, and what a controller will do with it.
 
-Whatever makes a model unusable is refused when it is loaded (``urdf.py``). Here is what loads and
-still goes wrong later: limits in degrees, a gripper that moves, gravity beyond a motor, an inertia that no
-body has.
+Whatever makes a model unusable is refused when it is loaded (``urdf.py``, ``urdf_model.py``). Here is what
+loads and still goes wrong later: limits in degrees, a gripper that moves, gravity beyond a motor, an inertia
+that no body has.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from armgpi import grippers, robots, urdf
+from armgpi import grippers, robots, urdf, urdf_model
 from armgpi.arrays import Array, check_number, check_whole
 from armgpi.control.gains import Tuning, betas, default_omega
 from armgpi.control.payload import largest_payload
@@ -146,7 +146,7 @@ def inspect(
     path_or_name: str | PathLike[str],
     lock: Sequence[str] | Mapping[str, float] = (),
     keep: Sequence[str] | None = None,
-    mimic: urdf.Mimic = "lock",
+    mimic: urdf_model.Mimic = "lock",
     effort: PerJoint | None = None,
     package_dirs: Iterable[str | PathLike[str]] = (),
     dt: float = 1e-3,

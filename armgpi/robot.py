@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from armgpi import robots, urdf
+from armgpi import robots, urdf, urdf_model
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
 from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
@@ -203,7 +203,7 @@ class Robot(_Checked):
         limits: Limits,
         friction: Friction,
         provenance: Mapping[str, Any],
-        coupling: urdf.Coupling | None = None,
+        coupling: urdf_model.Coupling | None = None,
         joint_names: Sequence[str] | None = None,
     ) -> None:
         """Take over a `pin.Model` with nq = nv; users call :meth:`load` or :meth:`from_xml`."""
@@ -230,7 +230,7 @@ class Robot(_Checked):
         path_or_name: str | PathLike[str],
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
-        mimic: urdf.Mimic = "lock",
+        mimic: urdf_model.Mimic = "lock",
     ) -> Robot:
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
@@ -259,7 +259,7 @@ class Robot(_Checked):
         text: str,
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
-        mimic: urdf.Mimic = "lock",
+        mimic: urdf_model.Mimic = "lock",
     ) -> Robot:
         """Load a robot from the text of a URDF; arguments and errors as :meth:`load`."""
         document = urdf.parse(text, "URDF text")
@@ -272,9 +272,9 @@ class Robot(_Checked):
         name: str,
         lock: Sequence[str] | Mapping[str, float],
         keep: Sequence[str] | None,
-        mimic: urdf.Mimic,
+        mimic: urdf_model.Mimic,
     ) -> Robot:
-        built = urdf.build(document, lock, keep, mimic)
+        built = urdf_model.build(document, lock, keep, mimic)
         limits = Limits(
             *(
                 np.array([getattr(j, k) for j in built.joints])
@@ -784,7 +784,11 @@ def _rowwise(function: Callable[[Array], Array], q: Array) -> Array:
 
 
 def _coupled(
-    limits: Limits, friction: Friction, coupling: urdf.Coupling, source: str, joints: Sequence[urdf.Joint]
+    limits: Limits,
+    friction: Friction,
+    coupling: urdf_model.Coupling,
+    source: str,
+    joints: Sequence[urdf.Joint],
 ) -> tuple[Limits, Friction]:
     """Return limits and friction of the free joints, with those of the joints that follow them.
 

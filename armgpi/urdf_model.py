@@ -1,0 +1,322 @@
+"""From a checked URDF to a Pinocchio model of a fixed-base arm, with joints locked by name.
+
+What reaches Pinocchio is written anew from what was read: a tree of fixed, revolute and prismatic joints, one
+coordinate each, without geometry. Locking happens there (the joint becomes fixed at its value), which also
+works where a link and a joint share a name.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+import warnings
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Literal, NamedTuple
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi.arrays import Array, as_number, frozen
+from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, UrdfError
+from armgpi.urdf import WIDE_TYPES, Joint, Link, Urdf
+
+#: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
+MAX_MOVING_JOINTS = 64
+#: Stands for "no limit" where urdfdom wants a number; ours are set afterwards.
+_UNBOUNDED = {"lower": "-1e300", "upper": "1e300", "effort": "1e300", "velocity": "1e300"}
+
+Mimic = Literal["lock", "follow"]
+
+
+class Coupling(NamedTuple):
+    """How all coordinates of a model follow from the n that are free: ``ratio @ q + offset``.
+
+    Attributes:
+        ratio: shape (m, n).
+        offset: shape (m,) [rad or m].
+    """
+
+    ratio: Array
+    offset: Array
+
+
+class Built(NamedTuple):
+    """A Pinocchio model made from a :class:`Urdf`, and what was decided on the way.
+
+    Attributes:
+        model: the model; nq = nv.
+        joints: the URDF joint of every coordinate, in the model's order.
+        locked: value of every locked joint [rad or m].
+        coupling: how the coordinates follow from fewer free ones; None when all of them are free.
+    """
+
+    model: Any
+    joints: tuple[Joint, ...]
+    locked: Mapping[str, float]
+    coupling: Coupling | None = None
+
+
+def build(
+    urdf: Urdf,
+    lock: Sequence[str] | Mapping[str, float] = (),
+    keep: Sequence[str] | None = None,
+    mimic: Mimic = "lock",
+) -> Built:
+    """Build the Pinocchio model of `urdf` with some joints locked.
+
+    Args:
+        urdf: the checked URDF.
+        lock: names of joints to lock at zero (or at the limit nearest to zero), or name -> value.
+        keep: when given, every moving joint that is not named here is locked.
+        mimic: whether joints that mimic another are locked or follow it.
+
+    Raises:
+        NameNotFound: when a name is not that of a moving joint.
+        ArrayError: when a value to lock at is no finite number.
+        ParameterError: when a joint shall be both locked and kept.
+        UrdfError: when a joint type is not supported, no moving joint is left, a moving link has no
+            possible inertia, or Pinocchio refuses.
+    """
+    if mimic not in ("lock", "follow"):
+        raise ParameterError("mimic", mimic, "'lock' or 'follow'")
+    locked = _locked_values(urdf, lock, keep, mimic)
+    moving = [j for j in urdf.joints.values() if j.moves and j.name not in locked]
+    for joint in urdf.joints.values():
+        if joint.type in WIDE_TYPES and joint.name not in locked:
+            raise UrdfError(
+                urdf.source,
+                f"joint {joint.name!r} is {joint.type}; armgpi needs a fixed base and revolute, continuous "
+                f"or prismatic joints: lock it (lock=[{joint.name!r}], --lock {joint.name}) or make it fixed",
+                joint.name,
+            )
+    if not moving:
+        if locked:
+            left = "left (revolute, continuous or prismatic); lock fewer, or keep some"
+        else:
+            left = "(revolute, continuous or prismatic), so there is nothing to control"
+        raise UrdfError(urdf.source, f"has no moving joint {left}")
+    if len(moving) > MAX_MOVING_JOINTS:
+        raise UrdfError(
+            urdf.source,
+            f"has {len(moving)} moving joints, more than the {MAX_MOVING_JOINTS} allowed; lock some of them "
+            "or keep only those of an arm (keep=[...], --keep JOINT,JOINT,...)",
+        )
+    moved = urdf.moved_links(locked)
+    for link in urdf.links.values():
+        if link.name in moved:
+            _check_inertia(link, urdf.source)
+    if not any(urdf.links[name].mass > 0.0 for name in moved):
+        _refuse_shapes_alone(urdf, moved)
+    model = _pinocchio_model(_written(urdf, locked), urdf.source)
+    joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
+    if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
+        raise UrdfError(
+            urdf.source,
+            f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
+        )
+    coupling = _coupling(urdf, joints) if mimic == "follow" else None
+    return Built(model, joints, locked, coupling)
+
+
+def _check_inertia(link: Link, source: str) -> None:
+    """Refuse a moving link whose inertia no body has: not positive, or without mass."""
+    where = f"link {link.name!r}"
+    smallest = float(link.moments()[0])
+    largest = max(map(abs, link.inertia))
+    if smallest < -1e-9 * max(1e-6, largest):
+        raise UrdfError(
+            source,
+            f"{where} has an inertia that is not positive (smallest eigenvalue {smallest:g})",
+            link.name,
+        )
+    if link.mass == 0.0 and largest > 0.0:
+        raise UrdfError(source, f"{where} has an inertia but no mass", link.name)
+
+
+def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
+    """Refuse a robot without any mass: many a URDF was made for drawing and planning alone."""
+    names = [name for name in urdf.links if name in moved]
+    listed = ", ".join(map(repr, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    raise UrdfError(
+        urdf.source,
+        f"has no mass in any link that moves ({listed}): it says how the robot looks and bends, not how "
+        "heavy it is; add an <inertial> with mass and inertia to each link, or take a URDF that has them, "
+        "from the robot's maker or from CAD",
+        names[0],
+    )
+
+
+def _locked_values(
+    urdf: Urdf, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None, mimic: Mimic
+) -> dict[str, float]:
+    """Return the value of every joint to lock: those asked for, those not kept, and mimic joints."""
+    moving = [name for name, joint in urdf.joints.items() if joint.type != "fixed"]
+    asked: dict[str, float | None] = (
+        dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(_name_list(lock, "lock"))
+    )
+    kept = None if keep is None else _name_list(keep, "keep")
+    for name in (*asked, *(kept or ())):
+        if name not in moving:
+            raise NameNotFound("moving joint", name, moving)
+        if kept is not None and name in kept and name in asked:
+            raise ParameterError("lock", name, "a joint that is not in keep as well")
+    if kept is not None:
+        for name in moving:
+            followed = mimic == "follow" and _leader(urdf, name).name in kept
+            if name not in kept and not followed:
+                asked.setdefault(name, None)
+    values: dict[str, float] = {}
+    for name, value in asked.items():
+        joint = urdf.joints[name]
+        values[name] = joint.nearest_to_zero() if value is None else as_number(value, f"lock[{name!r}]")
+        if joint.type in WIDE_TYPES and values[name] != 0.0:
+            raise ParameterError(
+                f"lock[{name!r}]", value, f"0, as a {joint.type} joint is locked where it stands"
+            )
+    for name in moving:
+        joint = urdf.joints[name]
+        if joint.mimic is not None and joint.moves and name not in values:
+            _lock_follower(urdf, joint, values, mimic)
+    return values
+
+
+def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mimic) -> None:
+    """Lock a joint that mimics another where it would have followed to, or let it follow."""
+    follow = [joint]
+    while follow[-1].mimic is not None and follow[-1].name not in values:
+        leader = follow[-1].mimic
+        if leader not in urdf.joints:
+            raise UrdfError(
+                urdf.source,
+                f"joint {follow[-1].name!r} mimics {leader!r}, which does not exist; correct the name, "
+                f"or lock it (--lock {follow[-1].name})",
+                follow[-1].name,
+            )
+        follow.append(urdf.joints[leader])
+    leader_moves = follow[-1].moves and follow[-1].name not in values
+    if leader_moves and mimic == "follow":
+        return
+    value = values.get(follow[-1].name, 0.0)
+    for follower in reversed(follow[:-1]):
+        value = follower.mimic_offset + follower.mimic_multiplier * value
+    values[joint.name] = value
+    if leader_moves:
+        warnings.warn(
+            f"{urdf.source}: joint {joint.name!r} mimics {joint.mimic!r}; it is locked at {value:g}, "
+            f"so lock {joint.mimic!r} as well if they move one gripper, or let it follow (mimic='follow')",
+            ArmgpiWarning,
+            stacklevel=6,  # where the user calls Robot.load
+        )
+
+
+def _leader(urdf: Urdf, name: str) -> Joint:
+    """Return the joint that a joint follows in the end; itself when it follows none."""
+    joint = urdf.joints[name]
+    while joint.mimic is not None and joint.mimic in urdf.joints:
+        joint = urdf.joints[joint.mimic]
+    return joint
+
+
+def _coupling(urdf: Urdf, joints: Sequence[Joint]) -> Coupling | None:
+    """Return how all of `joints` follow from the free ones among them; None when all are free."""
+    free = [joint.name for joint in joints if joint.mimic is None]
+    if len(free) == len(joints):
+        return None
+    ratio, offset = np.zeros((len(joints), len(free))), np.zeros(len(joints))
+    for row, joint in enumerate(joints):
+        factor, shift, current = 1.0, 0.0, joint
+        while current.mimic is not None:
+            shift += factor * current.mimic_offset
+            factor *= current.mimic_multiplier
+            current = urdf.joints[current.mimic]
+        ratio[row, free.index(current.name)], offset[row] = factor, shift
+    return Coupling(frozen(ratio), frozen(offset))
+
+
+def _name_list(value: Any, name: str) -> list[Any]:
+    """Return joint names given as one name or several."""
+    if isinstance(value, str):
+        return [value]
+    try:
+        return list(value)
+    except TypeError:
+        raise ParameterError(name, value, "names of joints") from None
+
+
+def _written(urdf: Urdf, locked: Mapping[str, float]) -> str:
+    """Return the URDF that Pinocchio gets: locked joints fixed, continuous ones unbounded, no geometry."""
+    version = {"version": urdf.root.get("version", "1.0")}
+    root = Element("robot", {"name": urdf.name, **version})  # urdfdom insists on a name
+    for link in urdf.links.values():
+        element = SubElement(root, "link", name=link.name)
+        if link.inertial:
+            inertial = SubElement(element, "inertial")
+            SubElement(inertial, "origin", xyz=_words(link.xyz), rpy=_words(link.rpy))
+            SubElement(inertial, "mass", value=repr(link.mass))
+            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+            SubElement(inertial, "inertia", dict(zip(keys, map(repr, link.inertia), strict=True)))
+    for joint in urdf.joints.values():
+        moves = joint.moves and joint.name not in locked
+        # A continuous joint as one unbounded angle instead of Pinocchio's (cos, sin), so that nq = nv.
+        kind = "prismatic" if joint.type == "prismatic" else "revolute"
+        element = SubElement(root, "joint", name=joint.name, type=kind if moves else "fixed")
+        SubElement(element, "parent", link=joint.parent)
+        SubElement(element, "child", link=joint.child)
+        xyz, rpy = (joint.xyz, joint.rpy) if moves else _stand(joint, locked.get(joint.name, 0.0))
+        SubElement(element, "origin", xyz=_words(xyz), rpy=_words(rpy))
+        if moves:
+            SubElement(element, "axis", xyz=_words(joint.direction.tolist()))
+            SubElement(element, "limit", _UNBOUNDED)
+    return tostring(root, encoding="unicode")
+
+
+def _stand(joint: Joint, value: float) -> tuple[Sequence[float], Sequence[float]]:
+    """Return xyz and rpy of a fixed joint that stands where the moving one stands at `value`."""
+    if value == 0.0:
+        return joint.xyz, joint.rpy
+    axis, xyz = joint.direction, np.array(joint.xyz)
+    rotation = pin.rpy.rpyToMatrix(np.array(joint.rpy))
+    if joint.type == "prismatic":
+        xyz = xyz + rotation @ axis * value
+    else:
+        rotation = rotation @ pin.exp3(axis * value)
+    return xyz.tolist(), pin.rpy.matrixToRpy(rotation).tolist()
+
+
+def _words(numbers: Iterable[float]) -> str:
+    """Join numbers as URDF attributes want them, to the last digit."""
+    return " ".join(map(repr, numbers))
+
+
+def _pinocchio_model(xml: str, source: str) -> Any:
+    """Build the model, turning Pinocchio's bare refusal into one that carries the parser's reason."""
+    with _captured_stderr() as captured:
+        try:
+            model = pin.buildModelFromXML(xml)
+            reason = ""
+        except (ValueError, RuntimeError, UnicodeError) as error:
+            model, reason = None, str(error)
+    if model is None:
+        # Line numbers in it are of urdfdom's source.
+        said = " ".join(re.sub(r" at line \d+ in \S+", "", captured[0]).split()) if captured else ""
+        raise UrdfError(source, f"is refused by Pinocchio: {said or reason}")
+    return model
+
+
+@contextmanager
+def _captured_stderr() -> Iterator[list[str]]:
+    """Collect what C++ writes to file descriptor 2, where urdfdom puts the reason of a refusal."""
+    said: list[str] = []
+    with tempfile.TemporaryFile() as sink:
+        saved = os.dup(2)
+        try:
+            os.dup2(sink.fileno(), 2)
+            yield said
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            sink.seek(0)
+            said.append(sink.read().decode("utf-8", "replace"))
