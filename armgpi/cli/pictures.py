@@ -32,8 +32,7 @@ _NEEDS = {
 def check(options: dict[str, Any]) -> None:
     """Refuse pictures that cannot be made: better before a long run than after it."""
     for name, packages in _NEEDS.items():
-        # The scene and the report use the figures' helpers.
-        for package in ("matplotlib", *packages) if options[name] else ():
+        for package in packages if options[name] else ():
             if find_spec(package) is None:
                 raise refusal(f"--{name}", f"needs the package {package!r}: pip install 'armgpi[viz]'")
     if options["plot"] is not None:

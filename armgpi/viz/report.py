@@ -23,7 +23,7 @@ from armgpi import rollout as rollouts
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.robot import Robot
-from armgpi.viz import meshcat, page, plots, scene
+from armgpi.viz import meshcat, page, scene, tracks
 
 #: Most points of a line in the plots, and most rollouts that are plotted.
 POINTS, MOST_RUNS = 2400, 6
@@ -71,7 +71,7 @@ def build(
         RolloutError: when the rollout has no samples, or `robot` is another one.
         MissingPackage: when Plotly or MeshCat is not installed.
     """
-    plots.traces(rollout)
+    tracks.traces(rollout)
     if "rollout" not in rollout.dims and "label" in rollout.coords:  # one of several
         rollout = rollout.expand_dims("rollout").assign_coords(
             label=("rollout", [str(rollout["label"].values)])
@@ -172,7 +172,7 @@ def _singles(dataset: xr.Dataset) -> dict[str, xr.Dataset]:
 
 def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     """Return what the page plots."""
-    traces = plots.traces(rollout, most=None)[:MOST_RUNS]
+    traces = tracks.traces(rollout, most=None)[:MOST_RUNS]
     joints = [str(name) for name in rollout["joint"].values]
     kinds = [str(kind) for kind in rollout["joint_type"].values] if "joint_type" in rollout.coords else []
     linear = [kind == "prismatic" for kind in kinds] or [False] * len(joints)
@@ -186,7 +186,7 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         effort = float(efforts[j])
         near = np.isfinite(effort) and effort < 1e300 and peak >= 0.4 * effort
         levels.append([-effort, effort] if near else [])
-    onsets = [plots.disturbance_onset(rollout, joint) for joint in joints]
+    onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
     nothing: list[Any] = [None] * len(joints)
 
     def lines(
@@ -211,7 +211,7 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
                 )
         return found
 
-    def table(trace: plots.Trace, name: str) -> Array:
+    def table(trace: tracks.Trace, name: str) -> Array:
         return np.asarray(trace.data[name].transpose("time", "joint").values, dtype=float)
 
     labels = {i: trace.label or "actual" for i, trace in enumerate(traces)}
@@ -244,7 +244,7 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         quantities.append(
             {"name": "Disturbance", "units": force, "traces": pushed, "levels": nothing, "onsets": nothing}
         )
-    for name in [n for n in plots.signal_names(rollout) if n in ("omega_c", "zeta_c", "p_c")]:
+    for name in [n for n in tracks.signal_names(rollout) if n in ("omega_c", "zeta_c", "p_c")]:
         values = {i: table(t, name) for i, t in enumerate(traces)}
         if any(np.nanmax(np.ptp(np.nan_to_num(v), axis=0)) > 0.0 for v in values.values()):
             units = [""] * len(joints) if name == "zeta_c" else ["rad/s"] * len(joints)
@@ -283,7 +283,7 @@ def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
     return time[index], values[index]
 
 
-def _longest(traces: Sequence[plots.Trace]) -> plots.Trace:
+def _longest(traces: Sequence[tracks.Trace]) -> tracks.Trace:
     """Return the rollout with most samples of the reference."""
     return max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum()))
 
@@ -401,7 +401,7 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
             for joint, value in zip(record["joints"], record["metrics"][what], strict=True):
                 if value is not None and value > 0.0:
                     said.append(f"{record['label']}: joint {joint!r} {text.format(value)}")
-    unlimited = plots.traces(rollout, most=None)[0].data["effort"].values
+    unlimited = tracks.traces(rollout, most=None)[0].data["effort"].values
     for joint, effort in zip(rollout["joint"].values, unlimited, strict=True):
         if not np.isfinite(effort) or effort >= 1e300:
             said.append(f"joint {str(joint)!r} has no torque limit")

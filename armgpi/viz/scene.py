@@ -24,7 +24,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, RolloutError
 from armgpi.robot import Robot
 from armgpi.rollout import Status, describe_end
-from armgpi.viz import meshes, plots
+from armgpi.viz import meshes, tracks
 from armgpi.viz.meshes import MeshError, Triangles
 
 #: Triangles of an arm that is drawn; larger meshes are simplified. And of its coarse version.
@@ -215,7 +215,7 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
             f"the rollout's joints are {', '.join(names)}; those of robot {robot.name!r} are "
             f"{', '.join(robot.joint_names)}"
         )
-    traces = plots.traces(rollout, most=None)
+    traces = tracks.traces(rollout, most=None)
     shown = traces[:MOST_ROBOTS]
     time = np.asarray(rollout["time"].values, dtype=float)
     frames = _frames(time, len(names), len(shown))
@@ -225,7 +225,7 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
     if "disturbance" in rollout:
         first = shown[0].data["disturbance"].transpose("time", "joint").values
         pushed = _single(np.nan_to_num(first[frames]))
-    onsets = {name: plots.disturbance_onset(rollout, name) for name in names}
+    onsets = {name: tracks.disturbance_onset(rollout, name) for name in names}
     return Clip(
         times=time[frames],
         actors=actors,
@@ -531,7 +531,7 @@ def _frames(time: Array, n: int, rollouts: int) -> npt.NDArray[np.int64]:
     return np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))
 
 
-def _actor(trace: plots.Trace, frames: npt.NDArray[np.int64], end: str, rollouts: int) -> Actor:
+def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str, rollouts: int) -> Actor:
     """Return one rollout as frames; a pose is held where it has none."""
     data = {name: trace.data[name].transpose("time", "joint").values for name in ("q", "q_ref", "tau")}
     effort = np.atleast_1d(trace.data["effort"].values)

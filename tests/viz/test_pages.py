@@ -23,7 +23,7 @@ from PIL import Image
 import armgpi
 from armgpi import GPI, Hold, RigidBodyPlant, Robot, robots, simulate
 from armgpi.errors import RolloutError
-from armgpi.viz import meshcat, page, plots, report, scene, style
+from armgpi.viz import meshcat, page, plots, report, scene, style, tracks
 
 ARM = Robot.load("anthropomorphic3")
 READY = "window.armgpi && (armgpi.ready || armgpi.error)"
@@ -196,7 +196,7 @@ def test_a_comparison_has_the_legend_s_colours(chromium: browsers.Browser, tmp_p
     rollout = compared(soft=moving(ARM), stiff=run(ARM, omega=40.0))
     shown = opened(chromium, meshcat.rollout_page(rollout, ARM), tmp_path)
     colors = shown.eval("armgpi.scene.robots.map((r) => r.meshes[1].material.color.getHexString())")
-    expected = [trace.look.color[1:].lower() for trace in plots.traces(rollout)]
+    expected = [trace.look.color[1:].lower() for trace in tracks.traces(rollout)]
     assert colors == expected == [color[1:].lower() for color in style.PALETTE[:2]]
     assert shown.eval("document.querySelector('.gauges thead').textContent").count("finished") == 2
     quiet(shown)

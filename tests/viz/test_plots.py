@@ -17,7 +17,7 @@ from pictured import HOSTILE, chain, compared, made_up, run
 import armgpi
 from armgpi import GPI, Bezier, BSplineNetwork, RigidBodyPlant, Robot, metrics, simulate
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
-from armgpi.viz import plots, style
+from armgpi.viz import plots, style, tracks
 
 ARM = Robot.load("anthropomorphic3")
 ONE = run(ARM)
@@ -137,19 +137,19 @@ def test_signals_of_networks_are_drawn() -> None:
 
 
 def test_tool_paths_are_those_of_the_kinematics() -> None:
-    (path,) = plots.tool_paths(ONE, ARM)
+    (path,) = tracks.tool_paths(ONE, ARM)
     assert np.allclose(path.drawn, ARM.frame_pose(ARM.tip, ONE["q"].values).translation)
     assert np.allclose(path.desired, ARM.frame_pose(ARM.tip, ONE["q_ref"].values).translation)
     figure = plots.tool_path(ONE, ARM, frame=ARM.frame_names[2])
     assert len(figure.axes) == 2
     with pytest.raises(RolloutError, match="joints"):
-        plots.tool_paths(ONE, chain(3))
+        tracks.tool_paths(ONE, chain(3))
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=30))
 def test_the_pareto_front_is_what_nothing_beats(points: list[tuple[int, int]]) -> None:
     array = np.array(points, dtype=float).reshape(-1, 2)
-    best = plots.pareto_front(array)
+    best = tracks.pareto_front(array)
     for i, p in enumerate(array):
         beaten = any((q <= p).all() and (q < p).any() for q in array)
         assert best[i] == (not beaten)
