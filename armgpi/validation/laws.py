@@ -22,6 +22,9 @@ from armgpi.validation.worker import Worker
 TOLERANCE = 1e-7
 #: The simulated swing: how long [s], how exact, and how many evaluations at most.
 SWING, SWING_RTOL, SWING_CALLS = 1.0, 1e-10, 3000
+#: Coriolis torques and slopes count as no smaller than this share of what they are derived from: below it
+#: the difference quotients have lost the digits that the law is about.
+FLOOR = 1e-3
 #: Energy may drift by this share over the swing.
 DRIFT = 1e-6
 #: Models slower than this [s a call] are not simulated.
@@ -100,6 +103,11 @@ def _law(name: str, away: float, size: float, good: str, bad: str) -> Law:
     return Law(name, "holds" if holds else "fails", error, good if holds else bad)
 
 
+def _floor(sampled: Mapping[str, Sampled], name: str) -> float:
+    """Return how small what is derived from a function may count at least."""
+    return FLOOR * float(np.abs(sampled[name].values).max())
+
+
 def _mass_matrix(D: Array) -> list[Law]:
     """Return the laws of D."""
     T = np.swapaxes(D, -1, -2)
@@ -124,7 +132,7 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
             continue
         rows = len(own.H)
         H = sampled[name].pieces["H"][:rows]
-        size = max(float(np.abs(own.H).max()), 1e-3 * float(np.abs(sampled["mass_matrix"].values).max()))
+        size = max(float(np.abs(own.H).max()), _floor(sampled, "mass_matrix"))
         away = float(np.abs(H - own.H).max())
         word = "C v" if name == "coriolis_torque" else "C(q, v) v"
         bad = f"{word} is not the torque that D's Christoffel symbols give"
@@ -136,7 +144,7 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
         C, v = sampled["coriolis_matrix"].values[:rows], states.v[:rows]
         rate = np.einsum("Nijk,Nk->Nij", own.slope, v)
         N = rate - 2.0 * C
-        size = max(float(np.abs(C).max()), float(np.abs(rate).max()))
+        size = max(float(np.abs(C).max()), float(np.abs(rate).max()), _floor(sampled, "mass_matrix"))
         law = _law(
             "Ḋ - 2C skew",
             float(np.abs(N + np.swapaxes(N, -1, -2)).max()),
@@ -156,9 +164,8 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
                 "coriolis_matrix times v is coriolis_torque",
                 "coriolis_matrix times v is another torque",
             )
-            laws.append(
-                _law("C v one torque", float(np.abs(Cv - h).max()), float(np.abs(h).max()), good, bad)
-            )
+            size = max(float(np.abs(h).max()), _floor(sampled, "mass_matrix"))
+            laws.append(_law("C v one torque", float(np.abs(Cv - h).max()), size, good, bad))
     return laws
 
 
@@ -170,8 +177,7 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
         apart = np.abs(G - own.G)
         worst = int(np.argmax(apart.max(axis=0)))
         size = max(float(np.abs(G).max()), float(np.abs(own.G).max()))
-        # The difference quotient loses digits where the energy itself is large.
-        size = max(size, 1e-4 * float(np.abs(sampled["potential_energy"].values).max()))
+        size = max(size, _floor(sampled, "potential_energy"))
         bad = f"the slope of V by q{worst + 1} is not G[{worst + 1}]"
         laws.append(_law("dV/dq = G", float(apart.max()), size, "G is the slope of V", bad))
     if "kinetic_energy" in sampled and "mass_matrix" in sampled:
@@ -191,7 +197,7 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
         rate = 0.5 * np.einsum("Nijk,Ni,Nj,Nk->N", own.slope, v, v, v)
         power = np.einsum("Ni,Ni->N", h, v)
         # Each of the torques does work; only their sum has to be the change of K.
-        size = max(float(np.abs(rate).max()), float(np.abs(h * v).max()))
+        size = max(float(np.abs(rate).max()), float(np.abs(h * v).max()), _floor(sampled, "mass_matrix"))
         bad = "v'C v is not ½ v'Ḋv: the Coriolis torque feeds or drains energy"
         good = "K changes by the power of the torques"
         laws.append(_law("dK/dt = power", float(np.abs(power - rate).max()), size, good, bad))
@@ -235,9 +241,8 @@ def _kinematics(worker: Worker, states: States, sampled: Mapping[str, Sampled]) 
     away = np.abs(J[:, :rows] - slope[:, :rows])
     worst = int(np.argmax(away.max(axis=(0, 1))))
     bad = f"the derivative of the position by q{worst + 1} is not column {worst + 1} of the Jacobian"
-    return _law(
-        "FK and Jacobian", float(away.max()), float(np.abs(slope).max()), "J is the derivative of FK", bad
-    )
+    size = max(float(np.abs(slope).max()), _floor(sampled, "forward_kinematics"))
+    return _law("FK and Jacobian", float(away.max()), size, "J is the derivative of FK", bad)
 
 
 def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law | None:
