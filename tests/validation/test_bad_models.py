@@ -62,8 +62,14 @@ BAD = {
         "class A:\n    def __init__(self, m): pass\n    def gravity(self, q): return q",
         "cannot be made without arguments",
     ),
-    "closes files": ("import os\ndef gravity(q):\n    os.closerange(3, 99)\n    return q", "closes file descr"),
-    "replaces builtins": ("import builtins\nbuiltins.len = builtins.zip = None\ngravity = abs", "breaks the Pyth"),
+    "closes files": (
+        "import os\ndef gravity(q):\n    os.closerange(3, 99)\n    return q",
+        "closes file descr",
+    ),
+    "replaces builtins": (
+        "import builtins\nbuiltins.len = builtins.zip = None\ngravity = abs",
+        "breaks the Pyth",
+    ),
     "replaces NumPy": ("import numpy\nnumpy.asarray = None\ngravity = abs", "returns no array of numbers"),
     "masks signals": (
         "import signal\nsignal.pthread_sigmask(signal.SIG_BLOCK, range(1, 65))\n"

@@ -184,3 +184,43 @@ def test_large_arms_that_slide_and_turn_give_no_false_alarm() -> None:
         return np.linalg.solve(D, tau - np.array([-k * c * v[1] ** 2, k * g * c]))
 
     assert validate({"forward_dynamics": forward_dynamics}, robot).agrees
+
+
+# Arithmetic with few digits.
+
+
+def _ten_digits(function: Callable[..., Array]) -> Callable[..., Array]:
+    def rounded(*state: Array) -> Array:
+        value = np.asarray(function(*state))
+        return np.reshape([float(f"{x:.10g}") for x in value.ravel()], value.shape)
+
+    return rounded
+
+
+def test_a_model_of_ten_digits_agrees_and_its_digits_are_noted() -> None:
+    robot, model = spatial(1)
+    report = validate({name: _ten_digits(function) for name, function in model.items()}, robot)
+    assert report.agrees
+    assert all(law.verdict in ("holds", "note") for law in report.laws)
+    assert any("is only computed to" in note for note in report.notes)
+
+
+def test_a_mistake_is_not_taken_for_few_digits() -> None:
+    robot, model = planar(1)
+    stepped = {"gravity": lambda q: model["gravity"](np.round(q, 4))}
+    assert not validate(stepped, robot).agrees
+
+
+def test_a_law_of_all_but_vanishing_torques_is_not_said_to_fail() -> None:
+    robot, model = planar(1)
+    D = model["mass_matrix"](np.zeros(2))
+
+    def mass_matrix(q: Array) -> Array:
+        return D + 1e-11 * np.cos(q[1]) * np.eye(2)[0] * np.eye(2)[:, :1]
+
+    def coriolis_matrix(q: Array, v: Array) -> Array:
+        k = 0.5e-11 * np.sin(q[1])
+        return np.array([[-k * v[1], -k * v[0]], [k * v[0], 0.0]])
+
+    laws = validate({"mass_matrix": mass_matrix, "coriolis_matrix": coriolis_matrix}).laws
+    assert {law.verdict for law in laws} == {"holds"}
