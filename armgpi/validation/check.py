@@ -53,7 +53,8 @@ def validate(
         frame: the robot's frame that the kinematics mean; its tip when not given.
         rtol: relative error up to which two values agree.
         joints: number of joints of a model without a reference; found by trying when not given.
-        time_limit: how long one call of the model may take [s].
+        time_limit: how long one call of the model may take [s]; reading it may take twelve times that, and
+            10 s at least.
         seed: of the random states.
 
     Returns:
@@ -166,7 +167,8 @@ def count_joints(worker: Worker, joints: int | None) -> int:
     if worker.n is not None:
         return int(worker.n)
     fitting = [n for n in range(1, MOST_JOINTS + 1) if _refusal(worker, n) is None]
-    if len(fitting) == 1:
+    # A function that takes q[0] to q[2] takes longer arrays too; one that takes any length says nothing.
+    if fitting and (len(fitting) == 1 or 1 < fitting[0] == MOST_JOINTS + 1 - len(fitting)):
         return fitting[0]
     found = "no number of joints up to 8 does" if not fitting else f"{fitting} would all do"
     raise ParameterError("joints", None, f"given, as it cannot be found by trying: {found}")
