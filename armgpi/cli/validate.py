@@ -40,7 +40,11 @@ Joints = Annotated[
 ]
 TimeLimit = Annotated[
     float,
-    typer.Option("--time-limit", metavar="SECONDS", help="How long one call of the model may take [s]."),
+    typer.Option(
+        "--time-limit",
+        metavar="SECONDS",
+        help="How long one call of the model may take [s]; reading it, twelve times that.",
+    ),
 ]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page.")]
 Suggest = Annotated[

@@ -25,6 +25,8 @@ from armgpi.validation.worker import Worker
 MOST_JOINTS = 8
 #: Sliding joints without limits are compared up to here [m].
 _SLIDE = 1.0
+#: Rounding errors beyond this, relative, deserve a note.
+_FEW_DIGITS = 1e-11
 
 
 def validate(
@@ -51,7 +53,8 @@ def validate(
         frame: the robot's frame that the kinematics mean; its tip when not given.
         rtol: relative error up to which two values agree.
         joints: number of joints of a model without a reference; found by trying when not given.
-        time_limit: how long one call of the model may take [s].
+        time_limit: how long one call of the model may take [s]; reading it may take twelve times that, and
+            10 s at least.
         seed: of the random states.
 
     Returns:
@@ -83,11 +86,21 @@ def validate(
         own = laws.derive(worker, states, sampled)
         found = laws.check(worker, states, sampled, own)
         notes = ["the model prints while it computes; that is not shown"] if worker.printed else []
+        notes += _rounded(sampled)
         if robot is None:
             rows = min(len(s.values) for s in sampled.values())
             names = tuple(f"q{i + 1}" for i in range(n))
             return DynamicsReport(name, None, names, rows, (), (), tuple(found), tuple(notes))
         return _compare(worker, robot, frame, rtol, states, sampled, own, found, notes)
+
+
+def _rounded(sampled: Mapping[str, Sampled]) -> list[str]:
+    """Return a line when the model computes with few digits."""
+    worst = max(sampled.values(), key=lambda s: s.digits)
+    if worst.digits < _FEW_DIGITS:
+        return []
+    text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"
+    return [f"{text}: differences up to {samples.SAFETY:g} times that do not count"]
 
 
 def _compare(
@@ -154,7 +167,8 @@ def count_joints(worker: Worker, joints: int | None) -> int:
     if worker.n is not None:
         return int(worker.n)
     fitting = [n for n in range(1, MOST_JOINTS + 1) if _refusal(worker, n) is None]
-    if len(fitting) == 1:
+    # A function that takes q[0] to q[2] takes longer arrays too; one that takes any length says nothing.
+    if fitting and (len(fitting) == 1 or 1 < fitting[0] == MOST_JOINTS + 1 - len(fitting)):
         return fitting[0]
     found = "no number of joints up to 8 does" if not fitting else f"{fitting} would all do"
     raise ParameterError("joints", None, f"given, as it cannot be found by trying: {found}")
@@ -216,7 +230,8 @@ def _term(
     differing = tuple(problem.elements[k].label for k in np.flatnonzero(mask & ~problem.agreeing))
     relative = float(away[worst]) / size if size > 0.0 else (0.0 if away[worst] == 0.0 else float("inf"))
     scale = max(float(np.abs(reference).max()), float(np.abs(problem.reference).max()) * 1e-6)
-    curved = sampled.quadratic > 1e-7 * max(scale, 1e-300)
+    squares = float(np.square(np.abs(v).sum(axis=1)).max())
+    curved = sampled.quadratic > 1e-7 * max(scale, 1e-300) + samples.SAFETY * sampled.noise * squares
     note = ""
     if curved:
         note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"

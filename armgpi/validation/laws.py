@@ -14,14 +14,19 @@ from scipy.integrate import solve_ivp
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
-from armgpi.validation.samples import Sampled, States, call, slopes
+from armgpi.validation.samples import SAFETY, Sampled, States, call, slopes
 from armgpi.validation.tree import christoffel
 from armgpi.validation.worker import Worker
 
 #: How far, relative, a law may be off.
 TOLERANCE = 1e-7
+#: Step of the difference quotients [rad or m].
+STEP = 1e-3
 #: The simulated swing: how long [s], how exact, and how many evaluations at most.
 SWING, SWING_RTOL, SWING_CALLS = 1.0, 1e-10, 3000
+#: Coriolis torques and slopes count as no smaller than this share of what they are derived from: below it
+#: the difference quotients have lost the digits that the law is about.
+FLOOR = 1e-3
 #: Energy may drift by this share over the swing.
 DRIFT = 1e-6
 #: Models slower than this [s a call] are not simulated.
@@ -64,9 +69,9 @@ def derive(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> De
     """Differentiate a model's mass matrix and potential energy."""
     slope = G = None
     if "mass_matrix" in sampled:
-        slope = slopes(worker, "mass_matrix", _first(worker, "mass_matrix", states, sampled))
+        slope = slopes(worker, "mass_matrix", _first(worker, "mass_matrix", states, sampled), STEP)
     if "potential_energy" in sampled:
-        G = slopes(worker, "potential_energy", _first(worker, "potential_energy", states, sampled))
+        G = slopes(worker, "potential_energy", _first(worker, "potential_energy", states, sampled), STEP)
     return Derived(None if slope is None else christoffel(slope), G, slope)
 
 
@@ -93,11 +98,21 @@ def check(worker: Worker, states: States, sampled: Mapping[str, Sampled], own: D
     return laws + ([swing] if swing else [])
 
 
-def _law(name: str, away: float, size: float, good: str, bad: str) -> Law:
-    """Return a law from its largest violation and the size of what is compared."""
+def _law(name: str, away: float, size: float, good: str, bad: str, noise: float = 0.0) -> Law:
+    """Return a law from its largest violation, the size of what is compared, and its rounding error."""
     error = away / size if size > 0.0 else (0.0 if away == 0.0 else math.inf)
-    holds = error <= TOLERANCE
+    holds = error <= TOLERANCE or away <= SAFETY * noise
     return Law(name, "holds" if holds else "fails", error, good if holds else bad)
+
+
+def _lost(sampled: Mapping[str, Sampled], name: str) -> float:
+    """Return the rounding error that a model's function leaves in its slope."""
+    return 2.0 * sampled[name].noise / STEP
+
+
+def _floor(sampled: Mapping[str, Sampled], name: str) -> float:
+    """Return how small what is derived from a function may count at least."""
+    return FLOOR * float(np.abs(sampled[name].values).max())
 
 
 def _mass_matrix(D: Array) -> list[Law]:
@@ -124,11 +139,12 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
             continue
         rows = len(own.H)
         H = sampled[name].pieces["H"][:rows]
-        size = max(float(np.abs(own.H).max()), 1e-3 * float(np.abs(sampled["mass_matrix"].values).max()))
+        size = max(float(np.abs(own.H).max()), _floor(sampled, "mass_matrix"))
         away = float(np.abs(H - own.H).max())
         word = "C v" if name == "coriolis_torque" else "C(q, v) v"
         bad = f"{word} is not the torque that D's Christoffel symbols give"
-        law = _law(f"{word} from D", away, size, f"{word} is what D's Christoffel symbols give", bad)
+        good = f"{word} is what D's Christoffel symbols give"
+        law = _law(f"{word} from D", away, size, good, bad, _lost(sampled, "mass_matrix"))
         product_right = law.verdict == "holds" if product_right is None else product_right
         laws.append(law)
     if "coriolis_matrix" in sampled and own.slope is not None:
@@ -136,13 +152,14 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
         C, v = sampled["coriolis_matrix"].values[:rows], states.v[:rows]
         rate = np.einsum("Nijk,Nk->Nij", own.slope, v)
         N = rate - 2.0 * C
-        size = max(float(np.abs(C).max()), float(np.abs(rate).max()))
+        size = max(float(np.abs(C).max()), float(np.abs(rate).max()), _floor(sampled, "mass_matrix"))
         law = _law(
             "Ḋ - 2C skew",
             float(np.abs(N + np.swapaxes(N, -1, -2)).max()),
             size,
             "Ḋ - 2C is skew-symmetric",
             "Ḋ - 2C is not skew-symmetric",
+            _lost(sampled, "mass_matrix") * float(np.abs(v).sum(axis=1).max()),
         )
         if law.verdict == "fails" and product_right:
             text = "C v is right, but C is not the matrix of the Christoffel symbols: Ḋ - 2C is not skew"
@@ -156,9 +173,9 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
                 "coriolis_matrix times v is coriolis_torque",
                 "coriolis_matrix times v is another torque",
             )
-            laws.append(
-                _law("C v one torque", float(np.abs(Cv - h).max()), float(np.abs(h).max()), good, bad)
-            )
+            size = max(float(np.abs(h).max()), _floor(sampled, "mass_matrix"))
+            noise = sampled["coriolis_torque"].noise + 4.0 * sampled["coriolis_matrix"].noise
+            laws.append(_law("C v one torque", float(np.abs(Cv - h).max()), size, good, bad, noise))
     return laws
 
 
@@ -170,17 +187,19 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
         apart = np.abs(G - own.G)
         worst = int(np.argmax(apart.max(axis=0)))
         size = max(float(np.abs(G).max()), float(np.abs(own.G).max()))
-        # The difference quotient loses digits where the energy itself is large.
-        size = max(size, 1e-4 * float(np.abs(sampled["potential_energy"].values).max()))
+        size = max(size, _floor(sampled, "potential_energy"))
         bad = f"the slope of V by q{worst + 1} is not G[{worst + 1}]"
-        laws.append(_law("dV/dq = G", float(apart.max()), size, "G is the slope of V", bad))
+        noise = sampled["gravity"].noise + _lost(sampled, "potential_energy")
+        laws.append(_law("dV/dq = G", float(apart.max()), size, "G is the slope of V", bad, noise))
     if "kinetic_energy" in sampled and "mass_matrix" in sampled:
         rows = min(len(sampled[x].values) for x in ("kinetic_energy", "mass_matrix"))
         K, D = sampled["kinetic_energy"].values[:rows], sampled["mass_matrix"].values[:rows]
         v = states.v[:rows]
         away = float(np.abs(K - 0.5 * np.einsum("Ni,Nij,Nj->N", v, D, v)).max())
         bad = "K is not ½ v'Dv with the model's own D"
-        laws.append(_law("K = ½ v'Dv", away, float(np.abs(K).max()), "K is ½ v'Dv", bad))
+        squares = float(np.square(np.abs(v).sum(axis=1)).max())
+        noise = sampled["kinetic_energy"].noise + squares * sampled["mass_matrix"].noise
+        laws.append(_law("K = ½ v'Dv", away, float(np.abs(K).max()), "K is ½ v'Dv", bad, noise))
     torque = next((sampled[x] for x in ("coriolis_torque", "coriolis_matrix") if x in sampled), None)
     if torque is not None and own.slope is not None:
         rows = len(own.slope)
@@ -191,10 +210,12 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
         rate = 0.5 * np.einsum("Nijk,Ni,Nj,Nk->N", own.slope, v, v, v)
         power = np.einsum("Ni,Ni->N", h, v)
         # Each of the torques does work; only their sum has to be the change of K.
-        size = max(float(np.abs(rate).max()), float(np.abs(h * v).max()))
+        size = max(float(np.abs(rate).max()), float(np.abs(h * v).max()), _floor(sampled, "mass_matrix"))
         bad = "v'C v is not ½ v'Ḋv: the Coriolis torque feeds or drains energy"
         good = "K changes by the power of the torques"
-        laws.append(_law("dK/dt = power", float(np.abs(power - rate).max()), size, good, bad))
+        cubes = float(np.abs(v).sum(axis=1).max() ** 3)
+        noise = cubes * (torque.noise + _lost(sampled, "mass_matrix"))
+        laws.append(_law("dK/dt = power", float(np.abs(power - rate).max()), size, good, bad, noise))
     return laws
 
 
@@ -220,24 +241,26 @@ def _together(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
         given = value if name == "inverse_dynamics" else states.tau[:rows]
         bad = f"{name} is not made of the model's own D, C v and G"
         size = float(np.abs(tau).max())
-        laws.append(
-            _law(f"{name} = D, C, G", float(np.abs(tau - given).max()), size, f"{name} is D a + C v + G", bad)
-        )
+        moved = float(np.abs(a).sum(axis=1).max())
+        noise = moved * (sampled["mass_matrix"].noise + sampled[name].digits * size)
+        noise += float(np.abs(v).sum(axis=1).max()) * torque.noise + sampled["gravity"].noise
+        away, good = float(np.abs(tau - given).max()), f"{name} is D a + C v + G"
+        laws.append(_law(f"{name} = D, C, G", away, size, good, bad, noise))
     return laws
 
 
 def _kinematics(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law:
     """Return whether the Jacobian is the derivative of the kinematics."""
     q = _first(worker, "forward_kinematics", states, sampled)
-    slope = slopes(worker, "forward_kinematics", q)
+    slope = slopes(worker, "forward_kinematics", q, STEP)
     J = sampled["jacobian"].values[: len(q)]
     rows = min(slope.shape[1], J.shape[1])
     away = np.abs(J[:, :rows] - slope[:, :rows])
     worst = int(np.argmax(away.max(axis=(0, 1))))
     bad = f"the derivative of the position by q{worst + 1} is not column {worst + 1} of the Jacobian"
-    return _law(
-        "FK and Jacobian", float(away.max()), float(np.abs(slope).max()), "J is the derivative of FK", bad
-    )
+    size = max(float(np.abs(slope).max()), _floor(sampled, "forward_kinematics"))
+    noise = sampled["jacobian"].noise + _lost(sampled, "forward_kinematics")
+    return _law("FK and Jacobian", float(away.max()), size, "J is the derivative of FK", bad, noise)
 
 
 def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law | None:

@@ -42,6 +42,7 @@ PAPER = ("paper", "paper-arm", "paper_arm")
 SYMPY_SUFFIXES = (".sympy", ".txt")
 #: Numbers of a model that are varied, at most.
 MAX_NUMBERS = 40
+_NOWHERE = "there is no such file or module (built in is: paper)"
 #: Names that mean the same everywhere.
 _CONSTANTS = ("pi", "e", "tau", "inf", "nan", "n")
 #: Letters for a joint's position, velocity, acceleration and torque in SymPy files.
@@ -104,7 +105,9 @@ def _load(text: str) -> Any:
     if not Path(text).exists() and ":" in text:
         place, name = text.rsplit(":", 1)
     path = Path(place)
-    if path.suffix in SYMPY_SUFFIXES or path.suffix == ".py" or path.exists():
+    if path.name == "__init__.py" or (path / "__init__.py").is_file():
+        module = _package(path if path.is_dir() else path.parent)
+    elif path.suffix in SYMPY_SUFFIXES or path.suffix == ".py" or path.exists():
         if path.is_dir():
             raise Unusable("this is a folder; give a Python file, a module or 'paper'")
         if not path.exists():
@@ -123,6 +126,12 @@ def _load(text: str) -> Any:
     return module
 
 
+def _package(folder: Path) -> ModuleType:
+    """Import a package from its folder."""
+    sys.path.insert(0, str(folder.resolve().parent))
+    return importlib.import_module(folder.resolve().name)
+
+
 def _run(path: Path) -> ModuleType:
     """Run a file as a module; its own folder is searched for what it imports."""
     sys.path.insert(0, str(path.resolve().parent))
@@ -131,7 +140,11 @@ def _run(path: Path) -> ModuleType:
         exec("from sympy import *", module.__dict__)
         letters = [f"{letter}{i}" for letter in ("q", "v", "a", "tau") for i in range(1, 10)]
         module.__dict__.update({name: _sympy().Symbol(name, real=True) for name in letters})
-        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), module.__dict__)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise Unusable(f"is no text in UTF-8: {error}") from None
+        exec(compile(text, str(path), "exec"), module.__dict__)
         return module
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
@@ -145,11 +158,13 @@ def _run(path: Path) -> ModuleType:
 def _import(name: str) -> ModuleType:
     """Import a module by its name."""
     sys.path.insert(0, "")
+    if name.startswith("."):
+        raise Unusable(_NOWHERE)
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
-            raise Unusable("there is no such file or module (built in is: paper)") from None
+            raise Unusable(_NOWHERE) from None
         raise
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.validation.hypotheses import Hypothesis
-from armgpi.validation.samples import Sampled
+from armgpi.validation.samples import SAFETY, Sampled
 from armgpi.validation.tree import Pieces, Tree, evaluate
 
 Mask = npt.NDArray[np.bool_]
@@ -207,14 +207,15 @@ class Problem:
                 natural[element.piece], float(np.abs(reference.get(element.piece, np.zeros(1))).max())
             )
             size = max(float(np.abs(self.reference[:, column]).max()), SMALL * whole)
-            out[column] = self.rtol * size
+            out[column] = self.rtol * size + SAFETY * sampled[element.term].noise
             if element.term in ("inverse_dynamics", "kinetic_energy", "coriolis_torque", "coriolis_matrix"):
                 # Differences of larger numbers.
                 out[column] += 1e-14 * float(np.abs(sampled[element.term].values).max())
             elif element.term == "forward_dynamics":
                 # A unit torque hardly moves a heavy arm: what is lost in its response, D enlarges twice.
                 fastest = float(np.abs(sampled[element.term].values).max())
-                lost = 1e-16 * inertia * inertia * fastest * (1.0 if element.piece == "D" else fastest)
+                rounding = max(1e-16, SAFETY * sampled[element.term].digits)
+                lost = rounding * inertia * inertia * fastest * (1.0 if element.piece == "D" else fastest)
                 out[column] += 1e-15 * condition * (whole + weight) + lost
         return out
 

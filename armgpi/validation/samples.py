@@ -29,6 +29,13 @@ REPEATABLE = 1e-12
 #: Beyond this, relative, a Coriolis torque is no polynomial of degree two in v.
 QUADRATIC = 1e-8
 
+#: The model's arithmetic is looked at over steps of this size [rad or m], along this many postures.
+_STEP, _ROUGH = 1e-5, 3
+#: Rounding is at most this, relative (a few digits of float32); anything rougher is the model's formula.
+ROUNDING = 1e-6
+#: What is computed may be off by so many times its rounding, seen from one step to the next.
+SAFETY = 20.0
+
 
 class States(NamedTuple):
     """States at which models are compared, arrays of shape (N, n).
@@ -54,12 +61,19 @@ class Sampled(NamedTuple):
         values: what it gave at the states, (N, ...).
         pieces: what it says about the equations of motion.
         quadratic: largest part [N m or N] that is no polynomial of degree two in v.
+        noise: rounding error of the values: float32, or a table of ten digits, is no mistake.
     """
 
     function: str
     values: Array
     pieces: Pieces
     quadratic: float = 0.0
+    noise: float = 0.0
+
+    @property
+    def digits(self) -> float:
+        """How good the model's arithmetic is, relative to its largest value."""
+        return self.noise / max(float(np.abs(self.values).max()), 1e-300)
 
 
 def sample(worker: Worker, states: States) -> dict[str, Sampled]:
@@ -150,7 +164,20 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
             name,
             f"is not deterministic: two calls at the same state differ by {np.abs(again - first).max():.3g}",
         )
-    return Sampled(name, values, found, rest)
+    noise = _noise(worker, name, few) if each * 5 * _ROUGH < BUDGET else 0.0
+    if noise > ROUNDING * float(np.abs(values).max()):
+        noise = 0.0
+    return Sampled(name, values, found, rest, noise)
+
+
+def _noise(worker: Worker, name: str, s: States) -> float:
+    """Return how rough a function is: fourth differences over tiny steps, which smooth functions lack."""
+    rows = States(*(x[:_ROUGH] for x in s))
+    along = _STEP * rows.v / np.linalg.norm(rows.v, axis=1, keepdims=True)
+    others = [getattr(rows, letter) for letter in ARGUMENTS[name][1:]]
+    values = [call(worker, name, rows.q + k * along, *others) for k in range(5)]
+    weights = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    return float(np.abs(np.tensordot(weights, np.stack(values), 1)).max() / np.linalg.norm(weights))
 
 
 def _pieces(worker: Worker, name: str, s: States, values: Array) -> tuple[Pieces, float]:
@@ -232,7 +259,7 @@ def _polar(form: object, shape: tuple[int, ...]) -> Array:
     return H
 
 
-def slopes(worker: Worker, function: str, q: Array, step: float = 1e-3) -> Array:
+def slopes(worker: Worker, function: str, q: Array, step: float) -> Array:
     """Return derivatives of a function of q alone, by central differences of order four, (N, ..., n)."""
 
     def at(offset: Array) -> Array:

@@ -21,7 +21,8 @@ from scipy.optimize import least_squares
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.robot import Robot
-from armgpi.validation import check, samples
+from armgpi.validation import check, laws, samples
+from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.samples import States
 from armgpi.validation.tree import Body, Tree, evaluate, from_robot
 from armgpi.validation.worker import Worker
@@ -68,7 +69,7 @@ def suggest_urdf(
         model: as in :func:`armgpi.validate`; it needs a mass matrix or what contains one.
         robot: the chain, if there is one.
         joints: number of joints, when it cannot be found by trying.
-        time_limit: how long one call may take [s].
+        time_limit: as in :func:`armgpi.validate` [s].
 
     Raises:
         ModelError: when the model cannot be used, tells of no mass matrix, or has more than four joints and
@@ -90,6 +91,9 @@ def suggest_urdf(
             raise ModelError(name, "", "tells of no mass matrix, so no URDF can be suggested")
         if target.get("F", np.zeros((1, 3))).shape[1] != 3:
             del target["F"]
+        if "G" not in target and "potential_energy" in sampled:
+            rows = states.q[: len(target["D"])]
+            target["G"] = samples.slopes(worker, "potential_energy", rows, laws.STEP)
         turning = _turning(worker, states) if arm is None else []
     fit = _Fit(states.q[: len(target["D"])], target)
     if arm is not None:
@@ -111,13 +115,14 @@ def suggest_urdf(
 def _turning(worker: Worker, states: States) -> list[bool | None]:
     """Return for every joint whether it turns: the model repeats after 2 pi; None when it never changes."""
     found: list[bool | None] = []
-    names = [x for x in ("mass_matrix", "gravity", "forward_kinematics") if x in worker.functions]
     for e in np.eye(states.q.shape[1]):
         same = changes = True
         changes = False
-        for name in names:
+        for name in worker.functions:
+            others = [getattr(states, letter)[:3] for letter in ARGUMENTS[name][1:]]
             here, far, near = (
-                samples.call(worker, name, states.q[:3] + step * e) for step in (0.0, 2.0 * np.pi, 0.7)
+                samples.call(worker, name, states.q[:3] + step * e, *others)
+                for step in (0.0, 2.0 * np.pi, 0.7)
             )
             size = max(float(np.abs(here).max()), 1e-12)
             same = same and float(np.abs(far - here).max()) < 1e-9 * size
@@ -164,7 +169,7 @@ def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> 
     letters = ["z", "y", "x", "-z", "-y", "-x"]
     first = letters if "F" in target else ["z", "y"]
     level = G is not None and constant[0] and not np.abs(G[:, 0]).max() > 1e-9
-    if turning[0] is not False and G is not None:  # no weight to carry: it turns about the vertical
+    if turning[0] and G is not None:  # no weight to carry: it turns about the vertical
         first = [x for x in first if ("z" in x) == level]
     ordered = sorted(
         itertools.product(first, *[letters] * (n - 1)), key=lambda axes: sum("-" in a for a in axes)

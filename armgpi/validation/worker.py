@@ -27,8 +27,13 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import models
 
-#: How long reading a model may take [s]: it may have to derive something first.
-LOADING = 60.0
+#: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
+#: or derive something first.
+LOADING, LOADING_LEAST = 12.0, 10.0
+#: Exit codes of the process when its pipe is gone, and when the Python in it no longer works.
+_CUT, _BROKEN = 96, 97
+#: No function of a model returns more numbers than this: D of 64 joints has 4096.
+_MOST_NUMBERS = 10_000
 
 
 class Worker:
@@ -67,7 +72,7 @@ class Worker:
         theirs.close()
         try:
             answer: tuple[list[str], dict[str, float], int | None, bool] = self._receive(
-                "", LOADING, "reading it"
+                "", max(LOADING * time_limit, LOADING_LEAST), "reading it"
             )
             self.functions, self.numbers, self.n, self.printed = answer
         except BaseException:
@@ -123,9 +128,9 @@ class Worker:
         try:
             if not self._pipe.poll(limit):
                 self.close()
-                text = f"took longer than {limit:g} s" + (f" {where}" if function else "")
+                doing = where if function else "to read"
                 raise ModelError(
-                    self.name, function, text + ("; --time-limit allows more" if function else " to read")
+                    self.name, function, f"took longer than {limit:g} s {doing}; --time-limit allows more"
                 )
             good, answer = self._pipe.recv()
         except (EOFError, OSError):
@@ -139,6 +144,11 @@ class Worker:
         """Return the error of a process that is no more."""
         self._process.join(1.0)
         code = self._process.exitcode
+        if code == _CUT:
+            return ModelError(self.name, function, "closes file descriptors that are not its own")
+        if code == _BROKEN:
+            text = "breaks the Python it runs in: does it replace builtins, or functions of NumPy?"
+            return ModelError(self.name, function, text)
         how = f"with exit code {code}"
         if code is not None and code < 0:
             how = f"by {signal.Signals(-code).name}"
@@ -162,7 +172,21 @@ class _Silent(io.TextIOBase):
 
 
 def _serve(parents: Any, pipe: Any, model: Any) -> None:
-    """Read the model, then answer calls until the parent goes away."""
+    """Answer for the model in the child."""
+    try:
+        _answer_all(parents, pipe, model)
+    except OSError:
+        os._exit(_CUT)
+    finally:
+        os._exit(_BROKEN)
+
+
+def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
+    """Read the model, then answer calls until the parent goes away.
+
+    Raises:
+        OSError: when the pipe is gone.
+    """
     parents.close()
     with suppress(OSError):
         os.setsid()  # a group of its own: what the model starts ends with it
@@ -186,11 +210,12 @@ def _serve(parents: Any, pipe: Any, model: Any) -> None:
         _end_copies(own)
         _answer(pipe, False, _told(error))
         os._exit(0)
-    with suppress(EOFError, OSError):
-        while True:
+    while True:
+        try:
             name, states, numbers = pipe.recv()
-            _answer_calls(pipe, functions, name, states, numbers, silent, own)
-    os._exit(0)
+        except EOFError:
+            os._exit(0)
+        _answer_calls(pipe, functions, name, states, numbers, silent, own)
 
 
 def _answer_calls(
@@ -234,8 +259,7 @@ def _end_copies(own: int) -> None:
 
 
 def _answer(pipe: Any, good: bool, answer: Any) -> None:
-    with suppress(OSError):
-        pipe.send((good, answer))
+    pipe.send((good, answer))
 
 
 def _numbers(value: Any) -> Array:
@@ -256,6 +280,8 @@ def _numbers(value: Any) -> Array:
         raise models.Unusable(f"returns no array of numbers ({type(value).__name__}: {error})") from None
     if array.dtype.kind not in "iuf":
         raise models.Unusable(f"returns no real numbers (dtype {array.dtype})")
+    if array.size > _MOST_NUMBERS:
+        raise models.Unusable(f"returns {array.size} numbers, shape {array.shape}")
     return np.array(array, dtype=np.float64)
 
 
@@ -276,7 +302,10 @@ def _told(error: BaseException) -> str:
         theirs = [frame for frame in theirs if "importlib" not in frame.filename]
         if theirs:
             place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})"
-    text = " ".join(str(error).split())[:300]
+    try:
+        text = " ".join(str(error).split())[:300]
+    except Exception:
+        text = ""  # an error that cannot say what it is
     return (
         f"raises {type(error).__name__}: {text}{place}" if text else f"raises {type(error).__name__}{place}"
     )

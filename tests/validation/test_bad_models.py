@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from armgpi import errors, validate
+from armgpi.validation import worker
 
 ARM = "double_pendulum"
 
@@ -61,6 +62,29 @@ BAD = {
         "class A:\n    def __init__(self, m): pass\n    def gravity(self, q): return q",
         "cannot be made without arguments",
     ),
+    "closes files": (
+        "import os\ndef gravity(q):\n    os.closerange(3, 99)\n    return q",
+        "closes file descr",
+    ),
+    "replaces builtins": (
+        "import builtins\nbuiltins.len = builtins.zip = None\ngravity = abs",
+        "breaks the Pyth",
+    ),
+    "replaces NumPy": ("import numpy\nnumpy.asarray = None\ngravity = abs", "returns no array of numbers"),
+    "masks signals": (
+        "import signal\nsignal.pthread_sigmask(signal.SIG_BLOCK, range(1, 65))\n"
+        "def gravity(q):\n    while True: pass",
+        "took longer than 0.5 s",
+    ),
+    "an alarm": (
+        "import os, signal\ndef gravity(q):\n    os.kill(os.getpid(), signal.SIGALRM)",
+        "ended its Python process by SIGALRM",
+    ),
+    "too much": ("def gravity(q):\n    return [0.0] * 20000", "returns 20000 numbers"),
+    "no words": (
+        "class E(Exception):\n    def __str__(self):\n        raise self\ndef gravity(q):\n    raise E",
+        "raises E (model.py, line 5)",
+    ),
     "unknown symbol": (
         "from sympy import *\nq1, q2, m = symbols('q1 q2 m')\ngravity = Matrix([m * cos(q1), q2])",
         "has the symbol m",
@@ -96,6 +120,7 @@ def test_an_object_is_watched_as_a_file_is() -> None:
     [
         ("missing.py", "there is no such file"),
         ("no_such_module", "there is no such file or module"),
+        (".hidden", "there is no such file or module"),
         ("armgpi.paper.arm:Nothing", "has no 'Nothing'"),
         (object(), "has none of the functions"),
     ],
@@ -103,6 +128,23 @@ def test_an_object_is_watched_as_a_file_is() -> None:
 def test_what_is_no_model_is_refused(model: object, message: str) -> None:
     with pytest.raises(errors.ModelError, match=message):
         validate(model, ARM)
+
+
+def test_reading_a_model_has_a_limit_that_the_option_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "endless.py"
+    path.write_text("while True:\n    pass\n", encoding="utf-8")
+    monkeypatch.setattr(worker, "LOADING_LEAST", 0.1)
+    with pytest.raises(errors.ModelError, match=r"took longer than 0\.6 s to read; --time-limit allows more"):
+        validate(path, ARM, time_limit=0.05)
+
+
+def test_expressions_in_another_encoding_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "latin.sympy"
+    path.write_bytes(b"# \xe9\ngravity = Matrix([q1, q2])\n")
+    with pytest.raises(errors.ModelError, match="is no text in UTF-8"):
+        validate(path, ARM)
 
 
 def test_what_a_model_prints_is_kept_off_the_screen_and_noted(

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from armgpi import Robot, validate
+from armgpi import Robot, suggest_urdf, validate
 from tests.hand_models import _draw, planar, scara, spatial
 
 Array = np.ndarray
@@ -114,7 +114,7 @@ def test_inertias_that_are_not_turned_into_the_base_are_named(backward: bool) ->
 
 def test_a_link_that_gravity_forgets_is_named() -> None:
     lift, right = scara(1)
-    half = {**right, "gravity": lambda q: 0.37 * right["gravity"](q)}
+    half = {"gravity": lambda q: 0.37 * right["gravity"](q)}
     # No one takes 3.63 m/s² for gravity; the mass of the quill may be wrong as well.
     told = causes(half, lift)
     assert "strength of gravity" in told
@@ -184,3 +184,58 @@ def test_large_arms_that_slide_and_turn_give_no_false_alarm() -> None:
         return np.linalg.solve(D, tau - np.array([-k * c * v[1] ** 2, k * g * c]))
 
     assert validate({"forward_dynamics": forward_dynamics}, robot).agrees
+
+
+# Arithmetic with few digits.
+
+
+def _ten_digits(function: Callable[..., Array]) -> Callable[..., Array]:
+    def rounded(*state: Array) -> Array:
+        value = np.asarray(function(*state))
+        return np.reshape([float(f"{x:.10g}") for x in value.ravel()], value.shape)
+
+    return rounded
+
+
+def test_a_model_of_ten_digits_agrees_and_its_digits_are_noted() -> None:
+    robot, model = spatial(1)
+    report = validate({name: _ten_digits(function) for name, function in model.items()}, robot)
+    assert report.agrees
+    assert all(law.verdict in ("holds", "note") for law in report.laws)
+    assert any("is only computed to" in note for note in report.notes)
+
+
+def test_a_mistake_is_not_taken_for_few_digits() -> None:
+    robot, model = planar(1)
+    stepped = {"gravity": lambda q: model["gravity"](np.round(q, 4))}
+    assert not validate(stepped, robot).agrees
+
+
+def test_a_law_of_all_but_vanishing_torques_is_not_said_to_fail() -> None:
+    model = planar(1).model
+    D = model["mass_matrix"](np.zeros(2))
+
+    def mass_matrix(q: Array) -> Array:
+        return D + 1e-11 * np.cos(q[1]) * np.eye(2)[0] * np.eye(2)[:, :1]
+
+    def coriolis_matrix(q: Array, v: Array) -> Array:
+        k = 0.5e-11 * np.sin(q[1])
+        return np.array([[-k * v[1], -k * v[0]], [k * v[0], 0.0]])
+
+    laws = validate({"mass_matrix": mass_matrix, "coriolis_matrix": coriolis_matrix}).laws
+    assert {law.verdict for law in laws} == {"holds"}
+
+
+def _cart() -> dict[str, Callable[..., Array]]:
+    """Return a pendulum on a cart, its potential energy in place of gravity's torque."""
+    return {
+        "mass_matrix": lambda q: np.array([[2.0, 0.3 * np.cos(q[1])], [0.3 * np.cos(q[1]), 0.2]]),
+        "potential_energy": lambda q: -0.3 * 9.81 * np.cos(q[1]),
+    }
+
+
+def test_a_urdf_is_suggested_for_a_cart_from_its_potential_energy() -> None:
+    # Both functions take longer arrays too: the shape of D tells that there are two joints.
+    suggestion = suggest_urdf(_cart())
+    assert suggestion.rest < 1e-6
+    assert validate(_cart(), Robot.from_xml(suggestion.urdf), rtol=1e-6).agrees

@@ -104,3 +104,13 @@ def test_sympy_expressions(tmp_path: Path, symbols: str) -> None:
     wrong = written(tmp_path, SYMPY.format(symbols=symbols, parameters=parameters(l1=0.5)))
     (cause,) = validate(wrong, robot).causes
     assert "l1 is 0.5" in " ".join((cause.text, *cause.alternatives))
+
+
+@pytest.mark.parametrize("place", ["arm", "arm/__init__.py"])
+def test_a_package_is_a_model(place: str, tmp_path: Path) -> None:
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "__init__.py").write_text("from .inside import gravity\n", encoding="utf-8")
+    (tmp_path / "arm" / "inside.py").write_text(
+        TEXT.format(values=values(), head="", me=""), encoding="utf-8"
+    )
+    assert validate(tmp_path / place, planar(1).robot).agrees
