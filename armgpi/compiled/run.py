@@ -118,7 +118,7 @@ def _written(i: int, kernel: Kernel, first: int) -> list[str]:
 
 def _text(name: str) -> str:
     """Return a file of C that comes with the package."""
-    return (files("armgpi.compiled") / name).read_text()
+    return (files("armgpi.compiled") / name).read_text(encoding="utf-8")
 
 
 class _Job(ctypes.Structure):

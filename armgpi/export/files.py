@@ -267,7 +267,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
 def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]:
     """Run a program, or say why that was not possible."""
     try:
-        return subprocess.run(command, cwd=folder, capture_output=True, timeout=_PATIENCE, check=False)
+        return build.called(command, _PATIENCE, folder)
     except (OSError, subprocess.SubprocessError) as error:
         raise BackendError(f"{command[0]} cannot be run: {error}") from None
 
