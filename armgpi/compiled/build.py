@@ -111,7 +111,9 @@ def compiler() -> Compiler:
         BackendError: when there is none.
     """
     asked = os.environ.get("CC", "")
-    commands = [(asked,)] if asked else [("cc",), ("gcc",), ("clang",)]  # a path may have spaces in it
+    commands: list[tuple[str, ...]] = (
+        [(asked,)] if asked else [("cc",), ("gcc",), ("clang",)]
+    )  # a path may have spaces in it
     with suppress(ValueError):  # a quotation without an end
         commands.append(tuple(shlex.split(asked)) or ("",))
     for command in commands:
