@@ -85,22 +85,28 @@ def called(
         OSError: when it cannot be started.
         subprocess.TimeoutExpired: when it takes longer.
     """
-    process = subprocess.Popen(
-        command,
-        cwd=folder,
-        env={**os.environ, "LC_ALL": "C"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+    # Ctrl-C waits until there is something to end.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        said = process.communicate(timeout=patience)
-    except BaseException:
-        with suppress(OSError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-        raise
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env={**os.environ, "LC_ALL": "C"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        try:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            said = process.communicate(timeout=patience)
+        except BaseException:
+            with suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            raise
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return subprocess.CompletedProcess(list(command), process.returncode, *said)
 
 
@@ -234,8 +240,9 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
         said = called(command, _PATIENCE)
         if said.returncode or not built.is_file():
             text = said.stderr.decode(errors="replace")
-            lines = [line for line in text.splitlines() if "error" in line] or ["it said nothing"]
-            raise BackendError(f"{' '.join(found.command)} failed: {lines[0]}")
+            # "final link failed: No space left on device" comes before the error that tells nothing.
+            lines = [line for line in text.splitlines() if "error" in line or "failed" in line]
+            raise BackendError(f"{' '.join(found.command)} failed: {[*lines, 'it said nothing'][0]}")
         target = folder / f"{key}-{_digest(built)}.so"
         built.replace(target)
     except subprocess.TimeoutExpired:
