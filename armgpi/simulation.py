@@ -105,12 +105,13 @@ class ClosedLoop:
         self.controller = controller
         self.reference = reference
         self.dt = controller.dt
-        first = reference.at(0.0)
+        first = _arrays(reference.at(0.0))
         if first.q.ndim not in (1, 2) or first.q.shape[-1] != plant.robot.n:
             raise ArrayError(
                 "reference",
                 f"expected targets of shape (n,) or (batch, n) with n = {plant.robot.n}, got {first.q.shape}",
             )
+        self._target_shape = first.q.shape
         self.batch = common_batch(plant.batch, controller.batch, first.q)
         if self.batch == 0:
             raise ArrayError("reference", "expected at least one rollout, got an empty batch")
@@ -138,6 +139,21 @@ class ClosedLoop:
         q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
         state = self.plant.init(q, v)
         return LoopState(0, state, self.controller.init(self._seen(self.plant.measure(state)), target))
+
+    def targets(self, times: Array) -> Target:
+        """Return the targets at some times [s], shape (k,): arrays (k, n) or (k, batch, n).
+
+        Raises:
+            ArrayError: when the reference, which may be a user's, gives something else.
+        """
+        target = _arrays(self.reference.at(times.copy()))
+        expected = (len(times), *self._target_shape)
+        if target.q.shape != expected:
+            raise ArrayError(
+                "reference",
+                f"expected targets of shape {expected} at {len(times)} times, got {target.q.shape}",
+            )
+        return target
 
     def step(self, state: LoopState, target: Target | None = None) -> LoopStep:
         """Take one sample: measure, control, and hold the torque until the next.
@@ -319,7 +335,7 @@ class _Run:
 
     def _targets(self, count: int) -> Target:
         """Return the targets of the next samples."""
-        return self.loop.reference.at(np.arange(self.done, self.done + count) * np.float64(self.loop.dt))
+        return self.loop.targets(np.arange(self.done, self.done + count) * np.float64(self.loop.dt))
 
     def _keep(self) -> None:
         """Look for divergence in the samples taken, then move them to the recording."""
@@ -373,6 +389,20 @@ class _Run:
                 values[first:, row] = np.nan
 
 
+def _arrays(target: Any) -> Target:
+    """Return a target whose three parts are arrays of floats and of one shape, or refuse it."""
+    if not isinstance(target, Target):
+        raise ArrayError("reference", f"expected a Target(q, v, a), got a {type(target).__name__}")
+    for name, part in zip(Target._fields, target, strict=True):
+        kind = part.dtype.str if isinstance(part, np.ndarray) else type(part).__name__
+        if kind != np.dtype(np.float64).str:
+            raise ArrayError("reference", f"expected targets of native float64, got {name} of {kind!r}")
+        if part.shape != target[0].shape:
+            shapes = f"{target[0].shape} and {part.shape}"
+            raise ArrayError("reference", f"expected q, v and a of one shape, got {shapes}")
+    return Target(*map(np.asarray, target))
+
+
 def _whole_steps(t_final: float, dt: float) -> int:
     """Return the number of samples in `t_final`."""
     t_final = check_number(t_final, "t_final", "a positive, finite time [s]", open_=True)
@@ -387,15 +417,11 @@ def _whole_steps(t_final: float, dt: float) -> int:
 def _check_reference(loop: ClosedLoop, t_final: float) -> None:
     """Refuse a reference that leaves the joint limits or is not finite."""
     robot = loop.plant.robot
-    numbers = loop.reference.at(0.0).q.size
+    numbers = math.prod(loop._target_shape)
     times = np.linspace(0.0, t_final, max(_FEWEST_CHECKS, min(_MOST_CHECKS, _CHECKED_NUMBERS // numbers)))
-    target = loop.reference.at(times)
+    target = loop.targets(times)
     rank = 2 if target.q.ndim == 3 or robot.batch is not None else 1
     q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
-    if q.ndim not in (2, 3) or q.shape[0] != len(times) or q.shape[-1] != robot.n:
-        raise ArrayError(
-            "reference", f"expected targets of shape ({len(times)}, ..., {robot.n}), got {target.q.shape}"
-        )
     if not all(np.isfinite(part).all() for part in target):
         raise ArrayError("reference", "expected finite positions, velocities and accelerations")
     lower, upper = robot.limits.lower, robot.limits.upper

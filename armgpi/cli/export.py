@@ -52,12 +52,25 @@ Jump = Annotated[
 ]
 
 
+Prefix = Annotated[
+    str | None,
+    typer.Option(
+        "--name",
+        metavar="NAME",
+        help="What files, functions, types and macros begin with: 'left_arm' makes left_arm.h and "
+        "left_arm_step; armgpi by default. With one each, several controllers go into one program.",
+        show_default=False,
+    ),
+]
+
+
 @stoppable
 @opt.shared(opt.experiment, opt.printing)
 def export(
     robot: opt.RobotName = None,
     out: Folder = None,
     real: Real = "double",
+    name: Prefix = None,
     on_fault: OnFault = "hold",
     frozen: Frozen = None,
     jump: Jump = 2.0,
@@ -71,7 +84,7 @@ def export(
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
-    sys.exit(_export({**own, "controllers": controller, **options}))
+    sys.exit(_export({**own, "prefix": name, "controllers": controller, **options}))
 
 
 def _export(options: dict[str, Any]) -> int:
@@ -81,6 +94,7 @@ def _export(options: dict[str, Any]) -> int:
     from armgpi import config as configuration
     from armgpi import experiment as experiments
     from armgpi.cli.settings import settings
+    from armgpi.errors import ParameterError
 
     if options["out"] is None:
         raise refusal("--out", "name a folder for the C: -o DIR")
@@ -89,16 +103,24 @@ def _export(options: dict[str, Any]) -> int:
     try:
         from armgpi.export.code import generate
         from armgpi.export.files import export_controller, record
+        from armgpi.export.names import check_name
     except ModuleNotFoundError as error:
         raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
     experiment = configuration.build(*settings(options, compare=False))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     label, controller = next(iter(experiment.controllers.items()))
     faults = _faults(options, experiment)
-    generate(controller, options["real"], faults)  # what cannot be written is refused before the simulation
+    # What cannot be written is refused before the simulation.
+    code = generate(controller, options["real"], faults)
+    try:
+        check_name(options["prefix"], code.source)
+    except ParameterError as error:
+        raise refusal("--name", str(error)) from None
     experiments.prepare(options["out"])
     log = record(experiment.plant, controller, experiment.reference, experiment.t_final)
-    done = export_controller(controller, options["out"], log, real=options["real"], faults=faults)
+    done = export_controller(
+        controller, options["out"], log, real=options["real"], faults=faults, name=options["prefix"]
+    )
     _say(done, log, label, options["as_json"])
     for file in done.files:
         typer.echo(f"wrote {file}", err=True)

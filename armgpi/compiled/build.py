@@ -9,8 +9,10 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -60,10 +62,52 @@ def _probed(command: tuple[str, ...], path: str | None) -> Compiler | None:
     if shutil.which(command[0], path=path) is None:
         return None
     try:
-        said = subprocess.run([*command, "--version"], capture_output=True, timeout=30, check=True)
+        said = called([*command, "--version"], 30.0)
     except (OSError, subprocess.SubprocessError):
         return None
-    return Compiler(command, said.stdout.decode(errors="replace"))
+    return None if said.returncode else Compiler(command, said.stdout.decode(errors="replace"))
+
+
+def called(
+    command: Sequence[str], patience: float, folder: Path | None = None
+) -> subprocess.CompletedProcess[bytes]:
+    """Run a program and return what it says, in English; on Ctrl-C, or without an answer in time, end it.
+
+    A compiler is a driver with children (cc1, ld, those of a script): in a session of their own, so that
+    all of them end, not the driver alone.
+
+    Args:
+        command: the program and its arguments.
+        patience: how long it may take [s].
+        folder: where to run it.
+
+    Raises:
+        OSError: when it cannot be started.
+        subprocess.TimeoutExpired: when it takes longer.
+    """
+    # Ctrl-C waits until there is something to end.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env={**os.environ, "LC_ALL": "C"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        try:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            said = process.communicate(timeout=patience)
+        except BaseException:
+            with suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            raise
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return subprocess.CompletedProcess(list(command), process.returncode, *said)
 
 
 def compiler() -> Compiler:
@@ -73,11 +117,15 @@ def compiler() -> Compiler:
         BackendError: when there is none.
     """
     asked = os.environ.get("CC", "")
-    for name in (asked,) if asked else ("cc", "gcc", "clang"):
-        with suppress(ValueError):  # a quotation without an end
-            found = _probed(tuple(shlex.split(name)) or ("",), os.environ.get("PATH"))
-            if found is not None:
-                return found
+    commands: list[tuple[str, ...]] = (
+        [(asked,)] if asked else [("cc",), ("gcc",), ("clang",)]
+    )  # a path may have spaces in it
+    with suppress(ValueError):  # a quotation without an end
+        commands.append(tuple(shlex.split(asked)) or ("",))
+    for command in commands:
+        found = _probed(command, os.environ.get("PATH"))
+        if found is not None:
+            return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
     raise BackendError(f"no C compiler: {wanted}; install GCC or Clang, or set CC")
 
@@ -151,13 +199,21 @@ def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
 
 def _cached(key: str) -> Path | None:
     """Return a whole entry of the cache."""
-    with suppress(OSError):
-        for path in cache_folder().glob(f"{key}-*.so"):
+    for path in _entries(cache_folder(), f"{key}-*.so"):
+        with suppress(OSError):  # a folder, or one that is not ours to read or to remove
             if path.stem.rpartition("-")[2] == _digest(path):
-                os.utime(path)
+                with suppress(OSError):  # of a cache that can only be read
+                    os.utime(path)
                 return path
             path.unlink()
     return None
+
+
+def _entries(folder: Path, pattern: str) -> list[Path]:
+    """Return the entries of a cache, none when it cannot be read."""
+    with suppress(OSError):
+        return list(folder.glob(pattern))
+    return []
 
 
 def _digest(path: Path) -> str:
@@ -178,14 +234,15 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
             raise BackendError(f"{folder}: cannot be written, nor can a temporary folder: {error}") from None
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     try:
-        (work / "loop.c").write_text(source)
+        (work / "loop.c").write_text(source, encoding="utf-8")
         built = work / "loop.so"
         command = [*found.command, *flags, "-o", str(built), str(work / "loop.c"), "-lm"]
-        said = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
+        said = called(command, _PATIENCE)
         if said.returncode or not built.is_file():
             text = said.stderr.decode(errors="replace")
-            lines = [line for line in text.splitlines() if "error" in line] or ["it said nothing"]
-            raise BackendError(f"{' '.join(found.command)} failed: {lines[0]}")
+            # "final link failed: No space left on device" comes before the error that tells nothing.
+            lines = [line for line in text.splitlines() if "error" in line or "failed" in line]
+            raise BackendError(f"{' '.join(found.command)} failed: {[*lines, 'it said nothing'][0]}")
         target = folder / f"{key}-{_digest(built)}.so"
         built.replace(target)
     except subprocess.TimeoutExpired:
@@ -202,6 +259,7 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
 def _prune(folder: Path) -> None:
     """Remove the libraries used least recently, beyond so many."""
     with suppress(OSError):
-        old = sorted(folder.glob("*-*.so"), key=lambda path: path.stat().st_mtime)[:-_KEPT]
+        old = sorted(_entries(folder, "*-*.so"), key=lambda path: path.stat().st_mtime)[:-_KEPT]
         for path in old:
-            path.unlink()
+            with suppress(OSError):
+                path.unlink()

@@ -118,7 +118,7 @@ def _written(i: int, kernel: Kernel, first: int) -> list[str]:
 
 def _text(name: str) -> str:
     """Return a file of C that comes with the package."""
-    return (files("armgpi.compiled") / name).read_text()
+    return (files("armgpi.compiled") / name).read_text(encoding="utf-8")
 
 
 class _Job(ctypes.Structure):
@@ -190,6 +190,8 @@ class CompiledRun:
             every=recording.every,
             divergence=divergence,
         )
+        if traced.table:
+            self._check_table()
         if traced.foreign:
             self._check(state, len(names))
         # Not before: a run that NumPy takes over makes rooms of its own, blank ones.
@@ -197,6 +199,20 @@ class CompiledRun:
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job.out = self._keep["out"].ctypes.data
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def _check_table(self) -> None:
+        """Refuse a reference that remembers how often it was asked: the table asks in other stretches.
+
+        Raises:
+            BackendError: naming the reference.
+        """
+        begin = np.arange(_COMPARED) * np.float64(self.loop.dt)
+        first, again = (np.concatenate(self.loop.targets(begin)) for _ in range(2))
+        if not np.array_equal(first, again, equal_nan=True):
+            name = type(self.loop.reference).__name__
+            raise BackendError(
+                f"this loop has no generated code: {name} gives something else each time that it is asked"
+            )
 
     def _check(self, state: Any, variables: int) -> None:
         """Refuse code whose samples are not NumPy's: a user's law that mixes rollouts, say.
@@ -318,7 +334,7 @@ class CompiledRun:
 
     def _fill_table(self, k0: int, k1: int) -> None:
         """Have NumPy work out the targets of some samples."""
-        target = self.loop.reference.at(np.arange(k0, k1) * np.float64(self.loop.dt))
+        target = self.loop.targets(np.arange(k0, k1) * np.float64(self.loop.dt))
         columns = np.concatenate(target, axis=-1)
         self._job.table_rows = columns.ndim == 3
         if columns.ndim == 3:
@@ -355,7 +371,7 @@ class CompiledRun:
         at_once = max(1, _TABLE // (self.rows * self._traced.n))
         for begin in range(first, recording.stored, at_once):
             times = slice(begin, min(begin + at_once, recording.stored))
-            target = self.loop.reference.at(recording.times[times])
+            target = self.loop.targets(recording.times[times])
             for name, part in zip(_TARGETS, target, strict=False):
                 rows = recording.variables[name][times].reshape(-1, self.rows, self._traced.n)
                 values = np.broadcast_to(part if part.ndim == 3 else part[:, None], rows.shape)

@@ -153,8 +153,8 @@ class Code(NamedTuple):
     """A controller as C.
 
     Attributes:
-        header: text of armgpi_controller.h.
-        source: text of armgpi_controller.c.
+        header: text of armgpi_controller.h, or of the header by another name.
+        source: text of armgpi_controller.c, or of the source by another name.
         law: what it was written from.
         real: "double" or "float".
         bounds: what it takes for a fault.
@@ -198,6 +198,11 @@ def generate(controller: Controller, real: str = "double", faults: Faults | None
             check_repeatable(code.source, lambda: written().source)
     except NotElementwise as error:
         raise BackendError(f"{type(controller).__name__} cannot be written as C: {error}") from None
+    if real == "float" and code.law.whole:
+        raise BackendError(
+            f"{type(controller).__name__} cannot be written as C in single precision: its state has an int, "
+            f"{code.law.whole[0]!r}, and a float counts no further than 16,777,216; choose double"
+        )
     return code
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from armgpi.compiled import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import BackendError, ParameterError
-from armgpi.export.names import plain
+from armgpi.export.names import check_name, plain, renamed
 from armgpi.references.reference import Target
 from armgpi.robot import Robot
 
@@ -64,25 +64,28 @@ class ExportedController(Controller):
         real: "double" or "float".
     """
 
-    def __init__(self, robot: Robot, folder: str | Path) -> None:
+    def __init__(self, robot: Robot, folder: str | Path, name: str | None = None) -> None:
         """Compile what ``armgpi export`` wrote to a folder.
 
         Args:
             robot: the robot that it was exported for.
             folder: where armgpi_controller.h and .c are.
+            name: the one that it was exported by, when it was by another (`--name`).
 
         Raises:
             BackendError: when there is no compiler, or the folder holds no exported controller.
-            ParameterError: when it is for other joints.
+            ParameterError: when it is for other joints, or the name is none.
         """
+        check_name(name)
         texts = []
-        for name in (HEADER, SOURCE):
+        for path in (Path(folder) / renamed(file, name) for file in (HEADER, SOURCE)):
             try:
-                texts.append((Path(folder) / name).read_text(encoding="utf-8"))
+                texts.append(path.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
                 reason = error.strerror if isinstance(error, OSError) else "no text"
-                raise BackendError(f"{Path(folder) / name}: cannot be read: {reason}") from None
-        self._start(robot, *texts)
+                raise BackendError(f"{path}: cannot be read: {reason}") from None
+        header, source = texts
+        self._start(robot, header, source, name)
 
     @classmethod
     def of(cls, controller: Controller, real: str = "double", faults: Any = None) -> ExportedController:
@@ -105,14 +108,16 @@ class ExportedController(Controller):
         made._start(robot, code.header, code.source)
         return made
 
-    def _start(self, robot: Robot, header: str, source: str) -> None:
+    def _start(self, robot: Robot, header: str, source: str, name: str | None = None) -> None:
         """Compile and look at what it is for."""
         # One text, as the cache of libraries wants it.
-        whole = source.replace(f'#include "{HEADER}"', header)
+        whole = source.replace(renamed(f'#include "{HEADER}"', name), header)
         self._library = build.library(whole, FLAGS)
         try:
-            info = _Info.in_dll(self._library, "armgpi_info")
-            self._init, self._step = self._library.armgpi_init, self._library.armgpi_step
+            info = _Info.in_dll(self._library, renamed("armgpi_info", name))
+            self._init, self._step = (
+                getattr(self._library, renamed(function, name)) for function in ("armgpi_init", "armgpi_step")
+            )
         except (ValueError, AttributeError) as error:
             raise BackendError(f"this is no exported controller: {error}") from None
         for function in (self._init, self._step):

@@ -21,7 +21,7 @@ from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, template
 from armgpi.export.faults import Faults
 from armgpi.export.law import INPUTS
-from armgpi.export.names import plain, source_of
+from armgpi.export.names import check_name, plain, renamed, source_of
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
 from armgpi.simulation import ClosedLoop
@@ -130,6 +130,7 @@ def export_controller(
     *,
     real: str = "double",
     faults: Faults | None = None,
+    name: str | None = None,
     measure: bool = True,
 ) -> Export:
     """Write a controller as freestanding C99 to a folder, with a README that says how to wire it.
@@ -141,6 +142,8 @@ def export_controller(
             of the joint ranges.
         real: number type in C, "double" or "float".
         faults: how faults are handled; :class:`armgpi.Faults` as it is when not given.
+        name: what files, functions, types and macros begin with in place of `armgpi`, as in `left_arm_step`;
+            with one each, several controllers go into one program.
         measure: whether to compile and run the replay, where there is a compiler.
 
     Raises:
@@ -150,17 +153,25 @@ def export_controller(
     """
     from armgpi.experiment import prepare
 
+    check_name(name)
     code = generate(controller, real, faults)
+    texts = _texts(code, _at_rest(controller) if log is None else log)
+    check_name(name, f"{code.source} {texts['main.c']}")
+    code = code._replace(header=renamed(code.header, name), source=renamed(code.source, name))
+    texts = {
+        renamed(file, name): text if file == "log.csv" else renamed(text, name)
+        for file, text in texts.items()
+    }
     folder = Path(folder)
     prepare(folder)
-    texts = _texts(code, _at_rest(controller) if log is None else log)
     measured = None
     if measure:
         with suppress(BackendError):  # there is no compiler
             measured = _replayed(texts, build.compiler())
     state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
-    texts["README.md"] = _readme(code, texts["log.csv"].count("\n") - 1, state_bytes, measured)
-    paths = [folder / name for name in texts]
+    readme = _readme(code, texts["log.csv"].count("\n") - 1, state_bytes, measured)
+    texts["README.md"] = renamed(readme, name)
+    paths = [folder / file for file in texts]
     try:
         for path, text in zip(paths, texts.values(), strict=True):
             path.write_text(text, encoding="utf-8")
@@ -230,12 +241,12 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
         folder = Path(name)
         for file, text in texts.items():
             (folder / file).write_text(text, encoding="utf-8")
-        sources = ["main.c", "armgpi_controller.c"]
+        sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
         stack = None
         # Not every compiler knows this option.
         _run([*found.command, *_BUILD, "-fstack-usage", "-c", sources[1]], folder)
         with suppress(OSError, ValueError):
-            text = (folder / "armgpi_controller.su").read_text(encoding="utf-8")
+            text = (folder / sources[1]).with_suffix(".su").read_text(encoding="utf-8")
             stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
         built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
         if built.returncode:
@@ -267,7 +278,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
 def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]:
     """Run a program, or say why that was not possible."""
     try:
-        return subprocess.run(command, cwd=folder, capture_output=True, timeout=_PATIENCE, check=False)
+        return build.called(command, _PATIENCE, folder)
     except (OSError, subprocess.SubprocessError) as error:
         raise BackendError(f"{command[0]} cannot be run: {error}") from None
 

@@ -78,6 +78,7 @@ class Law(NamedTuple):
         step: works out torque and next state.
         hold: works out the torque that carries the arm's weight, within the limits.
         foreign: whether there are laws among it that do not come with armgpi.
+        whole: paths of the parts of its state that are whole numbers, an int in Python.
     """
 
     controller: Controller
@@ -88,6 +89,7 @@ class Law(NamedTuple):
     step: Routine
     hold: Routine
     foreign: bool
+    whole: list[str]
 
     @property
     def n(self) -> int:
@@ -167,7 +169,8 @@ def _written(controller: Controller, trace: Trace, lifting: _Lifting) -> Law:
         if name in wanted or used & {x.element_hash() for x in row}
     }
     tables = [table for table in lifting.tables if used & {x.element_hash() for x in table.symbols}]
-    return Law(controller, kept, tables, parts, init, step, hold, trace.foreign)
+    whole = [path for path, value in state if isinstance(value, int)]
+    return Law(controller, kept, tables, parts, init, step, hold, trace.foreign, whole)
 
 
 class _Lifting(Lifting):

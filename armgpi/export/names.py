@@ -6,7 +6,47 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from armgpi.errors import ParameterError
 from armgpi.robot import Robot
+
+#: Files that a header and a source of the same name would be taken for.
+_FILES = ("main", "math", "float", "stdint", "stdio", "stdlib", "time")
+#: Names of an export: those of files, of functions and types, and of macros. Strings are left alone.
+_OURS = re.compile(
+    r'"(?!armgpi_controller\.[ch]")[^"\n]*"'
+    r"|armgpi_controller(?=\.[cho]\b)|\b(?:armgpi|ARMGPI)_(?:CONTROLLER_(?=H\b))?"
+)
+
+
+def check_name(name: str | None, source: str = "") -> None:
+    """Refuse what cannot stand in place of `armgpi` in some C.
+
+    Raises:
+        ParameterError: when it is no C identifier, or makes names that are taken.
+    """
+    if name is None:
+        return
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", name):
+        raise ParameterError("name", name, "a C identifier of at most 31 letters, digits and _")
+    if name.lower() in _FILES:
+        raise ParameterError("name", name, f"another one, as there are other files {name}.h and {name}.c")
+    words = set(re.findall(r"\w+", source))
+    for word in sorted(word for word in words if _OURS.match(word)):
+        if renamed(word, name) in words:
+            raise ParameterError("name", name, f"another one, as {renamed(word, name)} is used in the C")
+
+
+def renamed(text: str, name: str | None) -> str:
+    """Return C, or what goes with it, with a name in place of `armgpi` and of `armgpi_controller`."""
+
+    def ours(match: re.Match[str]) -> str:
+        if match[0].startswith('"'):
+            return match[0]
+        if match[0] == "armgpi_controller":
+            return str(name)
+        return f"{name}_" if match[0].islower() else f"{name}_".upper()
+
+    return text if name is None else _OURS.sub(ours, text)
 
 
 def identifiers(names: Sequence[str]) -> list[str]:

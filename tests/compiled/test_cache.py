@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import stat
 import subprocess
 import sys
@@ -37,14 +38,14 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return the compilations there have been so far."""
     calls: list[Any] = []
-    run = subprocess.run
+    called = build.called
 
-    def counted(command: Any, *arguments: Any, **options: Any) -> Any:
+    def counted(command: Any, *arguments: Any) -> Any:
         if "-o" in command:
             calls.append(command)
-        return run(command, *arguments, **options)
+        return called(command, *arguments)
 
-    monkeypatch.setattr(subprocess, "run", counted)
+    monkeypatch.setattr(build, "called", counted)
     return calls
 
 
@@ -96,6 +97,38 @@ def test_a_damaged_entry_is_rebuilt(cache: Path, compilations: list[Any], damage
     assert answer() == 42
     assert len(compilations) == 2
     assert len(list(cache.iterdir())) == 1
+
+
+def test_a_folder_among_the_entries_is_left_alone(cache: Path, compilations: list[Any]) -> None:
+    answer()
+    (folder := cache / entry(cache).name.replace("-", "-0")).mkdir()
+    folders = [folder, *(cache / f"{folder.name[:32]}-{i}.so" for i in range(5))]
+    for path in folders[1:]:
+        path.mkdir()
+    assert answer() == 42
+    assert len(compilations) == 1
+
+
+def test_a_cache_that_can_only_be_read_is_used(
+    cache: Path, compilations: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answer()
+
+    def refuses(*_: Any) -> None:
+        raise PermissionError(13, "Read-only file system")
+
+    monkeypatch.setattr(os, "utime", refuses)
+    assert answer() == 42
+    assert len(compilations) == 1
+
+
+def test_a_full_disk_is_an_error_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.warns(ArmgpiWarning, match="running by NumPy: .*cannot be written: No space left"):
+        simulate(*LOOP, backend="compiled")
 
 
 def test_a_dead_link_is_no_entry(cache: Path) -> None:
@@ -164,13 +197,13 @@ def test_a_second_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     first = compiled(*LOOP)
     build._loaded.clear()
     build._probed.cache_clear()
-    run = subprocess.run
+    called = build.called
 
-    def only_versions(command: Any, *arguments: Any, **options: Any) -> Any:
+    def only_versions(command: Any, *arguments: Any) -> Any:
         assert command[-1] == "--version"
-        return run(command, *arguments, **options)
+        return called(command, *arguments)
 
-    monkeypatch.setattr(subprocess, "run", only_versions)
+    monkeypatch.setattr(build, "called", only_versions)
     np.testing.assert_array_equal(compiled(*LOOP)["q"], first["q"])
 
 
@@ -213,3 +246,77 @@ def test_a_compiler_that_says_what_is_no_text(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setenv("CC", str(path))
     with pytest.raises(BackendError, match="odd-cc failed: error"):
         answer()
+
+
+def script(path: Path, text: str) -> Path:
+    """Write a compiler of one's own."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_a_compiler_whose_path_has_spaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = script(tmp_path / "my tools ü" / "cc one", 'exec cc "$@"')
+    for cc in (str(path), f"'{path}' -O1", f"env X=1 '{path}'"):
+        monkeypatch.setenv("CC", cc)
+        assert answer() == 42
+
+
+def test_a_cache_whose_path_has_spaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARMGPI_CACHE", str(tmp_path / "my cache äöü"))
+    assert [answer(), answer()] == [42, 42]
+
+
+def gone(path: Path) -> bool:
+    """Tell whether the process whose number a file holds has ended, or soon does."""
+    number = int(path.read_text())
+    for _ in range(100):
+        try:
+            state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            return True
+        if state == "Z":  # nobody asks for it here
+            return True
+        time.sleep(0.05)
+    return False
+
+
+#: A compiler that answers, then waits for a child for ever.
+HANGS = """
+case "$1" in --version) echo hangs; exit;; esac
+sleep 1000 &
+echo $! > "{pid}.new"
+mv "{pid}.new" "{pid}"
+wait
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_children_of_a_compiler_that_takes_too_long_are_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pid = tmp_path / "pid"
+    monkeypatch.setenv("CC", str(script(tmp_path / "hangs", HANGS.format(pid=pid))))
+    monkeypatch.setattr(build, "_PATIENCE", 0.5)
+    with pytest.raises(BackendError, match=r"hangs took longer than 0\.5 s"):
+        answer()
+    assert gone(pid)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_ctrl_c_ends_the_children_of_a_compiler(tmp_path: Path, cache: Path) -> None:
+    pid = tmp_path / "pid"
+    cc = script(tmp_path / "hangs", HANGS.format(pid=pid))
+    code = f"from armgpi.compiled import build\nbuild.library({SOURCE!r})"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env={**os.environ, "CC": str(cc)}, stderr=subprocess.PIPE
+    ) as process:
+        for _ in range(600):
+            if pid.exists():
+                break
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        assert b"KeyboardInterrupt" in process.communicate(timeout=30)[1]
+    assert gone(pid)
+    assert list(cache.iterdir()) == []

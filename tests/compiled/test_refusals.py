@@ -30,8 +30,9 @@ from armgpi import (
 )
 from armgpi import simulation as module
 from armgpi.compiled import build
-from armgpi.errors import ParameterError
+from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.plant import Wrapper
+from armgpi.references.reference import Reference, Target
 
 DT = 1e-3
 ARM = Robot.load("anthropomorphic3")
@@ -345,3 +346,44 @@ def test_remainders_are_of_the_exact_quotient() -> None:
     expected = simulate(RigidBodyPlant(ARM), law, MOVE, 0.03)
     got = compiled(RigidBodyPlant(ARM), law, MOVE, 0.03)
     np.testing.assert_allclose(got["q"], expected["q"], rtol=0, atol=1e-12)
+
+
+class Given(Reference):
+    """A reference that changes what a good one gives."""
+
+    def __init__(self, change: Callable[[Target, Any], Any]) -> None:
+        self.change = change
+
+    def at(self, t: Any) -> Any:
+        return self.change(MOVE.at(t), t)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda r, t: Target(*(x.astype(np.int64) for x in r)), "q of '<i8'"),
+        (lambda r, t: Target(*(x.astype(np.float32) for x in r)), "q of '<f4'"),
+        (lambda r, t: Target(*(x.astype(">f8") for x in r)), "q of '>f8'"),
+        (lambda r, t: r._replace(a=r.a.tolist()), "a of 'list'"),
+        (lambda r, t: tuple(r), "got a tuple"),
+        (lambda r, t: r._replace(v=np.zeros(3)) if np.ndim(t) else r, "of one shape"),
+        (lambda r, t: Target(*(x[:1] for x in r)) if np.ndim(t) else r, "21 times|2001 times"),
+        (lambda r, t: Target(*(x[..., :2] for x in r)), r"n = 3, got \(2,\)"),
+    ],
+)
+def test_a_reference_that_gives_no_floats(change: Any, said: str, backend: str) -> None:
+    with pytest.raises(ArrayError, match=said) as refused:
+        simulate(RigidBodyPlant(ARM), GPI(ARM, DT), Given(change), 0.02, q0=[0.0, 0.1, 0.0], backend=backend)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_reference_that_remembers_how_often_it_was_asked() -> None:
+    asked: list[Any] = []
+
+    def drifts(target: Target, t: Any) -> Target:
+        asked.append(t)
+        return target._replace(q=target.q + 1e-5 * len(asked))
+
+    with pytest.warns(ArmgpiWarning, match="running by NumPy: .*Given gives something else each time"):
+        simulate(RigidBodyPlant(ARM), GPI(ARM, DT), Given(drifts), 0.02, backend="compiled")

@@ -143,3 +143,16 @@ def test_bad_input_ends_in_one_line(
     assert said in err
     assert err.count("\n") == 1
     assert not (tmp_path / "new").exists()
+
+
+def test_a_name_of_its_own(export: Callable[..., Answer], tmp_path: Path) -> None:
+    code, out, err = export(ARM, "--t-final", "0.05", "--name", "left_arm", "-o", tmp_path)
+    assert code == 0, out + err
+    assert f"wrote {tmp_path / 'left_arm.h'}" in err
+    assert "left_arm_step(&state, q_measured, q_ref, tau)" in (tmp_path / "README.md").read_text()
+    for name, said in (("left arm", "a C identifier"), ("law", "law_init is used in the C")):
+        code, out, err = export(ARM, "--name", name, "-o", tmp_path / "other")
+        assert (code, out) == (2, "")
+        assert "--name" in err
+        assert said in err
+    assert not (tmp_path / "other").exists()

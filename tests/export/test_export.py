@@ -702,3 +702,140 @@ def test_what_is_not_a_number_is_not_cut_to_the_limit() -> None:
     )
     assert np.isfinite(tau).all()
     assert exported.report(state).status == "fault"
+
+
+# Names.
+
+
+BOTH = """
+#include "left_arm.h"
+#include "RIGHT.h"
+#include "armgpi_controller.h"
+int main(%s)
+{
+    static left_arm_state_t left;
+    static RIGHT_state_t right;
+    static armgpi_state_t plain;
+    static const double q[ARMGPI_N] = {0.1, 0.4, -0.5};
+    static const double q_ref[ARMGPI_N] = {0.2, 0.5, -0.6};
+    static const float rail[RIGHT_N] = {0.0F}, rail_ref[RIGHT_N] = {0.1F};
+    double tau[2][LEFT_ARM_N];
+    float push[RIGHT_N];
+
+    (void)left_arm_init(&left, q, q);
+    (void)armgpi_init(&plain, q, q);
+    (void)RIGHT_init(&right, rail, rail);
+    (void)left_arm_step(&left, q, q_ref, tau[0]);
+    (void)armgpi_step(&plain, q, q_ref, tau[1]);
+    (void)RIGHT_step(&right, rail, rail_ref, push);
+    return ((left.status == LEFT_ARM_STATUS_RUN) && (right.status == RIGHT_STATUS_RUN) &&
+        (left_arm_info.n == 3U) && (right.fault_joint == 0U) && (push[RIGHT_JOINT_SLIDE] > 0.0F) &&
+        (tau[0][0] >= tau[1][0]) && (tau[0][0] <= tau[1][0]) && (LEFT_ARM_DT < 1.0)) ? 0 : 1;
+}
+"""
+
+
+@compiled
+@pytest.mark.parametrize(("compiler", "standard"), [("cc", "c99"), ("g++", "c++11"), ("clang++", "c++17")])
+def test_controllers_by_other_names_go_into_one_program(compiler: str, standard: str, tmp_path: Path) -> None:
+    rail = CONTROLLERS["a rail"]()
+    sources = []
+    for controller, name, real in (
+        (GPI(ARM, 1e-3), "left_arm", "double"),
+        (rail, "RIGHT", "float"),
+        (GPI(ARM, 1e-3), None, "double"),
+    ):
+        done = export_controller(controller, tmp_path, name=name, real=real, measure=False)
+        sources.append(done.files[1].name)
+        build_object = [need("cc"), *STRICT, "-c", done.files[1].name, "-o", f"{done.files[1].name}.o"]
+        subprocess.run(build_object, cwd=tmp_path, check=True)
+    joint = f"RIGHT_JOINT_{rail.robot.joint_names[0].upper()}"
+    text = BOTH.replace("RIGHT_JOINT_SLIDE", joint) % ("" if "+" in compiler else "void")
+    (tmp_path / "both.txt").write_text(text)
+    language = "c++" if "+" in compiler else "c"
+    objects = [f"{source}.o" for source in sources]
+    flags = ["-Wall", "-Wextra", "-pedantic", "-Werror", f"-std={standard}"]
+    command = [
+        need(compiler),
+        *flags,
+        "-x",
+        language,
+        "both.txt",
+        "-x",
+        "none",
+        *objects,
+        "-o",
+        "both",
+        "-lm",
+    ]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    assert subprocess.run([str(tmp_path / "both")], check=False).returncode == 0
+
+
+@compiled
+def test_a_folder_of_another_name_replays_and_runs(tmp_path: Path) -> None:
+    text = (Path(armgpi.__file__).parents[1] / "urdf" / "anthropomorphic3.urdf").read_text()
+    robot = Robot.from_xml(text.replace('name="q1"', 'name="armgpi_q1"'))
+    done = export_controller(GPI(robot, 1e-3), tmp_path, name="arm2")
+    assert done.measured is not None
+    assert done.measured.agrees
+    assert done.measured.stack is None or done.measured.stack > 0
+    names = [path.name for path in done.files]
+    assert names == ["arm2.h", "arm2.c", "main.c", "log.csv", "Makefile", "README.md"]
+    left = {path.name: re.findall(r"\w*armgpi_\w*", path.read_text(), re.IGNORECASE) for path in done.files}
+    assert set(left["arm2.c"]) == {"armgpi_q1"}
+    assert not left["main.c"] + left["Makefile"]
+    subprocess.run([need("make"), "-s", "all", "strict"], cwd=tmp_path, check=True, capture_output=True)
+    exported = ExportedController(robot, tmp_path, "arm2")
+    seen, target = Measurement(Q), Target(Q + 0.1, REST, REST)
+    plain = ExportedController.of(GPI(robot, 1e-3))
+    np.testing.assert_array_equal(
+        exported.step(seen, target, exported.init(seen, target)).tau,
+        plain.step(seen, target, plain.init(seen, target)).tau,
+    )
+    with pytest.raises(BackendError, match=r"armgpi_controller.h: cannot be read"):
+        ExportedController(robot, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("", "a C identifier"),
+        ("2nd", "a C identifier"),
+        ("left-arm", "a C identifier"),
+        ("_left", "a C identifier"),
+        ("l\u00e4nk", "a C identifier"),
+        ("left arm\n", "a C identifier"),
+        ("a" * 32, "a C identifier"),
+        (3, "a C identifier"),
+        ("main", "other files main.h"),
+        ("Math", "other files Math.h"),
+        ("law", "law_(init|step) is used"),
+        ("armgpi", "is used in the C"),
+    ],
+)
+def test_names_that_cannot_be_are_refused(name: Any, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=said) as refused:
+        export_controller(GPI(ARM, 1e-3), tmp_path / "new", name=name, measure=False)
+    assert "\n" not in str(refused.value).replace("left arm\n", "")
+    assert not (tmp_path / "new").exists()
+
+
+class Counts(Own):
+    """As its parent, but counts in whole numbers."""
+
+    def init(self, measurement: Measurement, target: Target) -> Any:
+        return (0, measurement.q)
+
+    def step(self, measurement: Measurement, target: Target, state: Any) -> ControlStep:
+        tau, (_, last) = super().step(measurement, target, (1.0 * state[0], state[1]))
+        return ControlStep(tau, (state[0] + 1, last))
+
+
+@compiled
+def test_whole_numbers_are_not_counted_in_single_precision(tmp_path: Path) -> None:
+    with pytest.raises(BackendError, match=r"an int, '0', and a float counts no further than 16,777,216"):
+        export_controller(Counts(ARM, 1e-3), tmp_path, real="float")
+    done = export_controller(Counts(ARM, 1e-3), tmp_path)
+    assert done.measured is not None
+    assert done.measured.agrees

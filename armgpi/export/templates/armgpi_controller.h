@@ -18,6 +18,10 @@ $joints
 
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Number of joints. */
 #define ARMGPI_N (${n}U)
 /* Sample time [s]. */
@@ -90,5 +94,9 @@ $parameters,
  */
 armgpi_status_t armgpi_reset(armgpi_state_t *state,
 $parameters);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif /* ARMGPI_CONTROLLER_H */
