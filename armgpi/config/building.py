@@ -150,8 +150,8 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
         # Say whose key it is: the run's length may be the reference's, and the samples the default ones.
         given = (key for key in ("t_final", "sample_time", "reference") if key in config.model_fields_set)
         raise top.at(next(given, "t_final")).error(
-            f"expected 1 to {_MAX_SAMPLES:.0e} samples in a run, got {t_final:g} s in samples of "
-            f"{config.sample_time:g} s"
+            f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
+            f"{_MAX_SAMPLES:.0e} samples of {config.sample_time:g} s) in a run, got {t_final:g} s"
         )
     filled = {"controllers": sections, "reference": moves, "t_final": t_final}
     return Experiment(robot, plant, controllers, reference, t_final, config.model_copy(update=filled))
