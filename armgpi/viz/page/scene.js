@@ -53,6 +53,7 @@ const Armgpi = (() => {
       this.exaggeration = 1;
       this.apart = false;
       this.ghosts_wanted = true;
+      this.covered = 0;
       this.THREE = MeshCat.THREE;
       this.viewer = new MeshCat.Viewer(pane);
       this.viewer.set_3d_pane_size = () => this.resize(pane);
@@ -504,17 +505,26 @@ const Armgpi = (() => {
       this.viewer.set_dirty();
     }
 
+    /** Keep the arm out of so many pixels at the picture's left, if that leaves half of it. */
+    leave_room(covered, pane) {
+      this.covered = covered;
+      this.resize(pane);
+    }
+
     /** Fit the picture to its pane. */
     resize(pane) {
       const width = Math.max(1, pane.clientWidth), height = Math.max(1, pane.clientHeight);
-      this.viewer.camera.aspect = width / height;
-      this.viewer.camera.updateProjectionMatrix();
+      const left = this.covered <= 0.5 * width ? this.covered : 0;
+      const camera = this.viewer.camera;
+      // What the camera is aimed at fills the picture's part that is free.
+      camera.setViewOffset(width - left, height, -left, 0, width, height);
+      const aspect = camera.aspect;
       this.viewer.renderer.setPixelRatio((this.coarse ? 0.5 : 1) * window.devicePixelRatio);
       this.viewer.renderer.setSize(width, height);
       // Until the user has turned the camera, the arm stays in sight.
-      const reshaped = this.fitted && Math.abs(this.fitted - width / height) > 0.02;
+      const reshaped = this.fitted && Math.abs(this.fitted - aspect) > 0.02;
       if (reshaped && !this.turned) this.look_from(this.where);
-      this.fitted = width / height;
+      this.fitted = aspect;
       this.viewer.set_dirty();
     }
   }
