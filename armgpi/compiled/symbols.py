@@ -183,7 +183,9 @@ def _applied(
     def apply(*operands: Any) -> Any:
         check(*operands)
         if any(isinstance(x, Scalar) for x in operands):
-            return kind(function(*(ca.SX(_sx(x)) for x in operands)))
+            # CasADi's operators take numbers on their right; each SX made of one takes its time.
+            first, *others = map(_sx, operands)
+            return kind(function(first if isinstance(first, ca.SX) else ca.SX(first), *others))
         return (bool if kind is Truth else float)(function(*map(float, operands)))
 
     return apply
