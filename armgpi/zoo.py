@@ -63,7 +63,18 @@ def run(name: str) -> list[Row]:
     except ArmgpiError as error:
         nothing = (float("nan"),) * len(SCALES)
         return [
-            Row(name, 0, 0.0, False, float("nan"), nothing, nothing, float("nan"), float("nan"), str(error))
+            Row(
+                name,
+                0,
+                float("nan"),
+                False,
+                float("nan"),
+                nothing,
+                nothing,
+                float("nan"),
+                float("nan"),
+                str(error),
+            )
         ]
 
 

@@ -154,14 +154,17 @@ def _sx(x: Any) -> Any:
     return x.sx if isinstance(x, Scalar) else float(x)
 
 
+_TRUTHS = (Truth, bool, np.bool_)
+
+
 def is_truth(x: Any) -> bool:
     """Tell truths from numbers."""
-    return isinstance(x, Truth | bool | np.bool_)
+    return isinstance(x, _TRUTHS)
 
 
 def _numbers(*operands: Any) -> None:
     """Refuse arithmetic on truths alone: NumPy's has one bit (True + True is True)."""
-    if all(is_truth(x) for x in operands):
+    if all(map(is_truth, operands)):
         raise NotElementwise("it does arithmetic on truths (multiply them by 1.0 before)")
 
 
@@ -217,7 +220,8 @@ def _difference(a: Any, b: Any) -> Any:
 _less, _not_above, _equal, _unequal = (
     _applied(f, Truth, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
 )
-_multiply, _add, _subtract = map(_applied, (operator.mul, operator.add, operator.sub))
+# What these are for has looked at the operands.
+_multiply, _add, _subtract = (_applied(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
 _divide = _applied(operator.truediv, check=_free)
 _modulo = _applied(ca.fmod)
 _not_zero = _applied(lambda x: x != 0.0, Truth, _free)
