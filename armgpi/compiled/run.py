@@ -170,14 +170,16 @@ class CompiledRun:
         self._traced = traced
         self._blocks = -(-self.rows // self.lanes)
         self.threads = min(thread_count(), self._blocks)
-        padded = self._blocks * self.lanes
+        # The rollout of each lane; those without one repeat the last.
+        self._places = np.minimum(np.arange(self._blocks * self.lanes), self.rows - 1)
         names = _names(traced)
-        place = np.minimum(np.arange(padded), self.rows - 1)
         self._keep = {
             "state": self._start(traced.start),
             "shared": np.array([value for _, value in traced.shared]),
             "own": self._packed(
-                np.array([np.broadcast_to(v, self.rows)[place] for _, v in traced.own]).reshape(-1, padded)
+                np.array([np.broadcast_to(v, self.rows)[self._places] for _, v in traced.own]).reshape(
+                    -1, self._places.size
+                )
             ),
             "table": np.empty(0),
             "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
@@ -186,7 +188,7 @@ class CompiledRun:
         self._job = _Job(
             **{name: array.ctypes.data for name, array in self._keep.items()},
             rows=self.rows,
-            padded=padded,
+            padded=self._places.size,
             every=recording.every,
             divergence=divergence,
         )
@@ -273,9 +275,7 @@ class CompiledRun:
     def _start(self, columns: Array) -> Array:
         """Return the memory of blocks whose rollouts begin with these numbers (s, rollouts)."""
         recorded = np.zeros((len(_names(self._traced)) * self._traced.n, columns.shape[1]))
-        # Lanes without a rollout repeat the last one.
-        place = np.minimum(np.arange(self._blocks * self.lanes), self.rows - 1)
-        return self._packed(np.concatenate([columns, recorded])[:, place])
+        return self._packed(np.concatenate([columns, recorded])[:, self._places])
 
     def take(self, count: int) -> int:
         """Take `count` samples and record them."""

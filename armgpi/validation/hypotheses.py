@@ -460,7 +460,7 @@ def _kinematic(tree: Tree) -> Iterator[Hypothesis]:
 
     def turned(R: Array) -> Callable[[Pieces], Pieces]:
         def change(p: Pieces) -> Pieces:
-            changed = {name: p[name] @ R.T for name in ("F",) if name in p}
+            changed = {"F": p["F"] @ R.T} if "F" in p else {}
             if "J" in p:
                 changed["J"] = np.concatenate([R @ p["J"][:, :3], R @ p["J"][:, 3:]], axis=1)
             return changed
