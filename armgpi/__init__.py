@@ -14,8 +14,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if TYPE_CHECKING:
     from armgpi import errors as errors
     from armgpi import health as health
-    from armgpi import metrics as metrics
-    from armgpi import robots as robots
     from armgpi.control.controller import Controller as Controller
     from armgpi.control.controller import ControlStep as ControlStep
     from armgpi.control.controller import FullState as FullState
@@ -36,9 +34,12 @@ if TYPE_CHECKING:
     from armgpi.export.controller import ExportedController as ExportedController
     from armgpi.export.faults import Faults as Faults
     from armgpi.export.files import export_controller as export_controller
-    from armgpi.kinematics import InverseSolution as InverseSolution
-    from armgpi.kinematics import TrackingInverse as TrackingInverse
-    from armgpi.kinematics import inverse_kinematics as inverse_kinematics
+    from armgpi.loop import metrics as metrics
+    from armgpi.loop.rollout import Status as Status
+    from armgpi.loop.rollout import load as load
+    from armgpi.loop.rollout import save as save
+    from armgpi.loop.simulation import ClosedLoop as ClosedLoop
+    from armgpi.loop.simulation import simulate as simulate
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.loads import Load as Load
@@ -63,21 +64,20 @@ if TYPE_CHECKING:
     from armgpi.references.reference import ReferenceBatch as ReferenceBatch
     from armgpi.references.reference import Target as Target
     from armgpi.references.waypoints import Waypoints as Waypoints
-    from armgpi.robot import Friction as Friction
-    from armgpi.robot import Robot as Robot
-    from armgpi.robot import RobotBatch as RobotBatch
-    from armgpi.rollout import Status as Status
-    from armgpi.rollout import load as load
-    from armgpi.rollout import save as save
-    from armgpi.simulation import ClosedLoop as ClosedLoop
-    from armgpi.simulation import simulate as simulate
+    from armgpi.robot import robots as robots
+    from armgpi.robot.kinematics import InverseSolution as InverseSolution
+    from armgpi.robot.kinematics import TrackingInverse as TrackingInverse
+    from armgpi.robot.kinematics import inverse_kinematics as inverse_kinematics
+    from armgpi.robot.robot import Friction as Friction
+    from armgpi.robot.robot import Robot as Robot
+    from armgpi.robot.robot import RobotBatch as RobotBatch
     from armgpi.validation.check import validate as validate
     from armgpi.validation.derivation import Derivation as Derivation
     from armgpi.validation.derivation import derive as derive
     from armgpi.validation.report import DynamicsReport as DynamicsReport
     from armgpi.validation.skeleton import suggest_urdf as suggest_urdf
 
-_MODULES = ("errors", "health", "metrics", "robots")
+_MODULES = {"errors": "errors", "health": "health", "metrics": "loop.metrics", "robots": "robot.robots"}
 _NAMES = {
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
@@ -89,7 +89,7 @@ _NAMES = {
     "export.controller": ("ExportedController",),
     "export.faults": ("Faults",),
     "export.files": ("export_controller",),
-    "kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
+    "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.plant": ("Plant", "Wrapper"),
@@ -100,9 +100,9 @@ _NAMES = {
     "references.cartesian": ("CartesianReference",),
     "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),
     "references.waypoints": ("Waypoints",),
-    "robot": ("Friction", "Robot", "RobotBatch"),
-    "rollout": ("Status", "load", "save"),
-    "simulation": ("ClosedLoop", "simulate"),
+    "robot.robot": ("Friction", "Robot", "RobotBatch"),
+    "loop.rollout": ("Status", "load", "save"),
+    "loop.simulation": ("ClosedLoop", "simulate"),
     "validation.check": ("validate",),
     "validation.derivation": ("Derivation", "derive"),
     "validation.report": ("DynamicsReport",),
@@ -117,7 +117,7 @@ __all__ = sorted([*_MODULES, *_HOME, "__version__"])
 def __getattr__(name: str) -> object:
     """Load a public name on its first use (PEP 562)."""
     if name in _MODULES:
-        value: object = import_module(f"armgpi.{name}")
+        value: object = import_module(f"armgpi.{_MODULES[name]}")
     elif name in _HOME:
         value = getattr(import_module(f"armgpi.{_HOME[name]}"), name)
     else:

@@ -19,7 +19,7 @@ import _pinocchio
 import pinocchio as pin
 from _generated import Kernels, aligned
 
-from armgpi.compiled import build
+from armgpi.codegen import build
 
 #: The peers that need not be there; None where they are not.
 mujoco: Any = import_module("_mujoco") if find_spec("mujoco") else None

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi import Robot
-from armgpi.compiled import build
-from armgpi.compiled.emit import Dialect
-from armgpi.compiled.kernels import Arm
+from armgpi.codegen import build
+from armgpi.codegen.emit import Dialect
+from armgpi.codegen.kernels import Arm
 
 Array = npt.NDArray[np.float64]
 

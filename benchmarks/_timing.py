@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.compiled import build
-from armgpi.dynamics import cores
+from armgpi.codegen import build
 from armgpi.errors import BackendError
+from armgpi.robot.dynamics import cores
 
 #: Share of a core that each of two threads has to get: 0.86 on an idle machine, 0.5 beside one busy process.
 QUIET = 0.75

@@ -22,7 +22,7 @@ from _peer import Array
 from _timing import Contender, ratio, spread, table, take_turns
 
 import armgpi
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.control.controller import Measurement
 from armgpi.references.reference import Target
 

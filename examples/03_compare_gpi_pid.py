@@ -11,7 +11,7 @@ make its own from encoder steps, and pays with chatter of the torque.
 """
 
 from armgpi import GPI, Encoder, PIDInversion, RigidBodyPlant, Robot, Saturated, Waypoints, metrics, simulate
-from armgpi.rollout import describe_end
+from armgpi.loop.rollout import describe_end
 
 robot = Robot.load("ur5")
 start = robot.middle()

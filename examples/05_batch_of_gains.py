@@ -27,7 +27,7 @@ from armgpi import (
     metrics,
     simulate,
 )
-from armgpi.rollout import describe_end
+from armgpi.loop.rollout import describe_end
 
 DT, LATE = 1e-3, 3  # sample time [s], and by how many samples measurements are late
 

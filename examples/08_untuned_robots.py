@@ -20,7 +20,7 @@ from armgpi import (
     metrics,
     simulate,
 )
-from armgpi.rollout import describe_end
+from armgpi.loop.rollout import describe_end
 
 SCALES = (0.8, 1.0, 1.2)
 ROBOTS = {

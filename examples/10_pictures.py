@@ -24,9 +24,9 @@ from armgpi import (
     Robot,
     Saturated,
     Step,
-    experiment,
     simulate,
 )
+from armgpi.config import experiment
 from armgpi.paper.arm import PaperArm
 from armgpi.references.paths import LaserPath
 from armgpi.viz import meshcat, plots, report

@@ -10,7 +10,8 @@ import trimesh
 import xarray as xr
 
 import armgpi
-from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, Saturated, Step, experiment, simulate
+from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, Saturated, Step, simulate
+from armgpi.config import experiment
 
 HOSTILE = ("<script>alert(1)</script>", "</script><img src=x onerror=alert(1)>", "$\\frac{a}{$ _^", "_hidden")
 

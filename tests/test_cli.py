@@ -22,7 +22,7 @@ from rich.cells import cell_len
 import armgpi
 from armgpi import Status, load, metrics
 from armgpi.cli import main
-from armgpi.robots import names
+from armgpi.robot.robots import names
 
 ROOT = Path(__file__).parents[1]
 DEMO = str(ROOT / "examples" / "demo.yaml")
@@ -579,7 +579,7 @@ def test_ctrl_c_keeps_what_is_there_and_exits_with_130(name: str, tmp_path: Path
     assert (tmp_path / "out" / "experiment.yaml").is_file()
 
 
-@pytest.mark.parametrize("where", ["armgpi.config.build", "armgpi.experiment.save"])
+@pytest.mark.parametrize("where", ["armgpi.config.build", "armgpi.config.experiment.save"])
 def test_ctrl_c_outside_of_the_simulation_exits_with_130(
     where: str, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -706,7 +706,7 @@ def test_a_folder_that_cannot_be_used_is_found_before_the_run(
     def never(*_: object) -> None:
         raise AssertionError("it ran")
 
-    monkeypatch.setattr("armgpi.experiment.run", never)
+    monkeypatch.setattr("armgpi.config.experiment.run", never)
     assert cli("run", ARM, "--out", tmp_path / "file" / "below").code == 2
 
 

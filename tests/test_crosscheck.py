@@ -8,8 +8,8 @@ import pytest
 
 from armgpi import Robot
 from armgpi.cli import app
-from armgpi.crosscheck import NoSecondReading, cross_check
 from armgpi.errors import ArmgpiError
+from armgpi.health.crosscheck import NoSecondReading, cross_check
 
 FOLDER = Path(__file__).parent / "fixtures" / "urdf_cases"
 

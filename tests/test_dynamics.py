@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from strategies import Array, State, states, urdf_texts
 
 from armgpi import Robot, robots
-from armgpi.dynamics import PinocchioDynamics, stacked
+from armgpi.robot.dynamics import PinocchioDynamics, stacked
 
 SAME = 1e-13
 #: Arm -> joints to lock. Not finger_edu: it has an infinitely thin rod, which MuJoCo refuses.

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from armgpi import Status, config, experiment, load, metrics
+from armgpi import Status, config, load, metrics
+from armgpi.config import experiment
+from armgpi.config.experiment import compare, join, prepare, records, run, save, worst
 from armgpi.errors import RolloutError
-from armgpi.experiment import compare, join, prepare, records, run, save, worst
 
 ROOT = Path(__file__).parents[1]
 TEXT = """

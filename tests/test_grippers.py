@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from armgpi import Robot, grippers, robots, urdf
+from armgpi import Robot, robots
+from armgpi.robot import grippers, urdf
 
 BODY = (
     '<inertial><origin xyz="0.02 0.01 0.03"/><mass value="0.3"/>'

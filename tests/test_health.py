@@ -13,7 +13,7 @@ import pytest
 
 from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, health, robots, simulate
 from armgpi.errors import ArmgpiError, NameNotFound, UrdfError
-from armgpi.health import Finding
+from armgpi.health.report import Finding
 
 BODY = (
     '<inertial><origin xyz="0.1 0 0" rpy="0 0 0"/><mass value="1.0"/>'

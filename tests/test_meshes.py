@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from armgpi.errors import ArmgpiError
-from armgpi.meshes import MeshFinder
+from armgpi.robot.meshes import MeshFinder
 
 MANIFEST = "<package><name>{}</name></package>"
 DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></library_images></COLLADA>"

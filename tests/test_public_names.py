@@ -46,7 +46,7 @@ def test_public_names_are_sorted_unique_and_what_dir_lists() -> None:
 
 
 def test_no_name_hides_a_module_of_the_package() -> None:
-    # `import armgpi.robot` sets armgpi.robot: a class of that name would then be replaced by it.
+    # `import armgpi.robot.robot` sets armgpi.robot.robot: a class of that name would then be replaced by it.
     modules = {path.stem for path in SOURCE.parent.glob("*")}
     assert not modules & set(armgpi._HOME)
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from armgpi import GPI, Bezier, RigidBodyPlant, Robot, RobotBatch, Status, Step, load, save, simulate
 from armgpi.errors import RolloutError
-from armgpi.rollout import FORMAT, describe_end
+from armgpi.loop.rollout import FORMAT, describe_end
 
 ARM = Robot.load("anthropomorphic3")
 MOVE = Bezier([0.0, 0.0, 0.0], [0.4, 0.3, -0.2], duration=0.3)

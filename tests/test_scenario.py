@@ -24,10 +24,10 @@ from armgpi import (
     Status,
     Waypoints,
     config,
-    experiment,
     metrics,
     simulate,
 )
+from armgpi.config import experiment
 from armgpi.paper.arm import PaperArm
 
 DEMO = Path(__file__).parents[1] / "examples" / "demo.yaml"

@@ -44,7 +44,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.errors import ArmgpiError, ArrayError, LimitError, ParameterError, RolloutError
-from armgpi.rollout import Recording
+from armgpi.loop.rollout import Recording
 
 DT = 1e-3
 ARM = Robot.load("anthropomorphic3")

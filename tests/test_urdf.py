@@ -17,8 +17,8 @@ import pytest
 
 from armgpi import ArmgpiWarning, Robot
 from armgpi.errors import ArmgpiError, ArrayError, NameNotFound, UrdfError
-from armgpi.urdf import MAX_BYTES, MAX_JOINTS
-from armgpi.urdf_model import MAX_MOVING_JOINTS
+from armgpi.robot.urdf import MAX_BYTES, MAX_JOINTS
+from armgpi.robot.urdf_model import MAX_MOVING_JOINTS
 
 #: Of products of a few rotations and lengths below 1 m: some 50 times 2.2e-16.
 ROUNDING = 1e-14

@@ -17,8 +17,8 @@ from armgpi import (
     config,
     metrics,
     simulate,
-    zoo,
 )
+from armgpi.health import zoo
 
 ARM = "anthropomorphic3"
 

@@ -11,7 +11,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.words import locks, refusal, split
 
 if TYPE_CHECKING:
-    from armgpi.robot import Robot
+    from armgpi.robot.robot import Robot
 
 RobotName = Annotated[
     str,
@@ -60,7 +60,7 @@ def derive(
 
 def load(robot: str, lock: list[str] | None, keep: list[str] | None) -> Robot:
     """Load a robot with the joints that options lock or keep."""
-    from armgpi.robot import Robot
+    from armgpi.robot.robot import Robot
 
     # A joint without a value is locked where Robot.load would lock it by its name alone.
     locked: Any = locks(lock or [])

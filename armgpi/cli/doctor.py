@@ -120,7 +120,7 @@ def _package(name: str) -> Check:
 
 def _compiler() -> Check:
     """Return which C compiler makes generated code."""
-    from armgpi.compiled.build import compiler
+    from armgpi.codegen.build import compiler
     from armgpi.errors import BackendError
 
     try:
@@ -140,7 +140,7 @@ def _extra(name: str, packages: tuple[tuple[str, str], ...]) -> Check:
 
 def _example_robot_data() -> Check:
     """Return which example-robot-data is found, and how many robots of it."""
-    from armgpi import robots
+    from armgpi.robot import robots
 
     version, count = _version("example-robot-data"), len(robots.names())
     folder = robots.example_folder()
@@ -155,7 +155,7 @@ def _example_robot_data() -> Check:
 
 def _described() -> Check:
     """Return whether robot_descriptions is there."""
-    from armgpi import robots
+    from armgpi.robot import robots
 
     count = len(robots.description_names())
     if not count:

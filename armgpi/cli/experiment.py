@@ -57,11 +57,11 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     import numpy as np
 
     from armgpi import config as configuration
-    from armgpi import experiment as experiments
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
     from armgpi.cli.tables import print_tables
-    from armgpi.rollout import Status
+    from armgpi.config import experiment as experiments
+    from armgpi.loop.rollout import Status
 
     backend = known_backend(options["backend"])
     experiment = configuration.build(*settings(options, compare))
@@ -99,7 +99,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
 
 def _check_out(options: dict[str, Any]) -> None:
     """Refuse a folder for results that cannot be used: better before a long run than after it."""
-    from armgpi import experiment as experiments
+    from armgpi.config import experiment as experiments
 
     folder, config = options["out"], options["config"]
     if folder is None:

@@ -92,8 +92,8 @@ def _export(options: dict[str, Any]) -> int:
     import numpy as np
 
     from armgpi import config as configuration
-    from armgpi import experiment as experiments
     from armgpi.cli.settings import settings
+    from armgpi.config import experiment as experiments
     from armgpi.errors import ParameterError
 
     if options["out"] is None:

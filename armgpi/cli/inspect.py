@@ -15,7 +15,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.words import FAILED, locks, per_joint, split
 
 if TYPE_CHECKING:
-    from armgpi.health import Finding, HealthReport
+    from armgpi.health.report import Finding, HealthReport
 
 _Robot = Annotated[
     str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
@@ -51,7 +51,7 @@ def inspect(
     armgpi inspect ur5
     armgpi inspect my_arm.urdf --lock gripper --cross-check
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import health
+    from armgpi.health import report as health
 
     report = health.inspect(
         robot,
@@ -87,8 +87,8 @@ def _folders(given: list[Path]) -> list[Path]:
 
 def _second_opinion(report: HealthReport) -> HealthReport:
     """Return the report with what yourdfpy sees otherwise; a file that it cannot read may be sound."""
-    from armgpi.crosscheck import NoSecondReading, cross_check
-    from armgpi.health import Finding
+    from armgpi.health.crosscheck import NoSecondReading, cross_check
+    from armgpi.health.report import Finding
 
     try:
         result = cross_check(report.robot)

@@ -13,7 +13,7 @@ from armgpi.cli.words import refusal, stoppable
 if TYPE_CHECKING:
     import xarray as xr
 
-    from armgpi.robot import Robot
+    from armgpi.robot.robot import Robot
 
 _Target = Annotated[
     str,
@@ -74,8 +74,8 @@ def report(
     armgpi report results/rollout.nc
     armgpi report soft/rollout.nc stiff/rollout.nc -o both.html
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import rollout as rollouts
     from armgpi.cli import pictures
+    from armgpi.loop import rollout as rollouts
 
     pictures.check({"plot": None, "view": False, "html": None, "report": output})
     from armgpi.viz import report as reports
@@ -107,9 +107,9 @@ def _page(
     frame: str | None,
 ) -> str:
     """Return the page of what shall be shown."""
-    from armgpi import rollout as rollouts
     from armgpi.cli.words import locks, split
-    from armgpi.robot import Robot
+    from armgpi.loop import rollout as rollouts
+    from armgpi.robot.robot import Robot
     from armgpi.viz import meshcat, scene
 
     if Path(target).suffix.lower() == ".nc":
@@ -129,7 +129,7 @@ def _page(
 
 def _arm(name: str, result: xr.Dataset) -> Robot:
     """Load a robot with the joints of a rollout, all others locked."""
-    from armgpi.robot import Robot
+    from armgpi.robot.robot import Robot
 
     return Robot.load(name, keep=[str(joint) for joint in result["joint"].values])
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from armgpi.config import Experiment
-    from armgpi.robot import Robot
+    from armgpi.robot.robot import Robot
 
 #: Option -> packages that it needs.
 _NEEDS = {

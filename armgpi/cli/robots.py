@@ -14,7 +14,7 @@ import typer
 from armgpi.cli import options as opt
 
 if TYPE_CHECKING:
-    from armgpi.health import Finding
+    from armgpi.health.report import Finding
 
 #: Kind of a finding -> what to say of it in a few words.
 _REMARKS = {
@@ -32,7 +32,7 @@ _REMARKS = {
 
 def robots(as_json: opt.Json = False) -> None:
     """List the robots that can be loaded by name, with what to know of them."""
-    from armgpi.robots import EXAMPLE_ROBOT_DATA, description_names, names
+    from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, description_names, names
 
     found = names()
     rows = [_row(name) for name in found]
@@ -50,9 +50,9 @@ def robots(as_json: opt.Json = False) -> None:
 
 def _row(name: str) -> dict[str, Any]:
     """Return what to know of a robot."""
-    from armgpi import health
     from armgpi.errors import ArmgpiError
-    from armgpi.robots import EXAMPLE_ROBOT_DATA
+    from armgpi.health import report as health
+    from armgpi.robot.robots import EXAMPLE_ROBOT_DATA
 
     try:
         report = health.inspect(name)

@@ -31,8 +31,8 @@ def zoo(
     armgpi zoo ur5 panda
     armgpi zoo --out zoo.md
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import robots
-    from armgpi.zoo import markdown, run
+    from armgpi.health.zoo import markdown, run
+    from armgpi.robot import robots
 
     known = robots.names()
     for name in names or ():

@@ -14,14 +14,14 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.compiled import build
-from armgpi.compiled.emit import CallSite, Dialect, straight_line
-from armgpi.compiled.kernels import Kernel
-from armgpi.compiled.symbols import NotElementwise
-from armgpi.compiled.trace import Trace, check_repeatable, columns, trace, writing_down
-from armgpi.dynamics import thread_count
+from armgpi.codegen import build
+from armgpi.codegen.emit import CallSite, Dialect, straight_line
+from armgpi.codegen.kernels import Kernel
+from armgpi.codegen.symbols import NotElementwise
+from armgpi.codegen.trace import Trace, check_repeatable, columns, trace, writing_down
 from armgpi.errors import BackendError
-from armgpi.rollout import Recording, Status
+from armgpi.loop.rollout import Recording, Status
+from armgpi.robot.dynamics import thread_count
 
 #: What every run records, in this order; the first five belong to the sample, the others to the torque.
 _ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")

@@ -36,7 +36,6 @@ from armgpi.control.network import BSplineNetwork
 from armgpi.control.payload import payload_range
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiError, ConfigError, EffortError, NameNotFound
-from armgpi.kinematics import TrackingInverse, inverse_kinematics, postures
 from armgpi.paper.arm import PaperArm
 from armgpi.plants import actuators, loads, sensors
 from armgpi.plants.plant import Plant
@@ -46,7 +45,8 @@ from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, Inverse
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
-from armgpi.robot import Robot
+from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, postures
+from armgpi.robot.robot import Robot
 
 #: Most samples of a run: a day at 10 kHz.
 _MAX_SAMPLES = 10**9

@@ -11,7 +11,7 @@ import numpy as np
 from armgpi.arrays import Array, PerJointInput, check_number, per_joint, positive
 from armgpi.errors import EffortError, ParameterError
 from armgpi.references.reference import Target
-from armgpi.robot import AnyRobot
+from armgpi.robot.robot import AnyRobot
 
 
 class Measurement(NamedTuple):

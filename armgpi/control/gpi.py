@@ -15,7 +15,7 @@ from armgpi.control.payload import PayloadRange, payload_range
 from armgpi.control.realisation import REALISATIONS
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.references.reference import Target
-from armgpi.robot import AnyRobot, Robot
+from armgpi.robot.robot import AnyRobot, Robot
 
 
 class GPIState(NamedTuple):

@@ -19,8 +19,8 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
 from armgpi.control.gains import default_omega
 from armgpi.errors import ParameterError, PayloadError
-from armgpi.kinematics import postures
-from armgpi.robot import Robot
+from armgpi.robot.kinematics import postures
+from armgpi.robot.robot import Robot
 
 #: Least delta that the law stands for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
 LEAST_DELTA = 0.36

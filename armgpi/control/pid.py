@@ -10,7 +10,7 @@ from armgpi.arrays import Array, PerJointInput, not_negative, per_joint
 from armgpi.control.controller import Controller, ControlStep, FullState, common_batch
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
-from armgpi.robot import AnyRobot
+from armgpi.robot.robot import AnyRobot
 
 
 class PIDState(NamedTuple):

@@ -14,10 +14,10 @@ import numpy as np
 
 from armgpi import __version__
 from armgpi.arrays import Array
-from armgpi.compiled.emit import CallSite, Dialect, straight_line
-from armgpi.compiled.kernels import Call, Kernel
-from armgpi.compiled.symbols import NotElementwise
-from armgpi.compiled.trace import check_repeatable
+from armgpi.codegen.emit import CallSite, Dialect, straight_line
+from armgpi.codegen.kernels import Call, Kernel
+from armgpi.codegen.symbols import NotElementwise
+from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds

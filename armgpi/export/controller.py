@@ -9,12 +9,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.names import check_name, plain, renamed
 from armgpi.references.reference import Target
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 
 #: As the Makefile compiles. No fused multiply-add, so that every machine gives the same bits.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")

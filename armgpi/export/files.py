@@ -15,16 +15,16 @@ import numpy as np
 
 from armgpi import __version__
 from armgpi.arrays import Array
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, template
 from armgpi.export.faults import Faults
 from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
+from armgpi.loop.simulation import ClosedLoop
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
-from armgpi.simulation import ClosedLoop
 
 #: Samples of a log at most.
 MOST_SAMPLES = 100_000
@@ -151,7 +151,7 @@ def export_controller(
         BackendError: when the controller does what has no C.
         RolloutError: when the folder cannot be written to.
     """
-    from armgpi.experiment import prepare
+    from armgpi.config.experiment import prepare
 
     check_name(name)
     code = generate(controller, real, faults)

@@ -10,13 +10,13 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.compiled.kernels import Call
-from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.compiled.trace import Lifting, Trace, state_part, writing_down
+from armgpi.codegen.kernels import Call
+from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.codegen.trace import Lifting, Trace, state_part, writing_down
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 
 #: What a law may be given, in the order of the arguments in C.
 INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")

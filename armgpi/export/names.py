@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from armgpi.errors import ParameterError
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 
 #: Files that a header and a source of the same name would be taken for.
 _FILES = ("main", "math", "float", "stdint", "stdio", "stdlib", "time")

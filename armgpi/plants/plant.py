@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState
-from armgpi.robot import AnyRobot
+from armgpi.robot.robot import AnyRobot
 
 
 class PlantState(NamedTuple):

@@ -10,11 +10,11 @@ import numpy as np
 
 from armgpi.arrays import Array, as_float_array
 from armgpi.errors import ParameterError, ReachError
-from armgpi.kinematics import TrackingInverse
 from armgpi.references.paths import Path
 from armgpi.references.reference import Reference, Target
 from armgpi.references.tracking import Track
-from armgpi.robot import Robot
+from armgpi.robot.kinematics import TrackingInverse
+from armgpi.robot.robot import Robot
 
 #: From points (k, 3) [m] to the joint positions (k, n) that put the frame there, all of one branch; raises
 #: ReachError for a point out of reach.

@@ -8,9 +8,9 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import LimitError, ParameterError, ReachError
-from armgpi.kinematics import TrackingInverse
 from armgpi.references.paths import Path
 from armgpi.references.reference import Target
+from armgpi.robot.kinematics import TrackingInverse
 
 #: Time from node to node [s].
 _STEP = 0.01

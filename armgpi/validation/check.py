@@ -11,7 +11,7 @@ import numpy as np
 
 from armgpi.arrays import Array, check_number, check_whole
 from armgpi.errors import ModelError, ParameterError
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 from armgpi.validation import laws, samples
 from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.models import ARGUMENTS

@@ -18,7 +18,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ParameterError
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig
 

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 from armgpi.validation import check, laws, samples
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.samples import States

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 
 Pieces = dict[str, Array]
 

@@ -21,7 +21,7 @@ import xarray as xr
 
 from armgpi.arrays import ArrayLike, as_joint_array
 from armgpi.errors import ArmgpiError, ParameterError, RolloutError
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 from armgpi.viz import page, scene
 
 #: The only address that a page is served on.

@@ -1,7 +1,7 @@
 """Meshes of a robot, from files that nobody vouches for, as triangles.
 
 A URDF names files, and a mesh file may name others. Only files inside the robot's own package are read, by
-:mod:`armgpi.meshes`; a mesh is read into memory and parsed there, without anything that it refers to:
+:mod:`armgpi.robot.meshes`; a mesh is read into memory and parsed there, without anything that it refers to:
 textures are never opened. What cannot be used raises :class:`MeshError` with the reason, and the scene goes
 on without it.
 """
@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
-from armgpi.meshes import Found, MeshFinder
-from armgpi.robot import Robot
+from armgpi.robot.meshes import Found, MeshFinder
+from armgpi.robot.robot import Robot
 
 #: Kinds of files that are read, by their endings.
 KINDS = ("stl", "dae", "obj")

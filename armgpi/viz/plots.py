@@ -55,8 +55,8 @@ from matplotlib.ticker import MaxNLocator
 
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
-from armgpi.robot import Robot
-from armgpi.rollout import Status
+from armgpi.loop.rollout import Status
+from armgpi.robot.robot import Robot
 from armgpi.viz import style
 from armgpi.viz.tracks import (
     ToolPath,

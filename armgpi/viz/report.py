@@ -18,11 +18,12 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
-from armgpi import experiment, health
-from armgpi import rollout as rollouts
 from armgpi.arrays import Array
+from armgpi.config import experiment
 from armgpi.errors import ArmgpiError, RolloutError
-from armgpi.robot import Robot
+from armgpi.health import report as health
+from armgpi.loop import rollout as rollouts
+from armgpi.robot.robot import Robot
 from armgpi.viz import meshcat, page, scene, tracks
 
 #: Most points of a line in the plots, and most rollouts that are plotted.

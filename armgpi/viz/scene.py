@@ -19,11 +19,11 @@ import numpy.typing as npt
 import pinocchio as pin
 import xarray as xr
 
-from armgpi import urdf
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, RolloutError
-from armgpi.robot import Robot
-from armgpi.rollout import Status, describe_end
+from armgpi.loop.rollout import Status, describe_end
+from armgpi.robot import urdf
+from armgpi.robot.robot import Robot
 from armgpi.viz import meshes, tracks
 from armgpi.viz.meshes import MeshError, Triangles
 
@@ -258,7 +258,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
     except (KeyError, TypeError, ValueError, AttributeError, StopIteration):
         raise RolloutError("the rollout does not say which robot it was made with; name it") from None
-    from armgpi import robots
+    from armgpi.robot import robots
 
     name = str(rollout.attrs.get("robot", ""))
     candidates: list[Any] = [name] if name in robots.names() else []

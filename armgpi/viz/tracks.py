@@ -13,8 +13,8 @@ import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
-from armgpi.robot import Robot
-from armgpi.rollout import Status
+from armgpi.loop.rollout import Status
+from armgpi.robot.robot import Robot
 from armgpi.viz import style
 
 #: More rollouts than this are drawn as a band.

@@ -22,9 +22,9 @@ from armgpi import (
     Sine,
     config,
     default_omega,
-    zoo,
 )
 from armgpi.arrays import Array
+from armgpi.health import zoo
 
 DT = 1e-3
 BATCH = 16

@@ -24,7 +24,7 @@ import pytest
 import xarray as xr
 
 from armgpi import ArmgpiWarning, simulate
-from armgpi.compiled import build
+from armgpi.codegen import build
 
 #: Numbers that one sample of a rollout leaves behind.
 SAMPLED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")

@@ -17,7 +17,7 @@ import pytest
 from loops import compiled
 
 from armgpi import GPI, ArmgpiWarning, Bezier, RigidBodyPlant, Robot, simulate
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.errors import BackendError
 
 SOURCE = "int answer(void) { return 42; }"
@@ -182,7 +182,7 @@ def test_the_cache_is_where_it_is_said_to_be(tmp_path: Path, monkeypatch: pytest
 
 def test_two_processes_that_build_the_same_do_not_clash(cache: Path) -> None:
     code = (
-        "import sys, time; from armgpi.compiled import build\n"
+        "import sys, time; from armgpi.codegen import build\n"
         "time.sleep(max(0, float(sys.argv[1]) - time.time()))\n"
         f"sys.exit(build.library({SOURCE!r}).answer() != 42)"
     )
@@ -308,7 +308,7 @@ def test_children_of_a_compiler_that_takes_too_long_are_ended(
 def test_ctrl_c_ends_the_children_of_a_compiler(tmp_path: Path, cache: Path) -> None:
     pid = tmp_path / "pid"
     cc = script(tmp_path / "hangs", HANGS.format(pid=pid))
-    code = f"from armgpi.compiled import build\nbuild.library({SOURCE!r})"
+    code = f"from armgpi.codegen import build\nbuild.library({SOURCE!r})"
     with subprocess.Popen(
         [sys.executable, "-c", code], env={**os.environ, "CC": str(cc)}, stderr=subprocess.PIPE
     ) as process:

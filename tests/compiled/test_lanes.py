@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from armgpi.compiled import build
+from armgpi.codegen import build
 
 Array = npt.NDArray[np.float64]
 

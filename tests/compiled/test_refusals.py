@@ -28,9 +28,9 @@ from armgpi import (
     Step,
     simulate,
 )
-from armgpi import simulation as module
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.errors import ArrayError, ParameterError
+from armgpi.loop import simulation as module
 from armgpi.plants.plant import Wrapper
 from armgpi.references.reference import Reference, Target
 
@@ -276,7 +276,9 @@ def test_a_compiler_with_options(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_casadi_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith(("casadi", "armgpi.compiled."))]:
+    for name in [
+        name for name in sys.modules if name.startswith(("casadi", "armgpi.compiled.", "armgpi.codegen."))
+    ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "casadi", None)
     falls_back(GPI(ARM, DT), "casadi is not installed (pip install 'armgpi[compiled]')")

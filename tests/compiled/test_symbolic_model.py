@@ -12,12 +12,12 @@ from machines import sled, swing
 from strategies import robots_and_states
 
 from armgpi import ArmgpiWarning, Robot, RobotBatch, robots
-from armgpi.compiled.model import SymbolicModel
-from armgpi.compiled.symbols import NotElementwise
-from armgpi.dynamics import ScaledDynamics
+from armgpi.codegen.model import SymbolicModel
+from armgpi.codegen.symbols import NotElementwise
+from armgpi.robot.dynamics import ScaledDynamics
 
 ca = pytest.importorskip("casadi")
-from armgpi.compiled.kernels import Arm  # noqa: E402
+from armgpi.codegen.kernels import Arm  # noqa: E402
 
 KERNELS = {
     "inverse": 3,

@@ -12,7 +12,7 @@ import pytest
 
 import armgpi
 from armgpi.cli import main
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.errors import BackendError
 
 pytest.importorskip("casadi", reason="casadi writes the C")

@@ -42,7 +42,7 @@ from armgpi.errors import BackendError, ParameterError, RolloutError
 from armgpi.plants.loads import paper_disturbances
 
 pytest.importorskip("casadi", reason="casadi writes the C")
-from armgpi.compiled import build
+from armgpi.codegen import build
 from armgpi.export.code import generate
 from armgpi.export.files import Log, _state_bytes, record
 from armgpi.export.law import INPUTS

@@ -10,9 +10,9 @@ import pytest
 import xarray as xr
 
 from armgpi import metrics
+from armgpi.loop.rollout import describe_end
 from armgpi.paper import published
 from armgpi.paper.reproduction import runs, tables
-from armgpi.rollout import describe_end
 
 #: The paper's setting at twice its step: half the time, and the same ITAE to a few percent.
 FINE = runs.Setting(dt=2e-4, record_every=5)

@@ -22,7 +22,7 @@ from strategies import State, robots_and_states, states, urdf_texts
 from armgpi import RigidBodyPlant, Robot, RobotBatch, Sine
 from armgpi.errors import ArmgpiError, ParameterError
 from armgpi.plants.plant import PlantState
-from armgpi.robots import locate
+from armgpi.robot.robots import locate
 
 Array = npt.NDArray[np.float64]
 

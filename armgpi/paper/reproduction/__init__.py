@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import xarray as xr
 
-from armgpi.dynamics import cores
+from armgpi.config.experiment import prepare
 from armgpi.errors import RolloutError
-from armgpi.experiment import prepare
 from armgpi.paper import published
 from armgpi.paper.reproduction import figures, runs, tables
 from armgpi.paper.reproduction.tables import Sheet
+from armgpi.robot.dynamics import cores
 
 __all__ = ["Reproduction", "reproduce"]
 

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from armgpi.control.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
-from armgpi.robot import Robot
+from armgpi.robot.robot import Robot
 from armgpi.viz import plots, style
 
 #: Which panel is which, as the paper letters them.

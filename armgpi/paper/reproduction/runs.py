@@ -13,12 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from armgpi import config, metrics
+from armgpi import config
 from armgpi.arrays import Array, PerJointInput
 from armgpi.control.gpi import GPI
 from armgpi.control.network import BSplineNetwork
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiWarning
+from armgpi.loop import metrics
+from armgpi.loop.simulation import simulate
 from armgpi.paper import scenarios
 from armgpi.paper.published import TABLES
 from armgpi.plants.actuators import Saturated
@@ -28,8 +30,7 @@ from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Differentiated, Encoder
 from armgpi.references.reference import Reference, ReferenceBatch
 from armgpi.references.waypoints import Waypoints
-from armgpi.robot import Robot, RobotBatch
-from armgpi.simulation import simulate
+from armgpi.robot.robot import Robot, RobotBatch
 
 #: Factors on the D(q) that controllers believe in, in the order of Tables 2 to 4.
 SCALES = tuple(table.inertia_scale for table in TABLES)

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from armgpi import metrics
 from armgpi.arrays import Array
+from armgpi.loop import metrics
+from armgpi.loop.rollout import describe_end
 from armgpi.paper import published
 from armgpi.paper.reproduction import runs
-from armgpi.rollout import describe_end
 
 JOINTS = ("q1", "q2", "q3")
 _SEEN = {"Measurement": "positions", "FullState": "positions, velocities"}

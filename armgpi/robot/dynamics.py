@@ -1,7 +1,7 @@
 """The kernels: Pinocchio on one state or on a batch of them, without checks.
 
 :class:`Dynamics` is what a control loop calls every sample. Arrays are (n,) or (batch, n), C-contiguous,
-native float64 and trusted; :class:`armgpi.robot.Robot` has the same functions with checks.
+native float64 and trusted; :class:`armgpi.robot.robot.Robot` has the same functions with checks.
 """
 
 from __future__ import annotations

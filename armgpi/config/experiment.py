@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from armgpi import metrics, robots, rollout
 from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
-from armgpi.rollout import Status
-from armgpi.simulation import simulate
+from armgpi.loop import metrics, rollout
+from armgpi.loop.rollout import Status
+from armgpi.loop.simulation import simulate
+from armgpi.robot import robots
 
 
 def run(

@@ -37,7 +37,7 @@ import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
-from armgpi.robot import AnyRobot
+from armgpi.robot.robot import AnyRobot
 
 #: Version of the layout described above.
 FORMAT = 1

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from armgpi.compiled.symbols import NotElementwise
+from armgpi.codegen.symbols import NotElementwise
 
 #: What an instruction is in C. {0} and {1} are its operands.
 _NUMBER = {

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from armgpi.errors import RolloutError
-from armgpi.rollout import Status
+from armgpi.loop.rollout import Status
 
 Metric = Callable[[xr.Dataset], xr.DataArray]
 

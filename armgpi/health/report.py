@@ -17,13 +17,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from armgpi import grippers, robots, urdf, urdf_model
 from armgpi.arrays import Array, check_number, check_whole
 from armgpi.control.gains import Tuning, betas, default_omega
 from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning
-from armgpi.meshes import MeshFinder
-from armgpi.robot import PerJoint, Robot
+from armgpi.robot import grippers, robots, urdf, urdf_model
+from armgpi.robot.meshes import MeshFinder
+from armgpi.robot.robot import PerJoint, Robot
 
 Level = Literal["stop", "warn", "note"]
 LEVELS: tuple[Level, ...] = ("stop", "warn", "note")

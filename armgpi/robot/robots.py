@@ -197,8 +197,8 @@ def _described(name: str) -> Path:
 
 def _own_folder() -> Path:
     """Return the folder of our own URDFs: inside an installed package, beside it in a checkout."""
-    installed = Path(__file__).parent / "urdf"
-    return installed if installed.is_dir() else Path(__file__).parents[1] / "urdf"
+    installed = Path(__file__).parents[1] / "urdf"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "urdf"
 
 
 def example_folder() -> Path | None:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from armgpi.urdf import Joint, Urdf
+from armgpi.robot.urdf import Joint, Urdf
 
 #: An arm has at least so many joints before its gripper.
 _ARM = 2

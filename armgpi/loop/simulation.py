@@ -16,9 +16,9 @@ import xarray as xr
 from armgpi.arrays import Array, ArrayLike, as_joint_array, check_number, check_whole, new
 from armgpi.control.controller import Controller, FullState, Measurement, common_batch
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
+from armgpi.loop.rollout import Recording, Status, to_dataset
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.references.reference import Reference, Target
-from armgpi.rollout import Recording, Status, to_dataset
 
 if TYPE_CHECKING:
     from armgpi.compiled.run import CompiledRun
@@ -215,7 +215,7 @@ def simulate(
             where there can be none; "auto" for generated code where it saves more time than it takes to make.
 
     Returns:
-        A dataset with the dimensions time, joint and, for a batch, rollout: see :mod:`armgpi.rollout`. A
+        A dataset with the dimensions time, joint and, for a batch, rollout: see :mod:`armgpi.loop.rollout`. A
         rollout that diverges is NaN from then on and says when; the others go on. Ctrl-C ends the run
         and returns what is there, with the status "interrupted".
 

@@ -8,17 +8,19 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from armgpi import config, grippers, metrics, robots, urdf
+from armgpi import config
 from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI
 from armgpi.control.payload import largest_payload, payload_range
 from armgpi.errors import ArmgpiError, ArmgpiWarning
+from armgpi.loop import metrics
+from armgpi.loop.rollout import describe_end
+from armgpi.loop.simulation import simulate
 from armgpi.plants.actuators import Saturated
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Encoder
-from armgpi.robot import Robot, RobotBatch
-from armgpi.rollout import describe_end
-from armgpi.simulation import simulate
+from armgpi.robot import grippers, robots, urdf
+from armgpi.robot.robot import Robot, RobotBatch
 
 #: What every arm is run with.
 SCALES, DT, DELAY, BITS, HORIZON = (0.8, 1.0, 1.2), 1e-3, 1, 16, 8.0

@@ -2,7 +2,8 @@
 
 Pinocchio accepts many broken files without a word (missing inertias become zero mass, a second parent
 makes another tree), so the XML is read and checked first, in this order: the file and its XML
-(:mod:`armgpi.markup`), names, joints, inertials, the tree. :mod:`armgpi.urdf_model` makes a model of it.
+(:mod:`armgpi.robot.markup`), names, joints, inertials, the tree. :mod:`armgpi.robot.urdf_model` makes a
+model of it.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import UrdfError
-from armgpi.markup import MAX_BYTES as MAX_BYTES
-from armgpi.markup import parse_xml, xacro_hint
-from armgpi.markup import read_file as read_file
+from armgpi.robot.markup import MAX_BYTES as MAX_BYTES
+from armgpi.robot.markup import parse_xml, xacro_hint
+from armgpi.robot.markup import read_file as read_file
 
 MAX_JOINTS = 2_000
 MOVING_TYPES = ("revolute", "continuous", "prismatic")

@@ -12,10 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.compiled.emit import Code, Dialect, straight_line
-from armgpi.compiled.model import SymbolicModel
-from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, StackedDynamics
+from armgpi.codegen.emit import Code, Dialect, straight_line
+from armgpi.codegen.model import SymbolicModel
+from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.robot.dynamics import (
+    CoupledDynamics,
+    Dynamics,
+    PinocchioDynamics,
+    ScaledDynamics,
+    StackedDynamics,
+)
 
 #: How far a generated model may be from Pinocchio's, relative to the largest entry.
 _AGREEMENT = 1e-9
@@ -110,7 +116,7 @@ class Arm:
         return self.model.table[self._rows]
 
     def kernel(self, name: str) -> Kernel:
-        """Return a kernel by the name of the method of :class:`armgpi.dynamics.Dynamics`."""
+        """Return a kernel by the name of the method of :class:`armgpi.robot.dynamics.Dynamics`."""
         if name not in self.kernels:
             self.kernels[name] = self._made(name)
         return self.kernels[name]

@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, as_number, frozen
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, UrdfError
-from armgpi.urdf import WIDE_TYPES, Joint, Link, Urdf
+from armgpi.robot.urdf import WIDE_TYPES, Joint, Link, Urdf
 
 #: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
 MAX_MOVING_JOINTS = 64

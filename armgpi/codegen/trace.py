@@ -22,15 +22,15 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.compiled.kernels import Arm, Call, TracedDynamics, arm_of
-from armgpi.compiled.outside import Outside
-from armgpi.compiled.symbols import NotElementwise, Scalar, Symbols, flat, is_truth
+from armgpi.codegen.effects import Outside
+from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
+from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_truth
 from armgpi.control.splines import BSplineBasis
-from armgpi.dynamics import Dynamics, ScaledDynamics
 from armgpi.plants.loads import Load
 from armgpi.plants.rigid_body import LoadTable
 from armgpi.references.reference import Reference, Target
-from armgpi.robot import AnyRobot, Robot, RobotBatch
+from armgpi.robot.dynamics import Dynamics, ScaledDynamics
+from armgpi.robot.robot import AnyRobot, Robot, RobotBatch
 
 #: What is taken as it is: it does not change.
 _PLAIN = (
@@ -38,7 +38,7 @@ _PLAIN = (
     *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
 )
 #: Folders of what writes laws down: no place in a user's law.
-_GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("compiled", "export"))
+_GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export"))
 #: References of more operations than this are worked out by NumPy, as a table.
 _LONG_REFERENCE = 3000
 

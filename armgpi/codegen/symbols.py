@@ -453,7 +453,7 @@ def _rounded(x: Any, decimals: int = 0) -> Any:
 
 def _solve(matrix: Any, column: Any) -> Symbols:
     """Solve for symmetric, positive definite matrices, which is all that the laws here have."""
-    from armgpi.compiled.model import solve
+    from armgpi.codegen.model import solve
 
     a, b = _objects(matrix), _objects(column)
     if b.ndim == 2 and b.shape[1] == 1:

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from armgpi import robots, urdf, urdf_model
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
-from armgpi.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
+from armgpi.robot import robots, urdf, urdf_model
+from armgpi.robot.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 
 PerJoint = ArrayLike | Mapping[str, float]
 #: Smallest eigenvalue of D(q), of the largest one and alone, below which a model is singular.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.compiled.symbols import NotElementwise
+from armgpi.codegen.symbols import NotElementwise
 
 #: Things looked at, at most: what reaches more than this is not looked through to its end.
 _MOST = 10_000

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import urdf
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
-from armgpi.robot import Robot
+from armgpi.robot import urdf
+from armgpi.robot.robot import Robot
 
 #: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
 _ROUNDING = 1e-9

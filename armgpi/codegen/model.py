@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.compiled.symbols import Scalar
+from armgpi.codegen.symbols import Scalar
 
-#: An array of :class:`armgpi.compiled.symbols.Scalar` and floats; NumPy has no types for arrays of objects.
+#: An array of :class:`armgpi.codegen.symbols.Scalar` and floats; NumPy has no types for arrays of objects.
 Expressions = Any
 
 #: Entries of rotations this close to 0, 1 or -1 are that: 6e-17 is what is left of cos(pi / 2).

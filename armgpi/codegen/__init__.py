@@ -1,0 +1,1 @@
+"""From laws and robots to straight-line C: symbols, traces, kernels, compilers."""

@@ -1,0 +1,1 @@
+"""The closed loop: simulation, rollouts and what is measured of them."""

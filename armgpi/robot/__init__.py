@@ -1,0 +1,1 @@
+"""Robots: URDFs read and checked, the equations of motion, kinematics."""
