@@ -91,13 +91,13 @@ class Kernels:
         batch, k = columns.shape
         if batch % self.lanes:
             raise ValueError(f"a batch of {batch} does not fill {self.lanes} lanes")
-        room = aligned(batch * k)
-        room.reshape(-1, k, self.lanes)[:] = columns.reshape(-1, self.lanes, k).swapaxes(1, 2)
-        return room
+        buffer = aligned(batch * k)
+        buffer.reshape(-1, k, self.lanes)[:] = columns.reshape(-1, self.lanes, k).swapaxes(1, 2)
+        return buffer
 
-    def unpacked(self, room: Array, k: int) -> Array:
+    def unpacked(self, buffer: Array, k: int) -> Array:
         """Return what `packed` makes of states, as states (batch, k)."""
-        return room.reshape(-1, k, self.lanes).swapaxes(1, 2).reshape(-1, k)
+        return buffer.reshape(-1, k, self.lanes).swapaxes(1, 2).reshape(-1, k)
 
     def _run(self, name: str, at: Array, to: Array, repeats: int) -> None:
         """Call a loop of the library, which does not hold Python's lock."""
@@ -111,7 +111,7 @@ class Kernels:
 
 
 def aligned(size: int) -> Array:
-    """Return room for numbers that begins where a vector may."""
-    room = np.empty(size + 8)
-    begin = (-room.ctypes.data % 64) // 8
-    return room[begin : begin + size]
+    """Return buffer for numbers that begins where a vector may."""
+    buffer = np.empty(size + 8)
+    begin = (-buffer.ctypes.data % 64) // 8
+    return buffer[begin : begin + size]

@@ -47,7 +47,7 @@ def wandering(robot: Robot) -> Waypoints:
 
 def main() -> None:
     print(
-        "| arm | controller | number | state [bytes] | operations, worst | step [ns] | torque cut [ns] "
+        "| arm | controller | number | state [bytes] | operations, worst_case | step [ns] | torque cut [ns] "
         "| from Python | closed loop [rad] |\n|---|---|---|---|---|---|---|---|---|"
     )
     for name, robot, load in arms():
@@ -74,8 +74,8 @@ def main() -> None:
                 cut = "" if measured.cut is None else f"{measured.cut:.0f}"
                 print(
                     f"| {name} (n = {robot.n}) | {label} | {real} | {done.state_bytes} "
-                    f"| {sum(done.code.usual):,}, {sum(done.code.worst):,} | {measured.step:.0f} | {cut} "
-                    f"| {measured.difference:.1e} | {apart:.1e} |",
+                    f"| {sum(done.code.typical):,}, {sum(done.code.worst_case):,} | {measured.step:.0f} "
+                    f"| {cut} | {measured.difference:.1e} | {apart:.1e} |",
                     flush=True,
                 )
 

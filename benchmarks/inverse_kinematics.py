@@ -2,9 +2,9 @@
 
     python benchmarks/inverse_kinematics.py [--quick] [--json FILE]
 
-Poses are those of random postures inside the joint limits, so every one can be reached. They are solved one
-by one, as a user would who has one, and all in one call. Then points beyond the reach: all must say so.
-A solution counts when forward kinematics says so, not when the solver does. Times are processor times.
+Poses are those of random configurations inside the joint limits, so every one can be reached. They are solved
+one by one, as a user would who has one, and all in one call. Then points beyond the reach: all must say so. A
+solution counts when forward kinematics says so, not when the solver does. Times are processor times.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ TOLERANCE = 1e-9  # [m, rad]
 AXIS = np.array([0.0, 0.0, 1.0])
 
 
-def postures(robot: armgpi.Robot, count: int) -> Array:
-    """Random postures inside the limits, within half a turn where there are none."""
+def random_configurations(robot: armgpi.Robot, count: int) -> Array:
+    """Random configurations inside the limits, within half a turn where there are none."""
     lower, upper = np.maximum(robot.limits.lower, -np.pi), np.minimum(robot.limits.upper, np.pi)
     return np.random.default_rng(2022).uniform(lower, upper, (count, robot.n))
 
 
 def solved(robot: armgpi.Robot, frame: str, asked: dict[str, Array], q: Array) -> npt.NDArray[np.bool_]:
-    """Tell which postures are inside the limits and put the frame where it shall be."""
+    """Tell which configurations are inside the limits and put the frame where it shall be."""
     pose = robot.frame_pose(frame, q)
     good = ((q >= robot.limits.lower) & (q <= robot.limits.upper)).all(axis=-1)
     good &= np.linalg.norm(pose.translation - asked["position"], axis=-1) <= 1.01 * TOLERANCE
@@ -88,7 +88,7 @@ def main() -> None:
     rows, beyond = [], []
     for name, (lock, frame) in ARMS.items():
         robot = armgpi.Robot.load(name, lock=lock)
-        pose = robot.frame_pose(frame, postures(robot, count))
+        pose = robot.frame_pose(frame, random_configurations(robot, count))
         tasks = {
             "position": {},
             "position, axis": {"direction": pose.rotation @ AXIS},
@@ -119,8 +119,8 @@ def main() -> None:
     facts = _timing.machine(("armgpi", "pin", "numpy"))
     print(f"`python benchmarks/inverse_kinematics.py`, on {_timing.machine_line(facts)}.")
     print(
-        "\nProcessor time of one thread. Poses are those of random postures. One by one, most of the time is"
-        "\nNumPy's overhead for arrays of one row; in one call a thousand poses share it."
+        "\nProcessor time of one thread. Poses are those of random configurations. One by one, most of the"
+        "\ntime is NumPy's overhead for arrays of one row; in one call a thousand poses share it."
     )
     print(f"\n## {count} poses per arm that can be reached, to 1e-9 m and rad\n")
     head = ["arm", "asked", "solved", "iterations", "median, ms", "90 %, ms", "in one call, ms"]

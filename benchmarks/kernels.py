@@ -133,7 +133,7 @@ def _generated(
         made.call(kernel, at, to, repeats)
         return to
 
-    return Contender(run, batch * repeats, lambda room: check(made.unpacked(room, n)))
+    return Contender(run, batch * repeats, lambda buffer: check(made.unpacked(buffer, n)))
 
 
 def _pinocchio(arm: Arm, kernel: str) -> Callable[..., Array]:

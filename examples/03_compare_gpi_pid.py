@@ -25,12 +25,12 @@ arms = {
 }
 
 HEAD = "{:24} {:10} {:14} {:10} {:>8} {:>9} {:>9} {:>8}"
-print(HEAD.format("the arm is", "contender", "sees", "end", "ITAE", "peak", "final", "chatter"))
+print(HEAD.format("the arm is", "contender", "measurement", "end", "ITAE", "peak", "final", "chatter"))
 for name, arm in arms.items():
     plant = Encoder(Saturated(RigidBodyPlant(arm)), bits=16)
     for label, controller in controllers.items():
         rollout = simulate(plant, controller, reference, t_final=9.0)
-        sees = "positions" if controller.sees.__name__ == "Measurement" else "and velocities"
+        sees = "positions" if controller.measurement_type.__name__ == "Measurement" else "and velocities"
         print(
             f"{name:24} {label:10} {sees:14} {describe_end(rollout)[0]:10} "
             f"{float(metrics.itae(rollout).sum()):8.4f} {float(metrics.peak_error(rollout).max()):9.5f} "

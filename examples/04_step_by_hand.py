@@ -28,7 +28,7 @@ goal = np.zeros(3)
 stopped_at = None
 while state.k * loop.dt < 5.0:
     t = state.k * loop.dt
-    height = robot.frame_pose("tool", loop.truth(state).q).translation[2]
+    height = robot.frame_pose("tool", loop.true_state(state).q).translation[2]
     if stopped_at is None and height > HIGH:
         stopped_at = t
         print(f"t = {t:.3f} s: the tool is {height:.3f} m high, stop")
@@ -39,7 +39,7 @@ while state.k * loop.dt < 5.0:
         print(
             f"t = {t:.1f} s: height {height:.3f} m, q = {measured.q.round(3)} rad, tau = {tau.round(2)} N m"
         )
-    if stopped_at is not None and t > stopped_at + 0.1 and np.abs(loop.truth(state).v).max() < 1e-3:
+    if stopped_at is not None and t > stopped_at + 0.1 and np.abs(loop.true_state(state).v).max() < 1e-3:
         off = np.abs(goal - measured.q).max()
         print(f"t = {t:.3f} s: at rest, {off:.1e} rad from where it was told to stop")
         break

@@ -5,8 +5,8 @@
 """A controller of your own: PD with gravity compensation, and what GPI does that it cannot.
 
 A controller is three things: parameters that do not change, `init`, which makes a state, and `step`, which
-takes the state and returns the next one. What it may see is part of its type: `sees = FullState` asks for
-velocities; the default, `Measurement`, has positions only.
+takes the state and returns the next one. What it measures is part of its type: `measurement_type =
+FullState` asks for velocities; the default, `Measurement`, has positions only.
 """
 
 from typing import ClassVar
@@ -30,7 +30,7 @@ from armgpi import (
 class PDGravity(Controller):
     """tau = G(q) - Kp e - Kd e': no integrator, so no state."""
 
-    sees: ClassVar = FullState
+    measurement_type: ClassVar = FullState
 
     def __init__(self, robot: Robot, dt: float, kp: float, kd: float) -> None:
         super().__init__(robot, dt)

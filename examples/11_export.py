@@ -63,6 +63,6 @@ for k in range(1200):
     report = exported.report(after)
     if report.status == "fault":
         break
-error = abs(loop.truth(state).q[1] - target.q[1])
+error = abs(loop.true_state(state).q[1] - target.q[1])
 print(f"{1e-3 * k:.3f} s: {report.status}, {report.reason}, joint {report.joint}; it is {error:.3f} rad off")
 print(f"torque from here on: {tau.round(3)} N m, the arm's weight")

@@ -411,7 +411,7 @@ def test_a_comparison_has_the_controllers_asked_for(
     records = json.loads(cli("compare", ARM, *arguments, *SHORT, "--json").out)
     assert [record["label"] for record in records] == labels
     seen = {"gpi": "Measurement", "pid": "FullState"}
-    assert [record["sees"] for record in records] == [seen[label[:3]] for label in labels]
+    assert [record["measurement"] for record in records] == [seen[label[:3]] for label in labels]
 
 
 def test_a_run_that_ends_before_its_move_says_so(cli: Callable[..., Answer]) -> None:

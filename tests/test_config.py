@@ -92,7 +92,7 @@ PER_JOINT = st.one_of(
     st.dictionaries(st.sampled_from(["q1", "q2", "q3"]), NUMBER, min_size=1),
 )
 ANGLE = st.floats(-1.5, 1.5).map(lambda x: round(x, 4))
-POSTURE = st.one_of(
+CONFIGURATION = st.one_of(
     ANGLE,
     st.lists(ANGLE, min_size=3, max_size=3),
     st.dictionaries(st.sampled_from(["q1", "q2", "q3"]), ANGLE),
@@ -140,7 +140,7 @@ CONTROLLER = st.one_of(
 )
 POINTS = st.integers(1, 4).flatmap(
     lambda count: section(
-        {"points": st.lists(POSTURE, min_size=count, max_size=count)},
+        {"points": st.lists(CONFIGURATION, min_size=count, max_size=count)},
         durations=st.one_of(NUMBER, st.lists(NUMBER, min_size=count - 1, max_size=count - 1)),
         holds=st.one_of(NUMBER, st.lists(NUMBER, min_size=count, max_size=count)),
     )

@@ -9,7 +9,7 @@ import pytest
 from armgpi import Robot
 from armgpi.cli import app
 from armgpi.errors import ArmgpiError
-from armgpi.health.crosscheck import NoSecondReading, cross_check
+from armgpi.health.crosscheck import CrossCheckUnavailable, cross_check
 
 FOLDER = Path(__file__).parent / "fixtures" / "urdf_cases"
 
@@ -54,7 +54,7 @@ def test_what_yourdfpy_alone_cannot_read_does_not_take_the_report(
     text = (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(NoSecondReading, match=said):
+    with pytest.raises(CrossCheckUnavailable, match=said):
         cross_check(Robot.load(path))
     app(["inspect", str(path), "--cross-check"], standalone_mode=False)
     assert f"warn: file: yourdfpy {'cannot' if said == 'KeyError' else 'finds no'}" in capsys.readouterr().out

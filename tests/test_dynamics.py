@@ -71,7 +71,7 @@ class MuJoCo:
         return self.data.qacc[self.order].copy()
 
     @property
-    def bias(self) -> Array:
+    def nonlinear_effects(self) -> Array:
         return self.data.qfrc_bias[self.order].copy()
 
     @property
@@ -91,7 +91,7 @@ def check_against(oracle: MuJoCo, robot: Robot, state: State) -> None:
     D, bias = robot.mass_matrix(q), robot.nonlinear_effects(q, v)
     size = np.abs(D).sum() * np.abs(a).max() + np.abs(bias).max() + 9.81 * robot.total_mass
     np.testing.assert_allclose(oracle.inertia, D, rtol=0, atol=SAME * np.abs(D).max())
-    np.testing.assert_allclose(oracle.bias, bias, rtol=0, atol=SAME * size)
+    np.testing.assert_allclose(oracle.nonlinear_effects, bias, rtol=0, atol=SAME * size)
     # Accelerations differ by what the smallest eigenvalue of D makes of that.
     smallest = np.linalg.eigvalsh(D)[0]
     mine = robot.forward_dynamics(q, v, tau)
@@ -135,9 +135,9 @@ def test_every_row_of_a_stack_is_the_answer_of_its_own_robot() -> None:
         "inverse": (q, v, x),
         "inertia_times": (q, x),
         "inertia_solve": (q, x),
-        "bias": (q, v),
+        "nonlinear_effects": (q, v),
         "gravity": (q,),
-        "inertia": (q,),
+        "mass_matrix": (q,),
     }.items():
         expected = [getattr(part, name)(*rows) for part, *rows in zip(parts, *arguments, strict=True)]
         np.testing.assert_array_equal(
@@ -167,9 +167,9 @@ def test_what_a_kernel_returned_does_not_change_when_it_is_called_again() -> Non
         "inverse": (q, v, x),
         "inertia_times": (q, x),
         "inertia_solve": (q, x),
-        "bias": (q, v),
+        "nonlinear_effects": (q, v),
         "gravity": (q,),
-        "inertia": (q,),
+        "mass_matrix": (q,),
     }
     kept = {name: getattr(dynamics, name)(*arguments) for name, arguments in calls.items()}
     before = {name: result.copy() for name, result in kept.items()}
@@ -200,7 +200,7 @@ def test_a_robot_keeps_its_own_copy_of_the_masses() -> None:
     model.armature = np.ones(3)
     robot.with_armature(1.0), robot.with_payload("tool", 3.0), robot.scaled_inertia(2.0)
     np.testing.assert_array_equal(robot.mass_matrix(q), before)
-    assert PinocchioDynamics(model).inertia(q)[0, 0] > before[0, 0] + 1.0
+    assert PinocchioDynamics(model).mass_matrix(q)[0, 0] > before[0, 0] + 1.0
 
 
 def test_results_do_not_depend_on_the_number_of_threads() -> None:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from armgpi import Status, config, load, metrics
 from armgpi.config import experiment
-from armgpi.config.experiment import compare, join, prepare, records, run, save, worst
+from armgpi.config.experiment import compare, join, overall_status, prepare, records, run, save
 from armgpi.errors import RolloutError
 
 ROOT = Path(__file__).parents[1]
@@ -77,7 +77,7 @@ def test_controllers_without_labels_are_told_apart(whole: config.Experiment) -> 
 
 def test_a_comparison_is_the_single_runs_side_by_side(whole: config.Experiment, compared: xr.Dataset) -> None:
     assert list(compared["label"].values) == list(whole.controllers)
-    assert list(compared["sees"].values) == ["Measurement", "FullState", "Measurement"]
+    assert list(compared["measurement"].values) == ["Measurement", "FullState", "Measurement"]
     provenance = json.loads(compared.attrs["provenance"])
     for i, label in enumerate(whole.controllers):
         one = run(whole, label)
@@ -87,7 +87,7 @@ def test_a_comparison_is_the_single_runs_side_by_side(whole: config.Experiment, 
 
 
 def test_every_contender_meets_the_same_noise(compared: xr.Dataset) -> None:
-    # The first sample of all of them: the same true posture, the same noise.
+    # The first sample of all of them: the same true configuration, the same noise.
     first = compared["q_measured"].isel(time=0).values
     np.testing.assert_array_equal(first, np.broadcast_to(first[0], first.shape))
     assert (first != compared["q"].isel(time=0).values).any()
@@ -139,7 +139,7 @@ def test_ctrl_c_ends_a_comparison_after_the_rollout_it_stopped(
         assert np.isnan(stopped[name][1, 100:]).all()
     found = records(stopped)
     assert [record["end"] for record in found] == ["finished", "interrupted at 0.1 s"]
-    assert worst(found) is Status.INTERRUPTED
+    assert overall_status(found) is Status.INTERRUPTED
     # Figures of what is there: those of the whole run up to then.
     expected = metrics.iae(compared.isel(rollout=1, time=slice(0, 100)))
     np.testing.assert_allclose(found[1]["metrics"]["iae"], expected, rtol=1e-12)
@@ -152,7 +152,7 @@ def test_records_are_json_with_the_figures_of_every_joint(compared: xr.Dataset) 
     found = json.loads(json.dumps(records(compared), allow_nan=False))
     table = metrics.summary(compared)
     for i, record in enumerate(found):
-        assert set(record) == {"label", "sees", "status", "end", "joints", "metrics"}
+        assert set(record) == {"label", "measurement", "status", "end", "joints", "metrics"}
         assert record["joints"] == ["q1", "q2", "q3"]
         assert record["status"] == record["end"] == "finished"
         assert set(record["metrics"]) == set(metrics.ALL)
@@ -174,7 +174,7 @@ def test_the_figures_of_a_diverged_rollout_are_null() -> None:
     assert record["status"] == "diverged"
     assert record["end"].startswith("diverged at ")
     assert all(value is None for values in record["metrics"].values() for value in values)
-    assert worst([record]) is Status.DIVERGED
+    assert overall_status([record]) is Status.DIVERGED
 
 
 @pytest.mark.parametrize("at", [0, 1])
@@ -201,7 +201,7 @@ def test_a_run_that_was_stopped_at_once_has_no_figures_but_a_record(
     ],
 )
 def test_the_worst_end_is_that_of_the_whole(statuses: tuple[str, ...], expected: Status) -> None:
-    assert worst({"status": status} for status in statuses) is expected
+    assert overall_status({"status": status} for status in statuses) is expected
 
 
 # The folder.

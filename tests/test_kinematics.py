@@ -178,7 +178,7 @@ def test_full_turns_are_those_nearest_to_the_posture_asked_for() -> None:
 def test_a_stretched_arm_is_found_and_left() -> None:
     robot, frame = load("ur5")
     stretched = robot.frame_pose(frame, np.zeros(6))
-    # At the edge of the reach half a nanometre lies 1e-5 rad from the posture.
+    # At the edge of the reach half a nanometre lies 1e-5 rad from the configuration.
     found = inverse_kinematics(robot, frame, stretched.translation, near=np.full(6, 0.7))
     assert found.reached
     inwards = stretched.translation * np.array([0.7, 1.0, 1.0])

@@ -1,8 +1,8 @@
 """The scenario used everywhere as ours: 40 s of the paper's arm, against its figures and a slow twin.
 
-The paper gives neither horizon nor posture, moves or gains. Ours: brakes released at q = 0, hold to 1 s, to
-(0.8, 0.4, -0.4) rad by 4 s, hold, back between 12 and 15 s, hold to 40 s; eqs. 29-31; 1 kHz; ideal sensors;
-omega_c = p_c = 20 rad/s, zeta_c = 1, started from zero.
+The paper gives neither horizon nor configuration, moves or gains. Ours: brakes released at q = 0, hold
+to 1 s, to (0.8, 0.4, -0.4) rad by 4 s, hold, back between 12 and 15 s, hold to 40 s; eqs. 29-31; 1 kHz;
+ideal sensors; omega_c = p_c = 20 rad/s, zeta_c = 1, started from zero.
 """
 
 from __future__ import annotations

@@ -215,7 +215,7 @@ def test_a_state_can_be_stepped_from_again_with_the_same_result() -> None:
     again = loop.step(state)
     for step in first:
         np.testing.assert_array_equal(step.tau, again.tau)
-        np.testing.assert_array_equal(loop.truth(step.state).q, loop.truth(again.state).q)
+        np.testing.assert_array_equal(loop.true_state(step.state).q, loop.true_state(again.state).q)
         again = loop.step(again.state)
 
 
@@ -224,24 +224,26 @@ def test_a_state_can_be_stepped_from_again_with_the_same_result() -> None:
 
 # 600 samples are more than two of the stretches that `simulate` works in.
 @pytest.mark.parametrize("batch", [None, 2])
-@pytest.mark.parametrize("sees", [GPI, PIDInversion])
-def test_steps_by_hand_equal_simulate_bit_by_bit(sees: type[Controller], batch: int | None) -> None:
+@pytest.mark.parametrize("controller_class", [GPI, PIDInversion])
+def test_steps_by_hand_equal_simulate_bit_by_bit(
+    controller_class: type[Controller], batch: int | None
+) -> None:
     plant = Delayed(Noisy(Saturated(RigidBodyPlant(ARM, Sine([0.1, 0.2, 0.3], 7.0))), 1e-4, seed=2), 1)
-    controller = sees(ARM, DT)
+    controller = controller_class(ARM, DT)
     q0 = np.zeros(3) if batch is None else np.zeros((batch, 3))
     rollout = simulate(plant, controller, MOVE, 0.6, q0=q0)
     loop = ClosedLoop(plant, controller, MOVE)
     state = loop.init(q0)
     for k in range(600):
         now = rollout.isel(time=k)
-        truth = loop.truth(state)
+        truth = loop.true_state(state)
         np.testing.assert_array_equal(now["q"], truth.q)
         np.testing.assert_array_equal(now["v"], truth.v)
         state, measured, tau = loop.step(state)
         np.testing.assert_array_equal(now["q_measured"], measured.q)
         np.testing.assert_array_equal(now["tau_command"], tau)
-        np.testing.assert_array_equal(now["tau"], loop.truth(state).tau)
-    np.testing.assert_array_equal(rollout["q"].isel(time=600), loop.truth(state).q)
+        np.testing.assert_array_equal(now["tau"], loop.true_state(state).tau)
+    np.testing.assert_array_equal(rollout["q"].isel(time=600), loop.true_state(state).q)
 
 
 def test_a_target_given_to_step_stands_in_for_the_reference() -> None:
@@ -276,7 +278,7 @@ def test_an_output_feedback_controller_is_shown_positions_alone_and_as_measured(
 
 def test_a_controller_that_needs_velocities_is_shown_them() -> None:
     class WatchingAll(Watching):
-        sees = FullState
+        measurement_type = FullState
 
     controller = WatchingAll(ARM, DT)
     rollout = simulate(RigidBodyPlant(ARM), controller, MOVE, 0.02)

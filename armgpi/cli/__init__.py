@@ -13,9 +13,9 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import derive, doctor, experiment, export, inspect, look, paper, robots, validate, zoo
+from armgpi.cli import derive, doctor, experiment, export, inspect, paper, robots, validate, view, zoo
 from armgpi.cli.options import FLAG
-from armgpi.cli.words import BAD_INPUT, INTERRUPTED
+from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED
 
 app = typer.Typer(
     help="Torque control of any robot arm from its URDF and measured positions alone.",
@@ -33,8 +33,8 @@ app.command()(doctor.doctor)
 app.command()(zoo.zoo)
 app.command()(paper.reproduce)
 app.command()(paper.scenarios)
-app.command()(look.view)
-app.command()(look.report)
+app.command()(view.view)
+app.command()(view.report)
 app.command()(validate.validate)
 app.command()(derive.derive)
 app.command()(export.export)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import locks, refusal, split
+from armgpi.cli.parsing import locks, refusal, split
 
 if TYPE_CHECKING:
     from armgpi.robot.robot import Robot

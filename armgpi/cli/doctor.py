@@ -14,7 +14,7 @@ from typing import NamedTuple
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED
+from armgpi.cli.parsing import FAILED
 
 #: Extra -> the packages that it brings, by distribution and module.
 _EXTRAS = {

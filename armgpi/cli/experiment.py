@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
+from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
 
 #: How often along the reference gravity is compared with effort.
 _LOOKS = 401
@@ -90,11 +90,11 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         typer.echo(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
-    if experiments.worst(records) == Status.DIVERGED:
+    if experiments.overall_status(records) == Status.DIVERGED:
         name = experiment.config.robot.name
         typer.echo(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
-    return code[experiments.worst(records)]
+    return code[experiments.overall_status(records)]
 
 
 def _check_out(options: dict[str, Any]) -> None:
@@ -118,7 +118,7 @@ def _note_early_end(experiment: Experiment) -> None:
 
 
 def _warn_of_weak_motors(experiment: Experiment) -> None:
-    """Say where the reference leads to postures at which gravity exceeds a joint's effort limit."""
+    """Say where the reference leads to configurations at which gravity exceeds a joint's effort limit."""
     import numpy as np
 
     robot = experiment.plant.robot

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED, OK, refusal, stoppable
+from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -150,14 +150,14 @@ def _faults(options: dict[str, Any], experiment: Experiment) -> Any:
 
 def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
     """Print what the exported code takes."""
-    measured, usual, worst = done.measured, done.code.usual, done.code.worst
+    measured, typical, worst_case = done.measured, done.code.typical, done.code.worst_case
     figures: dict[str, Any] = {
         "controller": label,
         "real": done.code.real,
         "samples": len(log.tau),
         "state_bytes": done.state_bytes,
-        "operations": sum(usual),
-        "worst_operations": sum(worst),
+        "operations": sum(typical),
+        "worst_operations": sum(worst_case),
         "compiler": None if measured is None else measured.compiler,
         "difference": None if measured is None else measured.difference,
         "step_ns": None if measured is None else measured.step,
@@ -173,7 +173,7 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         f"{done.code.law.n} joints, as C in {done.folder}"
     )
     typer.echo(f"  state                    {done.state_bytes} bytes")
-    typer.echo(f"  operations of a step     {sum(usual):,}, at worst {sum(worst):,}")
+    typer.echo(f"  operations of a step     {sum(typical):,}, at worst_case {sum(worst_case):,}")
     if measured is None:
         typer.echo("  not compiled here: there is no C compiler; `make` in the folder replays the log")
         return

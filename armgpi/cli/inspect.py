@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED, locks, per_joint, split
+from armgpi.cli.parsing import FAILED, locks, per_joint, split
 
 if TYPE_CHECKING:
     from armgpi.health.report import Finding, HealthReport
@@ -77,7 +77,7 @@ def inspect(
 
 def _folders(given: list[Path]) -> list[Path]:
     """Return the package folders, refusing what is none."""
-    from armgpi.cli.words import refusal
+    from armgpi.cli.parsing import refusal
 
     for folder in given:
         if not os.path.isdir(folder):
@@ -87,12 +87,12 @@ def _folders(given: list[Path]) -> list[Path]:
 
 def _second_opinion(report: HealthReport) -> HealthReport:
     """Return the report with what yourdfpy sees otherwise; a file that it cannot read may be sound."""
-    from armgpi.health.crosscheck import NoSecondReading, cross_check
+    from armgpi.health.crosscheck import CrossCheckUnavailable, cross_check
     from armgpi.health.report import Finding
 
     try:
         result = cross_check(report.robot)
-    except NoSecondReading as error:
+    except CrossCheckUnavailable as error:
         repair = "nothing, if other tools read it: there is just no second opinion"
         finding = Finding("warn", "cross-check", "file", None, None, str(error), repair)
         return report.with_findings([finding])
@@ -146,8 +146,8 @@ def _show(report: HealthReport) -> None:
     console.print(table, soft_wrap=False)
     control = facts["control"]
     console.print(
-        f"over {facts['postures']} postures: D(q) has eigenvalues from {facts['least_eigenvalue']:.3g} and "
-        f"condition up to {facts['condition']:.3g}"
+        f"over {facts['configurations']} configurations: D(q) has eigenvalues from "
+        f"{facts['least_eigenvalue']:.3g} and condition up to {facts['condition']:.3g}"
     )
     console.print(
         f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
@@ -168,7 +168,7 @@ def _show(report: HealthReport) -> None:
         check = facts["cross_check"]
         console.print(
             f"cross-check: yourdfpy sees the same axes, limits and poses of {check['links']} links at "
-            f"{check['postures']} postures, to {max(check['position'], check['rotation']):.1g}"
+            f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
         )
     _show_findings(console, report.findings)
 

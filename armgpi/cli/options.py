@@ -42,14 +42,16 @@ Controllers = Annotated[
 To = Annotated[
     str | None,
     typer.Option(
-        metavar="POSTURE",
+        metavar="CONFIGURATION",
         help="Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
     ),
 ]
 Start = Annotated[
     str | None,
     typer.Option(
-        "--from", metavar="POSTURE", help="Start, given as --to; the middle of the joint ranges by default."
+        "--from",
+        metavar="CONFIGURATION",
+        help="Start, given as --to; the middle of the joint ranges by default.",
     ),
 ]
 PathName = Annotated[

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from armgpi.cli.options import FLAG, Backend, Report
-from armgpi.cli.words import known_backend, refusal, stoppable
+from armgpi.cli.parsing import known_backend, refusal, stoppable
 
 
 @stoppable
@@ -50,7 +50,9 @@ def reproduce(
     if report is not None:
         from armgpi.viz import report as reports
 
-        page = reports.build(reports.together(done.contenders), title="The paper's scenario 5.3, reproduced")
+        page = reports.build(
+            reports.merge_rollouts(done.contenders), title="The paper's scenario 5.3, reproduced"
+        )
         typer.echo(f"wrote {reports.write(page, report)}", err=True)
 
 

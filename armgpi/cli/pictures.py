@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from armgpi.cli.words import refusal
+from armgpi.cli.parsing import refusal
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from armgpi import config as configuration
-from armgpi.cli.words import locks, per_joint, refusal, split
+from armgpi.cli.parsing import locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin
 from armgpi.paper import scenarios
 

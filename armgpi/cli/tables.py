@@ -57,7 +57,7 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         note = f"; left its joint limits by up to {excess:.3g}" if excess > _ROUNDING else ""
-        console.print(f"{record['label']}: {record['end']}; sees {seen[record['sees']]}{note}")
+        console.print(f"{record['label']}: {record['end']}; measures {seen[record['measurement']]}{note}")
 
 
 def _sliding(columns: _Columns) -> _Columns:

@@ -10,7 +10,7 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.derive import load, write
-from armgpi.cli.words import FAILED, INTERRUPTED, OK, refusal
+from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, refusal
 
 Model = Annotated[
     str,

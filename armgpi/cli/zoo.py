@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import FAILED, refusal, stoppable
+from armgpi.cli.parsing import FAILED, refusal, stoppable
 
 
 @stoppable

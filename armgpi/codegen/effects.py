@@ -40,7 +40,7 @@ class _Place(NamedTuple):
         return bool(now != before)
 
 
-class Outside:
+class SideEffects:
     """What laws reach outside of themselves, as it was when :meth:`watch` was called."""
 
     def __init__(self) -> None:

@@ -58,7 +58,7 @@ class Code:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How numbers and truths are written.
+    """How numbers and booleans are written.
 
     Attributes:
         number: type of a number.

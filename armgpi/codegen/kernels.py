@@ -123,7 +123,7 @@ class Arm:
 
     def _made(self, name: str) -> Kernel:
         n, model = self.model.n, self.model
-        count = {"forward": 3, "inverse": 3, "gravity": 1, "inertia": 1}.get(name, 2)
+        count = {"forward": 3, "inverse": 3, "gravity": 1, "mass_matrix": 1}.get(name, 2)
         symbols = [[Scalar(ca.SX.sym(f"{letter}{i}")) for i in range(n)] for letter in "qxy"[:count]]
         arrays = [np.array(row, dtype=object) for row in symbols]
         q = arrays[0]
@@ -135,12 +135,12 @@ class Arm:
             result = model.inverse(q, None, arrays[1], weight=False)
         elif name == "inertia_solve":
             result = model.solved(q, arrays[1])
-        elif name == "bias":
+        elif name == "nonlinear_effects":
             result = model.inverse(q, arrays[1], None)
         elif name == "gravity":
             result = model.inverse(q, None, None)
         else:
-            result = model.inertia(q).ravel()
+            result = model.mass_matrix(q).ravel()
         kernel = Kernel(
             f"{name}_{self.model.digest}",
             (n,) * count,
@@ -205,18 +205,18 @@ class TracedDynamics:
         """Return D(q)^-1 tau."""
         return self._called("inertia_solve", q, tau)
 
-    def bias(self, q: Any, v: Any) -> Symbols:
+    def nonlinear_effects(self, q: Any, v: Any) -> Symbols:
         """Return C(q, v) v + G(q)."""
-        return self._called("bias", q, v)
+        return self._called("nonlinear_effects", q, v)
 
     def gravity(self, q: Any) -> Symbols:
         """Return G(q)."""
         return self._called("gravity", q)
 
-    def inertia(self, q: Any) -> Symbols:
+    def mass_matrix(self, q: Any) -> Symbols:
         """Return D(q)."""
         n = self.arm.model.n
-        return self._called("inertia", q).reshape(n, n)
+        return self._called("mass_matrix", q).reshape(n, n)
 
     def _called(self, name: str, *arguments: Any) -> Symbols:
         """Note a call and return the symbols of its result."""

@@ -202,7 +202,7 @@ class SymbolicModel:
                 moments[body.parent] = moments[body.parent] + moment + _cross(position, force)
         return tau if self._ratio is None else self._ratio.T @ tau
 
-    def inertia(self, q: Expressions) -> Expressions:
+    def mass_matrix(self, q: Expressions) -> Expressions:
         """Return D(q), shape (n, n), in the way that takes fewer operations here."""
         if self._way is not None:
             return self._way(q)
@@ -255,11 +255,11 @@ class SymbolicModel:
 
     def forward(self, q: Expressions, v: Expressions, tau: Expressions) -> Expressions:
         """Return D(q)^-1 (tau - C(q, v) v - G(q))."""
-        return solve(self.inertia(q), tau - self.inverse(q, v, None, weight=True))
+        return solve(self.mass_matrix(q), tau - self.inverse(q, v, None, weight=True))
 
     def solved(self, q: Expressions, tau: Expressions) -> Expressions:
         """Return D(q)^-1 tau."""
-        return solve(self.inertia(q), tau)
+        return solve(self.mass_matrix(q), tau)
 
     def _all(self, q: Expressions) -> Expressions:
         """Return the positions of all bodies' joints."""

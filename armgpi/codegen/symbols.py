@@ -138,7 +138,7 @@ class Scalar:
         return _remainder(self, other) if _is_one(other) else NotImplemented
 
 
-class Truth(Scalar):
+class Bool(Scalar):
     """What is true or false, as NumPy's bool: its sums and bits are other ones than those of numbers."""
 
     __slots__ = ()
@@ -154,23 +154,23 @@ def _sx(x: Any) -> Any:
     return x.sx if isinstance(x, Scalar) else float(x)
 
 
-_TRUTHS = (Truth, bool, np.bool_)
+_TRUTHS = (Bool, bool, np.bool_)
 
 
-def is_truth(x: Any) -> bool:
-    """Tell truths from numbers."""
+def is_bool(x: Any) -> bool:
+    """Tell booleans from numbers."""
     return isinstance(x, _TRUTHS)
 
 
 def _numbers(*operands: Any) -> None:
-    """Refuse arithmetic on truths alone: NumPy's has one bit (True + True is True)."""
-    if all(map(is_truth, operands)):
-        raise NotElementwise("it does arithmetic on truths (multiply them by 1.0 before)")
+    """Refuse arithmetic on booleans alone: NumPy's has one bit (True + True is True)."""
+    if all(map(is_bool, operands)):
+        raise NotElementwise("it does arithmetic on booleans (multiply them by 1.0 before)")
 
 
 def _truths(*operands: Any) -> None:
     """Refuse operations on the bits of numbers."""
-    if not all(is_truth(x) for x in operands):
+    if not all(is_bool(x) for x in operands):
         raise NotElementwise("it works on the bits of numbers (&, |, ~)")
 
 
@@ -189,7 +189,7 @@ def _applied(
             # CasADi's operators take numbers on their right; each SX made of one takes its time.
             first, *others = map(_sx, operands)
             return kind(function(first if isinstance(first, ca.SX) else ca.SX(first), *others))
-        return (bool if kind is Truth else float)(function(*map(float, operands)))
+        return (bool if kind is Bool else float)(function(*map(float, operands)))
 
     return apply
 
@@ -218,18 +218,18 @@ def _difference(a: Any, b: Any) -> Any:
 
 
 _less, _not_above, _equal, _unequal = (
-    _applied(f, Truth, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
+    _applied(f, Bool, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
 )
 # What these are for has looked at the operands.
 _multiply, _add, _subtract = (_applied(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
 _divide = _applied(operator.truediv, check=_free)
 _modulo = _applied(ca.fmod)
-_not_zero = _applied(lambda x: x != 0.0, Truth, _free)
+_not_zero = _applied(lambda x: x != 0.0, Bool, _free)
 
 
 def _number(x: Any) -> Any:
     """Return a truth as the number that it is, and a number as it is."""
-    return Scalar(x.sx) if isinstance(x, Truth) else x
+    return Scalar(x.sx) if isinstance(x, Bool) else x
 
 
 def _remainder(a: Any, b: Any) -> Any:
@@ -246,7 +246,7 @@ def rint(x: Scalar) -> Scalar:
 
 def select(condition: Any, yes: Any, no: Any) -> Any:
     """Return `yes` where the condition holds, else `no`."""
-    kind: Any = Truth if is_truth(yes) and is_truth(no) else Scalar
+    kind: Any = Bool if is_bool(yes) and is_bool(no) else Scalar
     if not isinstance(condition, Scalar):
         return yes if condition else no
     if not isinstance(yes, Scalar) and not isinstance(no, Scalar) and float(yes) == float(no):
@@ -254,8 +254,8 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
     return kind(ca.if_else(condition.sx, _sx(yes), _sx(no)))
 
 
-_both, _either = (_applied(f, Truth, _free) for f in (ca.logic_and, ca.logic_or))
-_not = _applied(ca.logic_not, Truth, _free)
+_both, _either = (_applied(f, Bool, _free) for f in (ca.logic_and, ca.logic_or))
+_not = _applied(ca.logic_not, Bool, _free)
 
 
 #: What NumPy's functions are on one scalar.
@@ -275,9 +275,9 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.logical_and: _both,
     np.logical_or: _either,
     np.logical_not: _not,
-    np.bitwise_and: _applied(ca.logic_and, Truth, _truths),
-    np.bitwise_or: _applied(ca.logic_or, Truth, _truths),
-    np.invert: _applied(ca.logic_not, Truth, _truths),
+    np.bitwise_and: _applied(ca.logic_and, Bool, _truths),
+    np.bitwise_or: _applied(ca.logic_or, Bool, _truths),
+    np.invert: _applied(ca.logic_not, Bool, _truths),
     np.power: operator.pow,
     np.remainder: _remainder,
     np.fmod: _modulo,
@@ -432,7 +432,7 @@ def _is_float(dtype: Any) -> bool:
 
 def _filled(x: Symbols, value: float, dtype: Any) -> Symbols:
     """Return so many numbers, all the same."""
-    if not _is_float(dtype) or (dtype is None and any(map(is_truth, x.x.ravel()))):
+    if not _is_float(dtype) or (dtype is None and any(map(is_bool, x.x.ravel()))):
         raise NotElementwise("it makes an array of another type than float64")
     return Symbols(np.full(x.shape, value, dtype=object))
 

@@ -22,9 +22,9 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.codegen.effects import Outside
+from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
-from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_truth
+from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.splines import BSplineBasis
 from armgpi.plants.loads import Load
 from armgpi.plants.rigid_body import LoadTable
@@ -106,7 +106,7 @@ class Trace:
         draws: random numbers used.
         k: symbol of the sample's number.
         recorded: name -> n expressions.
-        foreign: whether there are laws among it that do not come with armgpi.
+        user_defined: whether there are laws among it that do not come with armgpi.
     """
 
     n: int
@@ -121,10 +121,10 @@ class Trace:
     draws: list[Draws] = field(default_factory=list)
     k: Any = None
     recorded: dict[str, list[Any]] = field(default_factory=dict)
-    foreign: bool = False
+    user_defined: bool = False
 
 
-class Lifting:
+class Tracer:
     """Copies objects with symbols in place of their arrays.
 
     One copy is made of each object, so that what was one thing still is. Robots keep their numbers, but for
@@ -138,41 +138,41 @@ class Lifting:
         self._copies: dict[int, Any] = {}
         self._kept: list[tuple[Any, Any, Any]] = []  # what ids in _copies belong to, copies and their content
         self._parameters: dict[int, list[Any]] = {}  # symbols of what differs between arms
-        self._outside = Outside()
+        self._side_effects = SideEffects()
 
     def __call__(self, value: Any, numbers: bool = False) -> Any:
         """Return the copy of a value; with `numbers`, floats become symbols as well."""
         if id(value) in self._copies:
             return self._copies[id(value)]
         if isinstance(value, np.ndarray):
-            lifted = self.array(value)
+            copied = self.array(value)
         elif isinstance(value, float) and numbers:
             return self.array(np.array(value))
         elif isinstance(value, Robot | RobotBatch):
             return self._robot(value)
         elif isinstance(value, (BSplineBasis, Arm, *_PLAIN)):
-            self._outside.watch(value)
+            self._side_effects.watch(value)
             return value
         elif isinstance(value, types.MethodType):
-            self._outside.watch(value.__func__)
+            self._side_effects.watch(value.__func__)
             return types.MethodType(value.__func__, self(value.__self__, numbers))
         elif isinstance(value, tuple):
             items = [self(item, numbers) for item in value]
-            lifted = tuple.__new__(type(value), items)
+            copied = tuple.__new__(type(value), items)
         elif isinstance(value, list):
-            lifted = [self(item, numbers) for item in value]
+            copied = [self(item, numbers) for item in value]
         elif isinstance(value, dict):
-            lifted = {key: self(item, numbers) for key, item in value.items()}
+            copied = {key: self(item, numbers) for key, item in value.items()}
         elif _is_dynamics(value):
-            lifted = self._dynamics(value)
+            copied = self._dynamics(value)
         elif isinstance(value, LoadTable):
-            lifted = _TracedLoads(self(value.plant, numbers), value.substeps)
+            copied = _TracedLoads(self(value.plant, numbers), value.substeps)
         elif _is_plain_object(value):
             return self._object(value, numbers or isinstance(value, Load | Reference))
         else:  # it may hold anything: random numbers, a queue, a file
             raise NotElementwise(f"it holds a {type(value).__name__}")
-        self._note(value, lifted)
-        return lifted
+        self._note(value, copied)
+        return copied
 
     def array(self, values: Array) -> Any:
         """Return symbols for an array of numbers: shared, or of each rollout its own."""
@@ -191,8 +191,8 @@ class Lifting:
         made = object.__new__(type(value))
         self._copies[id(value)] = made
         ours = type(value).__module__.startswith("armgpi.")
-        self.trace.foreign |= not ours
-        self._outside.watch(type(value))
+        self.trace.user_defined |= not ours
+        self._side_effects.watch(type(value))
         for name, attribute in vars(value).items():
             if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
                 raise NotElementwise(
@@ -243,12 +243,12 @@ class Lifting:
         try:
             yield
             self._check_unchanged()
-            if changes := self._outside.changes():
+            if changes := self._side_effects.changes():
                 raise NotElementwise(
                     f"outside of it {', '.join(changes)} changes; what changes belongs into the state"
                 )
         finally:
-            self._outside.restore()
+            self._side_effects.restore()
 
     def _check_unchanged(self) -> None:
         """Refuse when an attribute of a copy, or what is in it, is not what it was."""
@@ -280,7 +280,9 @@ def _content(made: Any) -> dict[Any, Any]:
 
 def _is_dynamics(value: Any) -> bool:
     """Tell whether something is a robot's dynamics, by what it can do."""
-    return all(callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "bias"))
+    return all(
+        callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "nonlinear_effects")
+    )
 
 
 class _Scaled(ScaledDynamics):
@@ -307,7 +309,7 @@ class _TracedLoads:
 
 
 @contextmanager
-def writing_down() -> Iterator[None]:
+def tracing() -> Iterator[None]:
     """Make one kind of refusal, with its place, of whatever a law does to symbols.
 
     Raises:
@@ -357,8 +359,8 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     """
     n = loop.plant.robot.n
     result = Trace(n, k=ca.SX.sym("k"))
-    rollouts = loop.truth(state).q.shape[:-1]
-    lifting = Lifting(result, *rollouts or (1,))
+    rollouts = loop.true_state(state).q.shape[:-1]
+    tracer = Tracer(result, *rollouts or (1,))
 
     def place(value: Any) -> Any:
         """Return symbols for a part of the state."""
@@ -382,8 +384,8 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
 
     before = place(tuple(state[1:]))
     result.start = columns(state[1:], rollouts)
-    with lifting.unchanged():
-        result.recorded = _sampled(loop, before, lifting, result, signals)
+    with tracer.unchanged():
+        result.recorded = _sampled(loop, before, tracer, result, signals)
     return result
 
 
@@ -399,14 +401,14 @@ def columns(state: Any, rollouts: tuple[int, ...]) -> Array:
     return np.broadcast_to(values, (*rollouts, *shape)).reshape(*(rollouts or (1,)), -1).T
 
 
-def _sampled(loop: Any, before: Any, lifting: Lifting, result: Trace, signals: bool) -> dict[str, list[Any]]:
+def _sampled(loop: Any, before: Any, tracer: Tracer, result: Trace, signals: bool) -> dict[str, list[Any]]:
     """Take one sample with symbols: note the state after it, and return what is recorded."""
     n = result.n
     looked = copy.copy(loop)
-    looked.plant, looked.controller = lifting(loop.plant), lifting(loop.controller)
-    target = _target(loop, lifting, result)
+    looked.plant, looked.controller = tracer(loop.plant), tracer(loop.controller)
+    target = _target(loop, tracer, result)
     plant, controller, measured, tau = looked._sample(*before, target)
-    truth, moved = looked.plant.truth(before[0]), looked.plant.truth(plant)
+    truth, moved = looked.plant.true_state(before[0]), looked.plant.true_state(plant)
     _collect((plant, controller), before, result.after)
     recorded = {
         "q": truth.q,
@@ -428,17 +430,17 @@ def state_part(after: Any, shape: tuple[int, ...]) -> Any:
     Raises:
         NotElementwise: when it is no longer of numbers.
     """
-    truths = isinstance(after, Symbols) and any(map(is_truth, after.x.ravel()))
-    if truths or (isinstance(after, np.ndarray | bool) and np.asarray(after).dtype != np.float64):
+    booleans = isinstance(after, Symbols) and any(map(is_bool, after.x.ravel()))
+    if booleans or (isinstance(after, np.ndarray | bool) and np.asarray(after).dtype != np.float64):
         raise NotElementwise("its state is of float64 before a sample and of another type after it")
     return np.broadcast_to(after, shape)
 
 
-def _target(loop: Any, lifting: Lifting, result: Trace) -> Target:
+def _target(loop: Any, tracer: Tracer, result: Trace) -> Target:
     """Return the target as expressions of the time, or as symbols of a table where it has none."""
     if loop.reference.symbolic:
         t = Symbols(np.array(Scalar(result.k * float(loop.dt)), dtype=object))
-        target = lifting(loop.reference).at(t)
+        target = tracer(loop.reference).at(t)
         if ca.n_nodes(ca.SX(ca.vertcat(*(x for part in target for x in flat(part))))) < _LONG_REFERENCE:
             return Target(*(np.broadcast_to(part, (result.n,)) for part in target))
     parts: list[Any] = [Symbols.new(name, (result.n,)) for name in Target._fields]

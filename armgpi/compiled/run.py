@@ -18,7 +18,7 @@ from armgpi.codegen import build
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.kernels import Kernel
 from armgpi.codegen.symbols import NotElementwise
-from armgpi.codegen.trace import Trace, check_repeatable, columns, trace, writing_down
+from armgpi.codegen.trace import Trace, check_repeatable, columns, trace, tracing
 from armgpi.errors import BackendError
 from armgpi.loop.rollout import Recording, Status
 from armgpi.robot.dynamics import thread_count
@@ -156,10 +156,10 @@ class CompiledRun:
         self.lanes = build.lanes(self.rows)
         flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
         try:
-            with writing_down():
+            with tracing():
                 traced = _traced(loop, state, signals)
                 text = source(traced, self.lanes)
-                if traced.foreign:
+                if traced.user_defined:
                     check_repeatable(text, lambda: source(_traced(loop, state, signals), self.lanes))
         except NotElementwise as error:
             raise BackendError(f"this loop has no generated code: {error}") from None
@@ -194,10 +194,10 @@ class CompiledRun:
         )
         if traced.table:
             self._check_table()
-        if traced.foreign:
+        if traced.user_defined:
             self._check(state, len(names))
-        # Not before: a run that NumPy takes over makes rooms of its own, blank ones.
-        arrays = [recording.room(name, blank=False) for name in names]
+        # Not before: a run that NumPy takes over makes buffers of its own, blank ones.
+        arrays = [recording.buffer(name, blank=False) for name in names]
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job.out = self._keep["out"].ctypes.data
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
@@ -247,7 +247,7 @@ class CompiledRun:
         plant, controller = _moved(state, None)
         rows = []
         for k in range(first, first + _COMPARED):
-            truth = self.loop.plant.truth(plant)
+            truth = self.loop.plant.true_state(plant)
             target = self.loop.reference.at(k * self.loop.dt)
             plant, controller, _, tau = self.loop._sample(plant, controller, target)
             rows.append([np.array(x).reshape(self.rows, -1) for x in (truth.q, truth.v, tau)])
@@ -396,9 +396,9 @@ def _moved(state: Any, random: np.random.Generator | None, k: int = 0, size: flo
 
 def _aligned(values: Array) -> Array:
     """Return a flat copy that begins where vectors of lanes may."""
-    room = np.empty(values.size + 8)
-    begin = (-room.ctypes.data % 64) // 8
-    aligned = room[begin : begin + values.size]
+    buffer = np.empty(values.size + 8)
+    begin = (-buffer.ctypes.data % 64) // 8
+    aligned = buffer[begin : begin + values.size]
     aligned[:] = values.ravel()
     return aligned
 

@@ -45,7 +45,7 @@ from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, Inverse
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
-from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, postures
+from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
 #: Most samples of a run: a day at 10 kHz.
@@ -65,7 +65,7 @@ _SETTLE = 2.0
 #: Time for a path without an end, when nothing is said [s].
 _PATH_TIME = 18.0
 #: Size of a path that is chosen for an arm, as a share of how far from the base it is; and the number of
-#: postures among which the roomiest is looked for.
+#: configurations among which the roomiest is looked for.
 _PATH_SIZE, _CANDIDATES = 0.1, 256
 #: Ends of a network's box when nothing is said, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
 _CALM, _ALERT = 22.0 / 30.0, 2.0
@@ -88,7 +88,7 @@ class _Place(NamedTuple):
         return self.origin.error(self.path, message)
 
     @contextmanager
-    def blamed(self) -> Iterator[None]:
+    def error_context(self) -> Iterator[None]:
         """Turn an error of ours that happens inside into one that names this key."""
         try:
             yield
@@ -137,7 +137,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
         if label in controllers:
             raise place.at("label").error(f"another controller is labelled {label!r} as well")
         try:
-            with place.blamed():
+            with place.error_context():
                 section, controllers[label] = _controller(config, section, robot, place)
         except ConfigError as error:
             if isinstance(error.__cause__, EffortError):
@@ -173,7 +173,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         raise place.at("name").error(f"cannot be read: {error.strerror or error}") from None
     if section.effort is not None:
         current = robot.limits.effort
-        with place.at("effort").blamed():
+        with place.at("effort").error_context():
             robot = robot.with_limits(effort=_per_joint(section.effort, robot, place.at("effort"), current))
     return robot
 
@@ -183,7 +183,7 @@ def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
     section = config.plant
     real = robot
     if section.payload is not None:
-        with place.at("payload").blamed():
+        with place.at("payload").error_context():
             frame = section.payload.frame or robot.tip
             real = real.with_payload(frame, section.payload.mass, section.payload.com)
     if section.armature is not None:
@@ -191,9 +191,9 @@ def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
         real = real.with_armature(armature)
     torques: list[loads.Load] = []
     for index, item in enumerate(section.loads):
-        with place.at("loads", index).blamed():
+        with place.at("loads", index).error_context():
             torques += _loads(item, robot, place.at("loads", index))
-    with place.blamed():
+    with place.error_context():
         plant: Plant = RigidBodyPlant(
             real,
             torques,
@@ -239,21 +239,21 @@ def _controller(
 ) -> tuple[ControllerSection, Controller]:
     """Return one controller, and its section with the defaults filled in."""
     dt = config.sample_time
-    believed = robot if section.inertia_scale == 1.0 else robot.scaled_inertia(section.inertia_scale)
+    nominal = robot if section.inertia_scale == 1.0 else robot.scaled_inertia(section.inertia_scale)
     if isinstance(section, PIDSection):
         defaults = {"kp": 400.0, "ki": 500.0, "kd": 40.0}
         gains = {
             key: _per_joint(getattr(section, key), robot, place.at(key), default)
             for key, default in defaults.items()
         }
-        return section, PIDInversion(believed, dt, **gains, bias_robot=robot)
+        return section, PIDInversion(nominal, dt, **gains, bias_robot=robot)
     delay = config.plant.delay * dt
     omega = default_omega(dt, delay)
     law: dict[str, Any] = {"realisation": section.realisation, "start": section.start, "delay": delay}
     if section.payload_range is not None:
         span = section.payload_range
         frame = span.frame or robot.tip
-        with place.at("payload_range").blamed():
+        with place.at("payload_range").error_context():
             found = payload_range(robot, span.lightest, span.heaviest, frame, span.com, dt=dt, delay=delay)
         omega = found.omega_c
         law |= {"payload": (span.lightest, span.heaviest), "frame": frame, "com": span.com}
@@ -262,7 +262,7 @@ def _controller(
         section, adapted = _network(section, robot, omega, config.plant, place)
     else:
         section, adapted = _fixed_gains(section, robot, omega, place)
-    return section, GPI(believed, dt, adapted, **law)
+    return section, GPI(nominal, dt, adapted, **law)
 
 
 def _fixed_gains(
@@ -337,16 +337,16 @@ def _reference(
         if getattr(section, key) is not None:
             raise place.at(key).error("cannot stand beside path: give one of the two")
     frame = section.frame or robot.tip
-    with place.at("frame").blamed():
+    with place.at("frame").error_context():
         robot.frame_pose(frame, robot.middle())
     axis = section.tool_axis or [0.0, 0.0, 1.0]
     inverse: Inverse = PaperArm().inverse_kinematics
     if section.direction is not None or not _is_paper_arm(robot, frame):
-        with place.blamed():
+        with place.error_context():
             inverse = TrackingInverse(robot, frame, direction=section.direction, tool_axis=axis)
     elif section.tool_axis is not None:
         raise place.at("tool_axis").error("goes with direction")
-    with place.at("path").blamed():
+    with place.at("path").error_context():
         drawn = _fitted(section.path, robot, frame, section.direction, axis)
         path = _path(drawn)
         reference = CartesianReference(robot, frame, path, inverse)
@@ -366,17 +366,17 @@ def _is_paper_arm(robot: Robot, frame: str) -> bool:
 def _fitted(
     section: PathSection, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
 ) -> PathSection:
-    """Return a path with what was left out chosen for the arm: around a point where it has room."""
+    """Return a path with what was left out chosen for the arm: around a point where it has clearance."""
     if isinstance(section, LaserSection):
         return section
-    room = TrackingInverse(robot, frame, direction=direction, tool_axis=axis).room
-    q = postures(robot, _CANDIDATES, seed=0)
+    clearance = TrackingInverse(robot, frame, direction=direction, tool_axis=axis).clearance
+    q = random_configurations(robot, _CANDIDATES, seed=0)
     points = robot.frame_pose(frame, q).translation
     if direction is not None:
         found = inverse_kinematics(robot, frame, points, direction=direction, tool_axis=axis, restarts=4)
         if found.reached.any():
             q, points = found.q[found.reached], points[found.reached]
-    point = points[np.argmax(room(q))]
+    point = points[np.argmax(clearance(q))]
     size = _PATH_SIZE * float(np.linalg.norm(point))
     chosen: dict[str, Any]
     if isinstance(section, LissajousSection):
@@ -409,7 +409,7 @@ def _path(section: PathSection) -> paths.Path:
 def _moves(
     section: ReferenceSection, robot: Robot, place: _Place
 ) -> tuple[Waypoints, float, ReferenceSection]:
-    """Return moves from posture to posture; see `_reference`."""
+    """Return moves from configuration to configuration; see `_reference`."""
     points: list[Array] = []
     holds = section.holds
     if section.points is None:
@@ -420,12 +420,12 @@ def _moves(
         here = place.at("points", index)
         before = points[-1] if points else robot.middle()
         points.append(_per_joint(point, robot, here, before))
-        with here.blamed():
+        with here.error_context():
             robot.check_position(points[-1], f"point {index + 1} of the reference")
     durations = section.durations
     if durations is None:
         durations = [_gentle(robot, a, b) for a, b in pairwise(points)]
-    with place.blamed():
+    with place.error_context():
         reference = Waypoints(points, durations, 0.0 if holds is None else holds)
     filled = ReferenceSection(
         points=[point.tolist() for point in points],
@@ -449,7 +449,7 @@ def _gentle(robot: Robot, start: Array, goal: Array) -> float:
 
 
 def _goal(robot: Robot, middle: Array) -> Array:
-    """Return a posture near the middle to which the motors hold the arm all the way, where there is one."""
+    """Return a configuration near the middle that the motors can hold the arm to all the way, if any."""
     step = np.minimum(_MOVE, 0.5 * (robot.limits.upper - middle))
     most = np.maximum(_HOLDING_SHARE * robot.limits.effort, np.abs(robot.gravity(middle)))
     for scale in (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.125, -0.125):

@@ -49,8 +49,8 @@ def compare(experiment: Experiment, progress: bool | None = None, backend: str =
     """Run all controllers of an experiment on the same plant and reference.
 
     Returns:
-        One dataset with a rollout per controller; coordinates ``label`` (its label) and ``sees`` (which
-        measurement it was given). Ctrl-C ends it after the rollout it stopped.
+        One dataset with a rollout per controller; coordinates ``label`` and ``measurement`` (what it
+        measured). Ctrl-C ends it after the rollout it stopped.
     """
     runs: dict[str, xr.Dataset] = {}
     for label in experiment.controllers:
@@ -81,8 +81,8 @@ def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
         list(runs.values()), dim="rollout", data_vars="all", join="outer", combine_attrs="override"
     )
     labels = np.array(list(runs))
-    sees = np.array([provenance[label]["measurement"] for label in runs])
-    joined = joined.assign_coords(label=("rollout", labels), sees=("rollout", sees))
+    measured = np.array([provenance[label]["measurement"] for label in runs])
+    joined = joined.assign_coords(label=("rollout", labels), measurement=("rollout", measured))
     joined.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
     return joined
 
@@ -111,7 +111,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
         found.append(
             {
                 "label": label,
-                "sees": own["measurement"],
+                "measurement": own["measurement"],
                 "status": Status(int(rows["status"].values[index])).name.lower(),
                 "end": ends[index],
                 "joints": [str(joint) for joint in rows["joint"].values],
@@ -172,7 +172,7 @@ def _portable(experiment: Experiment, folder: Path) -> tuple[ExperimentConfig, l
     return config.model_copy(update={"robot": robot}), [copy]
 
 
-def worst(results: Iterable[dict[str, Any]]) -> Status:
+def overall_status(results: Iterable[dict[str, Any]]) -> Status:
     """Return the status that the whole outcome has: interrupted before diverged before finished."""
     statuses = {Status[record["status"].upper()] for record in results}
     for status in (Status.INTERRUPTED, Status.DIVERGED):

@@ -360,14 +360,14 @@ PathSection = Annotated[
 
 
 class ReferenceSection(_Section):
-    """Smooth moves from posture to posture with holds, or a path of the tool in space.
+    """Smooth moves from configuration to configuration with holds, or a path of the tool in space.
 
     Attributes:
-        points: postures [rad or m]; a mapping keeps the joints that it does not name where they were, and
-            starts from the middle of the joint ranges. When not given, every joint moves by up to 0.5 from
-            there and back, and less where the motors would not hold the arm.
+        points: configurations [rad or m]; a mapping keeps the joints that it does not name where they were,
+            and starts from the middle of the joint ranges. When not given, every joint moves by up to 0.5
+            from there and back, and less where the motors would not hold the arm.
         durations: of the moves [s]; gentle ones when not given, which the motors can.
-        holds: at each posture [s]; 0 when not given, 1 when there are no points either.
+        holds: at each configuration [s]; 0 when not given, 1 when there are no points either.
         path: instead of all these, where a frame shall go in space.
         frame: which frame follows the path; the tip when not given.
         direction: where the frame's `tool_axis` points to all along; anywhere when not given.

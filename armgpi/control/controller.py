@@ -62,7 +62,7 @@ class Controller(ABC):
         sees: :class:`Measurement` or :class:`FullState`: what `step` is given.
     """
 
-    sees: ClassVar[type[Measurement] | type[FullState]] = Measurement
+    measurement_type: ClassVar[type[Measurement] | type[FullState]] = Measurement
 
     def __init__(self, robot: AnyRobot, dt: float, effort: PerJointInput | None = None) -> None:
         """Check and keep what all controllers share.
@@ -94,7 +94,7 @@ class Controller(ABC):
         """Return the state before the first sample.
 
         Args:
-            measurement: the first measurement, of the type that :attr:`sees` names.
+            measurement: the first measurement, of the type that :attr:`measurement_type` names.
             target: the first target.
         """
 
@@ -103,7 +103,7 @@ class Controller(ABC):
         """Return the torque to hold until the next sample, and the next state.
 
         Args:
-            measurement: of the type that :attr:`sees` names; arrays (n,) or (batch, n).
+            measurement: of the type that :attr:`measurement_type` names; arrays (n,) or (batch, n).
             target: what is asked for now.
             state: from :meth:`init` or the step before.
         """

@@ -46,7 +46,7 @@ class GPI(Controller):
         payload: the range of loads that it was told of, None for none.
     """
 
-    sees: ClassVar[type[Measurement]] = Measurement
+    measurement_type: ClassVar[type[Measurement]] = Measurement
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class GPI(Controller):
         self.payload: PayloadRange | None = None
         if payload is not None:
             self.payload = _payload(robot, payload, frame, com, dt, self.delay, gains)
-            robot = self.payload.believed
+            robot = self.payload.nominal
         elif frame is not None:
             raise ParameterError("frame", frame, "left out where there is no payload")
         super().__init__(robot, dt, effort)
@@ -197,4 +197,4 @@ def _payload(
 
 def _plain(payload: PayloadRange) -> dict[str, Any]:
     """Return a range of loads as plain data, without the robot, which stands beside it."""
-    return {key: value for key, value in payload._asdict().items() if key != "believed"}
+    return {key: value for key, value in payload._asdict().items() if key != "nominal"}

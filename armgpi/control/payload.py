@@ -1,9 +1,10 @@
 """Loads that a controller does not know: between which it works, and with which bandwidth.
 
-GPI multiplies its virtual acceleration by the inertia matrix D^ that it believes in. At a posture the error
-then splits into modes, each with its own eigenvalue delta of D^-1 D^ as a factor of the loop gain. Below
-0.36 a mode is unstable (zeta_c = 1), and above 1 its crossover grows like delta, until the sample time bites.
-So the controller believes in the heaviest load, delta >= 1, and is as slow as the lightest one asks for.
+GPI multiplies its virtual acceleration by the inertia matrix D^ that it believes in. At a configuration the
+error then splits into modes, each with its own eigenvalue delta of D^-1 D^ as a factor of the loop gain.
+Below 0.36 a mode is unstable (zeta_c = 1), and above 1 its crossover grows like delta, until the sample time
+bites. So the controller believes in the heaviest load, delta >= 1, and is as slow as the lightest one asks
+for.
 
 A point mass m adds m B(q) to D, with B = J^T J of the point. So delta = 1 + m eig(D^-1 B): one eigenvalue,
 the mobility of the point [1/kg], says what every mass does.
@@ -19,7 +20,7 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
 from armgpi.control.gains import default_omega
 from armgpi.errors import ParameterError, PayloadError
-from armgpi.robot.kinematics import postures
+from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
 #: Least delta that the law stands for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
@@ -28,8 +29,8 @@ LEAST_DELTA = 0.36
 _PHASE = 0.3
 #: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
 _SLOWEST = 15.0
-#: Postures at which the mobility is looked at, of which the worst are looked around, so often.
-_POSTURES, _WORST, _ROUNDS = 512, 16, 8
+#: Configurations at which the mobility is looked at, of which the worst are looked around, so often.
+_CONFIGURATIONS, _WORST, _ROUNDS = 512, 16, 8
 
 
 class PayloadRange(NamedTuple):
@@ -40,8 +41,8 @@ class PayloadRange(NamedTuple):
         heaviest: heaviest load [kg].
         frame: frame that carries it.
         com: its centre of mass in that frame [m], shape (3,).
-        believed: the robot to believe in, the one with the heaviest load.
-        delta: least and largest eigenvalue of D^-1 D^ over the range, at the postures looked at.
+        nominal: the robot to believe in, the one with the heaviest load.
+        delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations looked at.
         omega_c: bandwidth that serves the range [rad/s].
     """
 
@@ -49,7 +50,7 @@ class PayloadRange(NamedTuple):
     heaviest: float
     frame: str
     com: tuple[float, float, float]
-    believed: Robot
+    nominal: Robot
     delta: tuple[float, float]
     omega_c: float
 
@@ -58,17 +59,17 @@ class LargestPayload(NamedTuple):
     """The heaviest loads [kg] that an arm stands, by what limits them.
 
     Attributes:
-        believed: of a range from no load on, for a controller with default gains that believes in the
-            heaviest (``GPI(robot, dt, payload=(0.0, believed))``).
+        nominal: of a range from no load on, for a controller with default gains that believes in the
+            heaviest (``GPI(robot, dt, payload=(0.0, nominal))``).
         unknown: for a controller that believes in none. Its modes have delta = 0.36 there, the edge of
             stability.
-        effort: that the motors hold against gravity at every posture looked at; zero when they do not even
-            hold the arm.
+        effort: that the motors hold against gravity at every configuration looked at; zero when they do not
+            even hold the arm.
         mobility: largest eigenvalue of D^-1 B without load [1/kg], the inverse of the least mass that the
             arm itself sets against an acceleration of the point.
     """
 
-    believed: float
+    nominal: float
     unknown: float
     effort: float
     mobility: float
@@ -87,9 +88,9 @@ def payload_range(
 ) -> PayloadRange:
     """Return what a GPI controller has to believe, and how fast it may be, for loads in a range.
 
-    The mobility is taken at 512 postures inside the joint limits and around the worst of them. The bandwidth
-    is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5 dt +
-    delay) is at most 0.3, where the loop stands 0.36 or more.
+    The mobility is taken at 512 configurations inside the joint limits and around the worst of them. The
+    bandwidth is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5
+    dt + delay) is at most 0.3, where the loop stands 0.36 or more.
 
     Args:
         robot: the arm without load.
@@ -112,7 +113,7 @@ def payload_range(
     fastest = default_omega(dt, delay)
     slowest = min(check_number(slowest, "slowest", "positive [rad/s]", open_=True), fastest)
     frame = robot.tip if frame is None else frame
-    believed = robot.with_payload(frame, heaviest, com)
+    nominal = robot.with_payload(frame, heaviest, com)
     mobility = _mobility(robot.with_payload(frame, lightest, com), frame, com)
     delta = 1.0 + (heaviest - lightest) * mobility
     omega_c = _PHASE / (delta * _late(dt, delay))
@@ -124,9 +125,7 @@ def payload_range(
         asked = (lightest, heaviest)
         raise PayloadError(robot.name, frame, asked, delta, omega_c, slowest, heaviest_too, lightest_too)
     point = as_float_array(com, "com").tolist()
-    return PayloadRange(
-        lightest, heaviest, frame, tuple(point), believed, (1.0, delta), min(omega_c, fastest)
-    )
+    return PayloadRange(lightest, heaviest, frame, tuple(point), nominal, (1.0, delta), min(omega_c, fastest))
 
 
 def largest_payload(
@@ -155,7 +154,7 @@ def largest_payload(
     mobility = _mobility(robot, frame, com)
     most = _PHASE / (default_omega(dt, delay) * _late(dt, delay))
     return LargestPayload(
-        believed=_over(most - 1.0, mobility),
+        nominal=_over(most - 1.0, mobility),
         unknown=_over(1.0 / LEAST_DELTA - 1.0, mobility),
         effort=_holdable(robot, frame, com),
         mobility=mobility,
@@ -176,7 +175,7 @@ def _late(dt: float, delay: float) -> float:
 def _mobility(robot: Robot, frame: str, com: ArrayLike) -> float:
     """Return the largest eigenvalue of D^-1 B [1/kg] found inside the joint limits."""
     loaded = robot.with_payload(frame, 1.0, com)
-    q = postures(robot, _POSTURES, seed=0)
+    q = random_configurations(robot, _CONFIGURATIONS, seed=0)
     width = np.ptp(q, axis=0)
     rng = np.random.default_rng(0)
     value = _mobilities(robot, loaded, q)
@@ -192,7 +191,7 @@ def _mobility(robot: Robot, frame: str, com: ArrayLike) -> float:
 
 
 def _mobilities(robot: Robot, loaded: Robot, q: Array) -> Array:
-    """Return the largest eigenvalue of D^-1 B at postures (k, n), for a robot and it one kilogram heavier."""
+    """Return the largest eigenvalue of D^-1 B at configurations (k, n); `loaded` carries one kilogram."""
     D = robot.mass_matrix(q)
     lower = np.linalg.cholesky(D)
     half = np.linalg.solve(lower, loaded.mass_matrix(q) - D)
@@ -201,8 +200,8 @@ def _mobilities(robot: Robot, loaded: Robot, q: Array) -> Array:
 
 
 def _holdable(robot: Robot, frame: str, com: ArrayLike) -> float:
-    """Return the heaviest load [kg] whose gravity the motors hold at random postures."""
-    q = postures(robot, _POSTURES, seed=0)
+    """Return the heaviest load [kg] whose gravity the motors hold at random configurations."""
+    q = random_configurations(robot, _CONFIGURATIONS, seed=0)
     own = robot.gravity(q)
     per_kilogram = robot.with_payload(frame, 1.0, com).gravity(q) - own
     spare = robot.limits.effort - np.sign(per_kilogram) * own

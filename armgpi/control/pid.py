@@ -35,7 +35,7 @@ class PIDInversion(Controller):
         bias_robot: the robot whose C(q, v) v + G(q) is cancelled.
     """
 
-    sees: ClassVar[type[FullState]] = FullState
+    measurement_type: ClassVar[type[FullState]] = FullState
 
     def __init__(
         self,
@@ -92,7 +92,9 @@ class PIDInversion(Controller):
         if self.bias_robot is self.robot:
             asked = self.robot.dynamics.inverse(q, v, target.a - u)  # eq. 32
         else:
-            asked = self.robot.dynamics.inertia_times(q, target.a - u) + self.bias_robot.dynamics.bias(q, v)
+            asked = self.robot.dynamics.inertia_times(
+                q, target.a - u
+            ) + self.bias_robot.dynamics.nonlinear_effects(q, v)
         tau = self.limited(asked)
         missing = self.robot.dynamics.inertia_solve(q, tau - asked)
         return ControlStep(tau, PIDState(state.integral + self._ki_dt * e - self._back * missing))

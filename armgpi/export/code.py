@@ -21,7 +21,7 @@ from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds
-from armgpi.export.law import INPUTS, Law, Routine, Table, write_down
+from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
 from armgpi.export.names import identifiers, plain, source_of
 
 #: Number types: C's name, ending of literals and functions, largest number.
@@ -126,7 +126,7 @@ _KERNEL_NOTES = {
     "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
     "inertia_solve": "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
     "gravity": "Work out the torque y that gravity asks for at q.",
-    "bias": "Work out y = C(q, x) x + G(q), for velocities x.",
+    "nonlinear_effects": "Work out y = C(q, x) x + G(q), for velocities x.",
     "inverse": "Work out the torque z for velocities x and accelerations y.",
 }
 
@@ -158,8 +158,8 @@ class Code(NamedTuple):
         law: what it was written from.
         real: "double" or "float".
         bounds: what it takes for a fault.
-        usual: operations of a step whose torque is not cut.
-        worst: operations of any step, the one that meets a fault as well.
+        typical: operations of a step whose torque is not cut.
+        worst_case: operations of any step, the one that meets a fault as well.
     """
 
     header: str
@@ -167,8 +167,8 @@ class Code(NamedTuple):
     law: Law
     real: str
     bounds: Bounds
-    usual: Counts
-    worst: Counts
+    typical: Counts
+    worst_case: Counts
 
 
 def generate(controller: Controller, real: str = "double", faults: Faults | None = None) -> Code:
@@ -190,11 +190,11 @@ def generate(controller: Controller, real: str = "double", faults: Faults | None
     limits = bounds(Faults() if faults is None else faults, controller)
 
     def written() -> Code:
-        return _Writer(write_down(controller), real, limits).code()
+        return _Writer(trace_controller(controller), real, limits).code()
 
     try:
         code = written()
-        if code.law.foreign:
+        if code.law.user_defined:
             check_repeatable(code.source, lambda: written().source)
     except NotElementwise as error:
         raise BackendError(f"{type(controller).__name__} cannot be written as C: {error}") from None
@@ -270,7 +270,7 @@ class _Writer:
         }
         law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
         cut = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
-        usual = self.counts["law_step"].plus(
+        typical = self.counts["law_step"].plus(
             *(self.counts[call.kernel.name] for call in law.step.calls if call.kernel.name not in cut)
         )
         checking = law_hold if frozen else Counts(0, 0, 0)
@@ -280,7 +280,7 @@ class _Writer:
             law,
             self.real,
             limits,
-            usual.plus(checking),
+            typical.plus(checking),
             law_step.plus(checking, law_hold if hold else Counts(0, 0, 0)),
         )
 
@@ -401,7 +401,7 @@ class _Writer:
         outputs: list[Any] = []
         places: list[str] = []
         order: list[int] = []
-        sites, rooms = [], []
+        sites, buffers = [], []
         for i, call in enumerate(routine.calls):
             self.kernels.setdefault(call.kernel.name, call.kernel)
             begin = len(outputs)
@@ -409,9 +409,9 @@ class _Writer:
             for k, size in enumerate(call.kernel.sizes):
                 places += [f"given{i}_{k}[{j}]" for j in range(size)]
                 order += range(size)
-                rooms.append((f"given{i}_{k}", size))
+                buffers.append((f"given{i}_{k}", size))
             results = [f"result{i}[{j}]" for j in range(call.kernel.size)]
-            rooms.append((f"result{i}", call.kernel.size))
+            buffers.append((f"result{i}", call.kernel.size))
             inputs += zip(call.results, results, strict=True)
             lines = _call(i, call, self._kernel_name(call.kernel), self.literal(0.0))
             sites.append(CallSite((begin, len(outputs)), results, lines))
@@ -420,7 +420,7 @@ class _Writer:
         order += joints
         lines = straight_line(inputs, outputs, places, self.dialect, sites, order).lines
         self.counts[name] = _counted(lines)
-        return _with_rooms(lines, rooms)
+        return _with_buffers(lines, buffers)
 
     def _cost(self, name: str, routine: Routine) -> Counts:
         """Return the operations of a routine with all that it calls."""
@@ -490,7 +490,7 @@ class _Writer:
                 ("uint32_t first;", "1 before the first sample"),
             ]
         what = {
-            "hold": "the torque that carries the arm's weight\n * at the last good posture",
+            "hold": "the torque that carries the arm's weight\n * at the last good configuration",
             "zero": "zero",
         }
         return {
@@ -685,10 +685,10 @@ def _call(i: int, call: Call, name: str, zero: str) -> list[str]:
     ]
 
 
-def _with_rooms(lines: list[str], rooms: Sequence[tuple[str, int]]) -> list[str]:
+def _with_buffers(lines: list[str], buffers: Sequence[tuple[str, int]]) -> list[str]:
     """Return lines behind the arrays that they use; a copy of an array as it is, is left out."""
     declared = []
-    for name, size in rooms:
+    for name, size in buffers:
         copies = {
             line: line[len(f"{name}[{j}] = ") :]
             for line in lines

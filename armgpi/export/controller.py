@@ -136,7 +136,7 @@ class ExportedController(Controller):
         self.effort = np.where(limits < largest, limits, np.inf)
         self._given = [name for name, bit in _ARGUMENTS if bit & info.inputs == bit]
         # An attribute of the object, as it is the library that says what it needs.
-        self.sees = FullState if info.inputs & 1 else Measurement  # type: ignore[misc]
+        self.measurement_type = FullState if info.inputs & 1 else Measurement  # type: ignore[misc]
 
     def init(self, measurement: Measurement | FullState, target: Target) -> npt.NDArray[np.uint64]:
         """Return the state before the first sample; see :meth:`Controller.init`."""

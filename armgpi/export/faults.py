@@ -33,7 +33,7 @@ class Faults(NamedTuple):
     that stays as it is for `frozen_samples` samples after that is a fault.
 
     Attributes:
-        action: "hold" for the torque that carries the arm's weight at the last good posture, or "zero".
+        action: "hold" for the torque that carries the arm's weight at the last good configuration, or "zero".
         frozen_samples: samples that make a measurement frozen; 0 for no such check; those of 0.05 s, three
             at least, when not given.
         frozen_counts: travel of the reference that asks for a motion [counts].

@@ -186,7 +186,7 @@ def _at_rest(controller: Controller) -> Log:
     n = robot.n
     middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(n)
     values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
-    seen: Any = FullState(middle, rest) if controller.sees is FullState else Measurement(middle)
+    seen: Any = FullState(middle, rest) if controller.measurement_type is FullState else Measurement(middle)
     target = Target(middle, rest, rest)
     state, taus = controller.init(seen, target), []
     for _ in range(max(1, round(0.1 / controller.dt))):
@@ -314,7 +314,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         "zero": "The torque begins at zero (an arm that rests on something).",
     }.get(getattr(controller, "start", ""), "")
     action = {
-        "hold": "at what carries the arm's weight at the last good posture, within the limits",
+        "hold": "at what carries the arm's weight at the last good configuration, within the limits",
         "zero": "at zero",
     }[limits.action]
     hold = (
@@ -341,8 +341,8 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             hold_note=hold if limits.action == "hold" else "",
             real=code.real,
             state_bytes=state_bytes,
-            usual=_counts(code.usual),
-            worst=_counts(code.worst),
+            typical=_counts(code.typical),
+            worst_case=_counts(code.worst_case),
             measured=_measured(measured),
             float_note=_FLOAT if code.real == "float" else "",
         )

@@ -12,7 +12,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.codegen.kernels import Call
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.codegen.trace import Lifting, Trace, state_part, writing_down
+from armgpi.codegen.trace import Trace, Tracer, state_part, tracing
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
@@ -77,7 +77,7 @@ class Law(NamedTuple):
         init: works out the state before the first sample.
         step: works out torque and next state.
         hold: works out the torque that carries the arm's weight, within the limits.
-        foreign: whether there are laws among it that do not come with armgpi.
+        user_defined: whether there are laws among it that do not come with armgpi.
         whole: paths of the parts of its state that are whole numbers, an int in Python.
     """
 
@@ -88,7 +88,7 @@ class Law(NamedTuple):
     init: Routine
     step: Routine
     hold: Routine
-    foreign: bool
+    user_defined: bool
     whole: list[str]
 
     @property
@@ -97,7 +97,7 @@ class Law(NamedTuple):
         return self.controller.robot.n
 
 
-def write_down(controller: Controller) -> Law:
+def trace_controller(controller: Controller) -> Law:
     """Return a controller's law as expressions.
 
     Raises:
@@ -112,22 +112,22 @@ def write_down(controller: Controller) -> Law:
             "controller", controller, f"for a single rollout; this one has parameters for {size} of them"
         )
     trace = Trace(controller.robot.n)
-    with writing_down():
-        lifting = _Lifting(trace, controller)
-        with lifting.unchanged():
-            return _written(controller, trace, lifting)
+    with tracing():
+        tracer = _ControllerTracer(trace, controller)
+        with tracer.unchanged():
+            return _written(controller, trace, tracer)
 
 
-def _written(controller: Controller, trace: Trace, lifting: _Lifting) -> Law:
+def _written(controller: Controller, trace: Trace, tracer: _ControllerTracer) -> Law:
     """Call `init` and `step` with symbols."""
     n = controller.robot.n
-    law: Any = lifting(controller)
+    law: Any = tracer(controller)
     # Symbols go where a law expects arrays.
     inputs: dict[str, Any] = {name: Symbols.new(name, (n,)) for name in INPUTS}
     target = Target(inputs["q_ref"], inputs["v_ref"], inputs["a_ref"])
-    sees_velocity = controller.sees is FullState
+    measures_velocity = controller.measurement_type is FullState
     measured: Any = Measurement(inputs["q_measured"])
-    if sees_velocity:
+    if measures_velocity:
         measured = FullState(inputs["q_measured"], inputs["v_measured"])
 
     def taken() -> list[Call]:
@@ -139,7 +139,7 @@ def _written(controller: Controller, trace: Trace, lifting: _Lifting) -> Law:
     # The form of the state comes from numbers: symbols do not say what is a constant of the law.
     middle = np.ascontiguousarray(controller.robot.middle())
     rest = np.zeros(n)
-    seen: Any = FullState(middle, rest) if sees_velocity else Measurement(middle)
+    seen: Any = FullState(middle, rest) if measures_velocity else Measurement(middle)
     state = list(_leaves(controller.init(seen, Target(middle, rest, rest))))
     started = _matched(law.init(measured, target), state)
     init = Routine(taken(), started)
@@ -162,18 +162,18 @@ def _written(controller: Controller, trace: Trace, lifting: _Lifting) -> Law:
 
     arguments = {name: flat(x) for name, x in inputs.items()}
     used = _used(init, step, hold)
-    wanted = {"q_measured", "q_ref", *(("v_measured",) if sees_velocity else ())}
+    wanted = {"q_measured", "q_ref", *(("v_measured",) if measures_velocity else ())}
     kept = {
         name: row
         for name, row in arguments.items()
         if name in wanted or used & {x.element_hash() for x in row}
     }
-    tables = [table for table in lifting.tables if used & {x.element_hash() for x in table.symbols}]
+    tables = [table for table in tracer.tables if used & {x.element_hash() for x in table.symbols}]
     whole = [path for path, value in state if isinstance(value, int)]
-    return Law(controller, kept, tables, parts, init, step, hold, trace.foreign, whole)
+    return Law(controller, kept, tables, parts, init, step, hold, trace.user_defined, whole)
 
 
-class _Lifting(Lifting):
+class _ControllerTracer(Tracer):
     """Notes under which name each array of a controller is known."""
 
     def __init__(self, trace: Trace, controller: Controller) -> None:

@@ -1,6 +1,6 @@
 """A second opinion on a URDF: yourdfpy reads it too, and both must see the same kinematics.
 
-Joint axes, limits and mimics are compared as read, and the pose of every link at random postures.
+Joint axes, limits and mimics are compared as read, and the pose of every link at random configurations.
 yourdfpy parses by itself (lxml and NumPy, no urdfdom, no Pinocchio). It is no gate: it repairs broken XML
 and passes masses that no body has.
 """
@@ -23,11 +23,11 @@ from armgpi.robot.robot import Robot
 
 #: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
 _ROUNDING = 1e-9
-#: Random postures, fewer where a robot of very many links would take seconds.
-_POSTURES, _MOST_POSES = 20, 5_000
+#: Random configurations, fewer where a robot of very many links would take seconds.
+_CONFIGURATIONS, _MOST_POSES = 20, 5_000
 
 
-class NoSecondReading(ArmgpiError):
+class CrossCheckUnavailable(ArmgpiError):
     """A URDF that yourdfpy cannot read, which does not make it a bad one."""
 
 
@@ -36,14 +36,14 @@ class CrossCheck(NamedTuple):
 
     Attributes:
         links: number of links whose poses were compared.
-        postures: number of random postures.
+        configurations: number of random configurations.
         position: largest distance between the two readers' link origins [m].
         rotation: largest difference between elements of their rotation matrices.
         differences: what differs, one line each; empty when the two agree.
     """
 
     links: int
-    postures: int
+    configurations: int
     position: float
     rotation: float
     differences: tuple[str, ...]
@@ -56,7 +56,7 @@ def cross_check(robot: Robot) -> CrossCheck:
         robot: a robot loaded from a file, whose file has not changed since.
 
     Raises:
-        NoSecondReading: when yourdfpy cannot read the file.
+        CrossCheckUnavailable: when yourdfpy cannot read the file.
         ArmgpiError: when yourdfpy is not installed, or the robot has no file or another one by now.
     """
     try:
@@ -89,11 +89,11 @@ def _read(yourdfpy: Any, text: str) -> Any:
             )
     except Exception as error:  # whatever a parser of others raises
         said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise NoSecondReading(f"yourdfpy cannot read it ({said[:200]})") from None
+        raise CrossCheckUnavailable(f"yourdfpy cannot read it ({said[:200]})") from None
     finally:
         logger.setLevel(before)
     if not other.link_map:
-        raise NoSecondReading("yourdfpy finds no link in it, as where the root has an XML namespace")
+        raise CrossCheckUnavailable("yourdfpy finds no link in it, as where the root has an XML namespace")
     return other
 
 
@@ -148,16 +148,16 @@ def _same(ours: Any, theirs: Any) -> bool:
 
 
 def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
-    """Compare the poses of links at random postures."""
-    count = max(2, min(_POSTURES, _MOST_POSES // len(document.links)))
-    postures = robot.random_positions(count, seed=2)
-    apart = _unhooked(document, robot)
+    """Compare the poses of links at random configurations."""
+    count = max(2, min(_CONFIGURATIONS, _MOST_POSES // len(document.links)))
+    configurations = robot.random_positions(count, seed=2)
+    apart = _differently_locked(document, robot)
     names = [name for name in document.links if name not in apart]
-    order = _outwards(document)
-    ours = {name: robot.frame_pose(name, postures) for name in names}
+    order = _topological_order(document)
+    ours = {name: robot.frame_pose(name, configurations) for name in names}
     position = rotation = 0.0
     worst = names[0]
-    for row, q in enumerate(postures):
+    for row, q in enumerate(configurations):
         values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, q.tolist(), strict=True))}
         other.update_cfg({name: values.get(name, 0.0) for name in other.actuated_joint_names})
         # Joint by joint: a chain at once takes it time that grows with the cube of its length.
@@ -176,10 +176,10 @@ def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
             f"the poses of links differ by up to {position:.3g} m (link {worst!r}), their rotation matrices "
             f"by {rotation:.3g}"
         )
-    return CrossCheck(len(names), len(postures), position, rotation, tuple(lines))
+    return CrossCheck(len(names), len(configurations), position, rotation, tuple(lines))
 
 
-def _outwards(document: urdf.Urdf) -> list[urdf.Joint]:
+def _topological_order(document: urdf.Urdf) -> list[urdf.Joint]:
     """Return the joints, each one after that which carries it."""
     carried: dict[str, list[urdf.Joint]] = {}
     for joint in document.joints.values():
@@ -193,7 +193,7 @@ def _outwards(document: urdf.Urdf) -> list[urdf.Joint]:
     return order
 
 
-def _unhooked(document: urdf.Urdf, robot: Robot) -> set[str]:
+def _differently_locked(document: urdf.Urdf, robot: Robot) -> set[str]:
     """Return the links behind joints that are locked here and follow a moving joint there."""
     locked = robot.provenance["locked"]
     still = [

@@ -28,7 +28,7 @@ from armgpi.robot.robot import PerJoint, Robot
 Level = Literal["stop", "warn", "note"]
 LEVELS: tuple[Level, ...] = ("stop", "warn", "note")
 
-#: Postures at which gravity and inertia are looked at, besides the middle of the ranges.
+#: Configurations at which gravity and inertia are looked at, besides the middle of the ranges.
 _SAMPLES = 500
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
 _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
@@ -49,8 +49,8 @@ _CONDITION, _LEAST_EIGENVALUE = 1e6, 1e-6
 _FRICTION_RATE = 6.67
 #: It is unstable, too, where gravity tips the arm over faster than the root of this times omega_c (Theory).
 _TIPPING = 16.0 / 15.0
-#: Postures at which that is looked at, step of the differences [rad or m], most of the delay margin (0.356)
-#: that a higher bandwidth may be proposed to use.
+#: Configurations at which that is looked at, step of the differences [rad or m], most of the delay margin
+#: (0.356) that a higher bandwidth may be proposed to use.
 _TIPPED, _STEP, _MOST_PHASE = 50, 1e-4, 0.2
 #: One count of an encoder may cost this share of the torque.
 _COUNT_SHARE = 0.05
@@ -134,7 +134,7 @@ class HealthReport:
 
 
 class _Samples(NamedTuple):
-    """What the model was seen to do: the first posture is the middle of the ranges."""
+    """What the model was seen to do: the first configuration is the middle of the ranges."""
 
     q: Array
     gravity: Array
@@ -213,7 +213,7 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
     spread = 1.0 + mass * most.mobility
     found = []
     if mass > most.effort:
-        message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every posture"
+        message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         found.append(_warn("payload", "robot", mass, most.effort, message, "a smaller load, or more effort"))
     facts = {
         "mass": mass,
@@ -221,16 +221,16 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         "delta_unknown": [1.0 / spread, 1.0],  # eigenvalues of D^-1 D-hat while nobody believes in it
         "delta_believed": [1.0, spread],  # and while it is believed in and comes and goes
         "largest_unknown": most.unknown,
-        "largest_believed": most.believed,
+        "largest_believed": most.nominal,
         "largest_held": most.effort,
     }
     return report.with_findings(found, payload=facts)
 
 
 def _sampled(robot: Robot) -> _Samples:
-    """Return gravity and inertia in the middle of the ranges and at random postures."""
+    """Return gravity and inertia in the middle of the ranges and at random configurations."""
     q = np.vstack([robot.middle(), robot.random_positions(_SAMPLES, seed=1)])
-    inertia = robot.dynamics.inertia(q)
+    inertia = robot.dynamics.mass_matrix(q)
     eigenvalues = np.asarray(np.linalg.eigvalsh(inertia), dtype=np.float64)
     return _Samples(q, robot.dynamics.gravity(q), inertia, eigenvalues)
 
@@ -279,7 +279,7 @@ def _facts(
         "joints": joints,
         "least_eigenvalue": float(samples.eigenvalues[:, 0].min()),
         "condition": float((samples.eigenvalues[:, -1] / samples.eigenvalues[:, 0]).max()),
-        "postures": len(samples.q),
+        "configurations": len(samples.q),
         "control": {
             "dt": dt,
             "delay": delay,
@@ -544,7 +544,7 @@ def _of_model(robot: Robot, samples: _Samples) -> Iterator[Finding]:
         message = f"D(q) has condition {condition:.3g}, as this joint moves very little inertia"
         yield _warn("condition", weak, condition, _CONDITION, message, repair)
     elif least < _LEAST_EIGENVALUE:
-        message = f"moves an inertia of only {least:.3g} at some posture"
+        message = f"moves an inertia of only {least:.3g} at some configuration"
         yield _warn("condition", weak, least, _LEAST_EIGENVALUE, message, repair)
     effort, holding = robot.limits.effort, np.abs(samples.gravity)
     for j, name in enumerate(robot.joint_names):
@@ -562,7 +562,7 @@ def _of_model(robot: Robot, samples: _Samples) -> Iterator[Finding]:
         else:
             message = (
                 f"needs up to {most:.4g} to hold the arm, and has effort limit {effort[j]:g}: too little at "
-                f"{100.0 * share:.2g} % of {len(holding)} postures"
+                f"{100.0 * share:.2g} % of {len(holding)} configurations"
             )
             repair = "keep the arm from there, or give what its motor can"
             yield _warn("gravity", where, most, float(effort[j]), message, repair, option)
@@ -605,7 +605,7 @@ def _of_control(
 
 
 def _of_tipping(robot: Robot, samples: _Samples, omega: float, highest: float) -> Iterator[Finding]:
-    """Find postures from which gravity tips the arm over faster than the default bandwidth catches it."""
+    """Find configurations that gravity makes unstable faster than the default bandwidth catches."""
     q, steps = samples.q[: _TIPPED + 1], _STEP * np.eye(robot.n)
     stiffness = np.empty_like(samples.inertia[: len(q)])
     for j, step in enumerate(steps):
@@ -620,7 +620,7 @@ def _of_tipping(robot: Robot, samples: _Samples, omega: float, highest: float) -
     row = 0 if start else int(tipping.argmax())
     joint = robot.joint_names[int(np.abs(vectors[row][:, fastest[row]]).argmax())]
     enough = 1.05 * math.sqrt(float(tipping[row]) / _TIPPING)
-    where = "where runs start" if start else f"at one of {len(q)} postures"
+    where = "where runs start" if start else f"at one of {len(q)} configurations"
     message = (
         f"gravity tips the arm over at {math.sqrt(tipping[row]):.3g} 1/s {where}, as it does with what is "
         f"short, light and upright; at the default bandwidth GPI catches up to {math.sqrt(bound):.3g} 1/s"

@@ -136,11 +136,11 @@ class Recording:
         begin = (first + skip) // self.every
         for name, values in samples.items():
             kept = values[skip :: self.every]
-            place = self.room(name)[begin : begin + len(kept)]
+            place = self.buffer(name)[begin : begin + len(kept)]
             place[...] = kept.reshape(place.shape)
         self.stored = begin + len(kept)
 
-    def room(self, name: str, blank: bool = True) -> Array:
+    def buffer(self, name: str, blank: bool = True) -> Array:
         """Return the array of a variable, of shape (k, ..., n).
 
         Args:

@@ -29,8 +29,8 @@ _CHUNK = 256
 _CHUNK_NUMBERS = 1 << 19
 #: More samples than this cannot be counted in a float.
 _MOST_STEPS = 1e15
-#: How many postures of the reference are checked against the joint limits before the run; fewer where the
-#: reference of a large batch has more numbers in all than this.
+#: How many configurations of the reference are checked against the joint limits before the run; fewer where
+#: the reference of a large batch has more numbers in all than this.
 _MOST_CHECKS, _FEWEST_CHECKS, _CHECKED_NUMBERS = 2001, 65, 1 << 20
 #: Seconds after which a run gets a progress bar.
 _LONG = 2.0
@@ -115,7 +115,7 @@ class ClosedLoop:
         self.batch = common_batch(plant.batch, controller.batch, first.q)
         if self.batch == 0:
             raise ArrayError("reference", "expected at least one rollout, got an empty batch")
-        self._sees_velocity = controller.sees is FullState
+        self._measures_velocity = controller.measurement_type is FullState
 
     def init(self, q0: ArrayLike | None = None, v0: ArrayLike | None = None) -> LoopState:
         """Return the state at time 0.
@@ -170,17 +170,17 @@ class ClosedLoop:
     def _sample(self, plant: Any, controller: Any, target: Target) -> tuple[Any, Any, FullState, Array]:
         """Return the next states of plant and controller, what was measured and the torque asked for."""
         measured = self.plant.measure(plant)
-        seen = measured if self._sees_velocity else new(Measurement, (measured.q,))
+        seen = measured if self._measures_velocity else new(Measurement, (measured.q,))
         tau, controller = self.controller.step(seen, target, controller)
         return self.plant.step(tau, plant, self.dt), controller, measured, tau
 
-    def truth(self, state: LoopState) -> PlantState:
+    def true_state(self, state: LoopState) -> PlantState:
         """Return the true state of the plant."""
-        return self.plant.truth(state.plant)
+        return self.plant.true_state(state.plant)
 
     def _seen(self, measured: FullState) -> Measurement | FullState:
         """Return the part of a measurement that the controller may see."""
-        return measured if self._sees_velocity else Measurement(measured.q)
+        return measured if self._measures_velocity else Measurement(measured.q)
 
 
 def simulate(
@@ -233,7 +233,7 @@ def simulate(
     state = loop.init(q0, v0)
     _check_reference(loop, steps * loop.dt)
 
-    recording = Recording.new(loop.truth(state).q.shape, steps, loop.dt, record_every)
+    recording = Recording.new(loop.true_state(state).q.shape, steps, loop.dt, record_every)
     plain = _Run(loop, state, recording, divergence, signals)
     run: _Run | CompiledRun = plain
     with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
@@ -259,7 +259,7 @@ def simulate(
             "controller": controller.describe(),
             "reference": reference.describe(),
             "divergence": divergence,
-            "measurement": controller.sees.__name__,
+            "measurement": controller.measurement_type.__name__,
             "t_final": steps * loop.dt,
             "backend": "numpy" if isinstance(run, _Run) else "compiled",
         },
@@ -343,8 +343,8 @@ class _Run:
         if not count:
             return
         plants, controllers, measured, commands = zip(*samples, strict=True)
-        after = [self.loop.plant.truth(state) for state in plants]
-        before = [self.loop.truth(self.state), *after[:-1]]
+        after = [self.loop.plant.true_state(state) for state in plants]
+        before = [self.loop.true_state(self.state), *after[:-1]]
         columns = {
             "q": [truth.q for truth in before],
             "v": [truth.v for truth in before],

@@ -69,9 +69,9 @@ class RateLimited(Wrapper):
         """Return what the sensors say."""
         return self.plant.measure(state.plant)
 
-    def truth(self, state: _Slew) -> Any:
+    def true_state(self, state: _Slew) -> Any:
         """Return the true state."""
-        return self.plant.truth(state.plant)
+        return self.plant.true_state(state.plant)
 
     def parameters(self) -> dict[str, Any]:
         """Return the rate."""

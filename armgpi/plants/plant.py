@@ -50,7 +50,7 @@ class Plant(ABC):
         """Return what the sensors say of the state."""
 
     @abstractmethod
-    def truth(self, state: Any) -> PlantState:
+    def true_state(self, state: Any) -> PlantState:
         """Return the true state."""
 
     def disturbance(self, t: Array) -> Array | None:
@@ -87,9 +87,9 @@ class Wrapper(Plant):
         """Return what the wrapped plant's sensors say."""
         return self.plant.measure(state)
 
-    def truth(self, state: Any) -> PlantState:
+    def true_state(self, state: Any) -> PlantState:
         """Return the true state."""
-        return self.plant.truth(state)
+        return self.plant.true_state(state)
 
     def disturbance(self, t: Array) -> Array | None:
         """Return the wrapped plant's disturbance torque."""

@@ -100,7 +100,7 @@ class RigidBodyPlant(Plant):
         """Return the true positions and velocities."""
         return new(FullState, (state.q, state.v))
 
-    def truth(self, state: PlantState) -> PlantState:
+    def true_state(self, state: PlantState) -> PlantState:
         """Return the state itself."""
         return state
 
@@ -162,7 +162,7 @@ class RigidBodyPlant(Plant):
         """
         assert self.friction is not None
         q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
-        inertia = self.robot.dynamics.inertia(q)
+        inertia = self.robot.dynamics.mass_matrix(q)
         steps = _NEWTON_STEPS if self._sticks else 0
         new = _after_friction(inertia, v_free, h, self.friction, self.stick_velocity, steps)
         return q_free + 0.5 * h * (new - v_free), new

@@ -70,7 +70,7 @@ class Noisy(Wrapper):
     def measure(self, state: Any) -> FullState:
         """Return the measurements with the noise of this sample."""
         q, v = self.plant.measure(state)
-        k = self.plant.truth(state).k
+        k = self.plant.true_state(state).k
         return FullState(
             q + self.std_q * noise.normal(self.seed, k, q.shape, 0),
             v + self.std_v * noise.normal(self.seed, k, v.shape, 1),
@@ -112,9 +112,9 @@ class Delayed(Wrapper):
         """Return the measurement that arrives now."""
         return state.waiting[0]
 
-    def truth(self, state: _Late) -> Any:
+    def true_state(self, state: _Late) -> Any:
         """Return the true state."""
-        return self.plant.truth(state.plant)
+        return self.plant.true_state(state.plant)
 
     def parameters(self) -> dict[str, Any]:
         """Return the delay."""
@@ -161,9 +161,9 @@ class Differentiated(Wrapper):
         """Return the positions as they are measured, and the velocities."""
         return state.seen
 
-    def truth(self, state: _Differences) -> Any:
+    def true_state(self, state: _Differences) -> Any:
         """Return the true state."""
-        return self.plant.truth(state.plant)
+        return self.plant.true_state(state.plant)
 
     def parameters(self) -> dict[str, Any]:
         """Return the bandwidth."""
@@ -198,16 +198,16 @@ class DropOut(Wrapper):
         """Return the next state with what arrived."""
         plant = self.plant.step(tau, state.plant, dt)
         q, v = self.plant.measure(plant)
-        lost = noise.uniform(self.seed, self.plant.truth(plant).k, q.shape, 4) < self.probability
+        lost = noise.uniform(self.seed, self.plant.true_state(plant).k, q.shape, 4) < self.probability
         return _Held(plant, FullState(np.where(lost, state.last.q, q), np.where(lost, state.last.v, v)))
 
     def measure(self, state: _Held) -> FullState:
         """Return the last measurement that arrived."""
         return state.last
 
-    def truth(self, state: _Held) -> Any:
+    def true_state(self, state: _Held) -> Any:
         """Return the true state."""
-        return self.plant.truth(state.plant)
+        return self.plant.true_state(state.plant)
 
     def parameters(self) -> dict[str, Any]:
         """Return probability and seed."""

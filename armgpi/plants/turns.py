@@ -54,9 +54,9 @@ class Unwrapped(Wrapper):
         """Return the measurement with its turns."""
         return FullState(state.q, self.plant.measure(state.plant).v)
 
-    def truth(self, state: _Counted) -> Any:
+    def true_state(self, state: _Counted) -> Any:
         """Return the true state."""
-        return self.plant.truth(state.plant)
+        return self.plant.true_state(state.plant)
 
     def _near(self, measured: Array, last: Array) -> Array:
         """Return measured positions, continuous joints moved by whole turns to be nearest to `last`."""

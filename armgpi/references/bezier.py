@@ -1,4 +1,4 @@
-"""Smooth moves between postures by the Bezier polynomial of the paper (eqs. 26-27)."""
+"""Smooth moves between configurations by the Bezier polynomial of the paper (eqs. 26-27)."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ class Bezier(Reference):
     """One smooth move from a start to a goal (eq. 26): stand, move, stand.
 
     Attributes:
-        start: posture before the move [rad or m], shape (n,) or (batch, n).
-        goal: posture after it, same shape.
+        start: configuration before the move [rad or m], shape (n,) or (batch, n).
+        goal: configuration after it, same shape.
         duration: how long the move takes [s].
         t_start: when it begins [s].
     """
@@ -100,8 +100,8 @@ class Bezier(Reference):
         """Define the move.
 
         Args:
-            start: posture before it [rad or m], shape (n,) or (batch, n).
-            goal: posture after it; the two broadcast.
+            start: configuration before it [rad or m], shape (n,) or (batch, n).
+            goal: configuration after it; the two broadcast.
             duration: how long it takes [s]; when not given, the shortest that keeps the limits.
             t_start: when it begins [s].
             velocity_limit: highest speeds [rad/s or m/s], used when there is no duration.
@@ -111,7 +111,7 @@ class Bezier(Reference):
             ArrayError: when start and goal do not go together.
             ParameterError: when the duration is not positive, or neither it nor a limit is given.
         """
-        self.start, self.goal = _postures(start, goal)
+        self.start, self.goal = _configurations(start, goal)
         distance = self.goal - self.start
         if duration is None:
             duration = minimum_duration(distance, velocity_limit, acceleration_limit)
@@ -153,8 +153,8 @@ class Bezier(Reference):
         )
 
 
-def _postures(start: ArrayLike, goal: ArrayLike) -> tuple[Array, Array]:
-    """Check two postures and give them one shape."""
+def _configurations(start: ArrayLike, goal: ArrayLike) -> tuple[Array, Array]:
+    """Check two configurations and give them one shape."""
     start_, goal_ = as_float_array(start, "start"), as_float_array(goal, "goal")
     for name, array in (("start", start_), ("goal", goal_)):
         if array.ndim not in (1, 2):

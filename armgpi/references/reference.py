@@ -53,7 +53,7 @@ class Reference(ABC):
 
 
 class Hold(Reference):
-    """Stand still at one posture."""
+    """Stand still at one configuration."""
 
     symbolic = True
 
@@ -65,11 +65,11 @@ class Hold(Reference):
         self._at = Waypoints([q], durations=[]).at
 
     def describe(self) -> dict[str, Any]:
-        """Return the posture as plain data."""
+        """Return the configuration as plain data."""
         return {"type": "Hold", "q": self._at(0.0).q.tolist()}
 
     def at(self, t: float | Array) -> Target:
-        """Return the posture with zero velocity and acceleration, shapes as :meth:`Reference.at`."""
+        """Return the configuration with zero velocity and acceleration, shapes as :meth:`Reference.at`."""
         return self._at(t)
 
 
@@ -91,7 +91,9 @@ class ReferenceBatch(Reference):
             raise ParameterError("references", references, "a sequence of at least one Reference")
         shapes = [reference.at(0.0).q.shape for reference in references]
         if len(shapes[0]) != 1 or len(set(shapes)) > 1:
-            raise ArrayError("references", f"expected one posture of the same joints each, got {shapes}")
+            raise ArrayError(
+                "references", f"expected one configuration of the same joints each, got {shapes}"
+            )
         self.references = tuple(references)
 
     def at(self, t: float | Array) -> Target:

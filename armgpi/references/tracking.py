@@ -20,11 +20,11 @@ _DIFFERENCE = 1e-4
 _MISS = 1e-10
 #: Correction of a step or of the interpolation beyond which they are astray [rad or m].
 _ASTRAY = 1e-3
-#: Parts of a step that goes astray as a whole, next to a singular posture.
+#: Parts of a step that goes astray as a whole, next to a singular configuration.
 _PARTS = 16
 #: Longest step of a scout [rad or m].
 _LONGEST = 0.5
-#: How many postures to begin in are tried, for how many steps of so long [s], to stay so near [m, rad].
+#: How many configurations to begin in are tried, for how many steps of so long [s], to stay so near [m, rad].
 _SCOUTS, _SCOUT_STEPS, _SCOUT_STEP, _SCOUT_MISS = 16, 200, 0.05, 1e-5
 
 
@@ -48,24 +48,24 @@ class Track:
         self._nodes = self._with_rates(0, self._home[None])
 
     def _scouted(self, q: Array) -> Array:
-        """Return the posture, of several to begin in, that can follow the path the longest, with most room.
+        """Return the starting configuration, of several, that follows the path the longest.
 
         All of them go ahead together, with large steps. On ends where one leaves the limits or the path.
         """
         home, inverse = q[:_SCOUTS], self.inverse
-        q, room = home, inverse.room(home)
+        q, clearance = home, inverse.clearance(home)
         rows, score = np.arange(len(q)), np.zeros(len(q))
         for step in range(1, _SCOUT_STEPS if len(q) > 1 else 0):
             t = np.full(len(rows), _SCOUT_STEP * step)
             ahead = q + _SCOUT_STEP * inverse.flow(q, self._path.at(t - _SCOUT_STEP).v, home[rows])
             ahead = inverse.corrected(ahead, self._path.at(t).x, steps=2)
-            room = np.minimum(room, inverse.room(ahead))
-            going = (np.abs(ahead - q).max(axis=-1) < _LONGEST) & (room > 0.0)
+            clearance = np.minimum(clearance, inverse.clearance(ahead))
+            going = (np.abs(ahead - q).max(axis=-1) < _LONGEST) & (clearance > 0.0)
             going &= inverse.missed(ahead, self._path.at(t).x) < _SCOUT_MISS
-            rows, q, room = rows[going], ahead[going], room[going]
+            rows, q, clearance = rows[going], ahead[going], clearance[going]
             if not len(rows):
                 break
-            score[rows] = step + room / (1.0 + room)
+            score[rows] = step + clearance / (1.0 + clearance)
         return np.asarray(home[np.argmax(score)])
 
     def at(self, times: Array) -> Target:
@@ -113,7 +113,7 @@ class Track:
         return Target(q, v, a)
 
     def _flow(self, t: Array, q: Array) -> Array:
-        """Return the velocities at times (k,) and postures (k, n)."""
+        """Return the velocities at times (k,) and configurations (k, n)."""
         return self.inverse.flow(q, self._path.at(t).v, self._home)
 
     def _next(self, q: Array, t: float) -> Array:
@@ -158,7 +158,7 @@ class Track:
         return Target(q, v, a)
 
     def _check_limits(self, times: Array, q: Array) -> None:
-        """Refuse postures outside the joint limits, naming the first time."""
+        """Refuse configurations outside the joint limits, naming the first time."""
         lower, upper = self.inverse.robot.limits[:2]
         slack = 1e-9 * np.maximum(1.0, np.abs(q))
         outside = np.argwhere((q < lower - slack) | (q > upper + slack))
@@ -170,7 +170,7 @@ class Track:
                 q[row, joint],
                 lower[joint],
                 upper[joint],
-                "begin in another posture (near=...), or hold less of the tool",
+                "begin in another configuration (near=...), or hold less of the tool",
             )
 
     def _give_up(self, t: float, point: Array) -> NoReturn:
@@ -184,5 +184,5 @@ class Track:
             tuple(point),
             0.0,
             f"the path at t = {t:.4g} s: ({text}) m can be reached, but not from where the path begins: a "
-            "singular posture is between; begin in another one (near=...), or hold less of the tool",
+            "singular configuration is between; begin in another one (near=...), or hold less of the tool",
         )

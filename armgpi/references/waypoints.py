@@ -15,7 +15,7 @@ from armgpi.references.reference import Reference, Target
 
 
 class Waypoints(Reference):
-    """Go from posture to posture by Bezier moves, standing still at each for a while.
+    """Go from configuration to configuration by Bezier moves, standing still at each for a while.
 
     Attributes:
         moves: the moves, one :class:`Bezier` from each waypoint to the next.
@@ -35,30 +35,30 @@ class Waypoints(Reference):
         """Define the sequence, from t = 0.
 
         Args:
-            points: m postures [rad or m], each of shape (n,) or (batch, n).
+            points: m configurations [rad or m], each of shape (n,) or (batch, n).
             durations: of the m - 1 moves [s]: a number for all, one for each, or None for the shortest
                 ones that keep the limits.
-            holds: how long to stand at each of the m postures [s]: a number for all or one for each.
+            holds: how long to stand at each of the m configurations [s]: a number for all or one for each.
             velocity_limit: highest speeds [rad/s or m/s], used when there are no durations.
             acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
 
         Raises:
-            ArrayError: when the postures do not go together.
-            ParameterError: when there is no posture, or numbers of durations or holds do not fit.
+            ArrayError: when the configurations do not go together.
+            ParameterError: when there is no configuration, or numbers of durations or holds do not fit.
         """
         if len(points) == 0:
-            raise ParameterError("points", points, "at least one posture")
+            raise ParameterError("points", points, "at least one configuration")
         legs = max(len(points) - 1, 0)
         times = _per_item(durations, "durations", legs)
         stands = _per_item(holds, "holds", len(points))
         stands = [check_number(hold, "holds", "zero or positive, finite times [s]") for hold in stands]
-        postures = _one_shape(points)
+        configurations = _one_shape(points)
         moves = []
         t = stands[0]
         for leg in range(legs):
             move = Bezier(
-                postures[leg],
-                postures[leg + 1],
+                configurations[leg],
+                configurations[leg + 1],
                 times[leg],
                 t,
                 velocity_limit,
@@ -68,8 +68,8 @@ class Waypoints(Reference):
             t += move.duration + stands[leg + 1]
         self.moves = tuple(moves)
         self.t_end = t
-        # A single posture is a move to itself.
-        self._parts = self.moves or (Bezier(postures[0], postures[0]),)
+        # A single configuration is a move to itself.
+        self._parts = self.moves or (Bezier(configurations[0], configurations[0]),)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
@@ -102,7 +102,7 @@ def _per_item(value: Any, name: str, count: int) -> list[Any]:
 
 
 def _one_shape(points: Sequence[ArrayLike]) -> list[Array]:
-    """Return the postures with one shape, (n,) or (batch, n)."""
+    """Return the configurations with one shape, (n,) or (batch, n)."""
     arrays = [as_float_array(point, "points") for point in points]
     try:
         if len({array.shape[-1:] for array in arrays}) > 1:
@@ -110,5 +110,7 @@ def _one_shape(points: Sequence[ArrayLike]) -> list[Array]:
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:
         shapes = ", ".join(str(array.shape) for array in arrays)
-        raise ArrayError("points", f"expected postures of the same joints and batch, got {shapes}") from None
+        raise ArrayError(
+            "points", f"expected configurations of the same joints and batch, got {shapes}"
+        ) from None
     return [np.broadcast_to(array, shape) for array in arrays]

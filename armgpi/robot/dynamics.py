@@ -39,13 +39,13 @@ class Dynamics(Protocol):
     def inertia_solve(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau [rad/s^2 or m/s^2]."""
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
         """Return C(q, v) v + G(q) [N m or N]."""
 
     def gravity(self, q: Array) -> Array:
         """Return G(q) [N m or N]."""
 
-    def inertia(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array) -> Array:
         """Return D(q), shape (..., n, n) [kg m^2, kg m or kg]."""
 
 
@@ -108,7 +108,7 @@ class PinocchioDynamics:
         a[rows] = self._parallel(pin.abaInParallel, True, q, np.zeros_like(q), tau_rows)
         return a
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
         """Return C(q, v) v + G(q)."""
         return self.inverse(q, v, np.zeros_like(q))
 
@@ -116,7 +116,7 @@ class PinocchioDynamics:
         """Return G(q)."""
         return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
 
-    def inertia(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array) -> Array:
         """Return D(q) by the composite-rigid-body algorithm (Featherstone 2008, ch. 6)."""
         if q.ndim == 1:
             matrix: Array = np.array(pin.crba(self.model, self._data, q))
@@ -153,7 +153,7 @@ class CoupledDynamics:
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration, by solving with D(q)."""
-        return self._solved(q, tau - self.bias(q, v))
+        return self._solved(q, tau - self.nonlinear_effects(q, v))
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Return the torque, by the whole model's Newton-Euler recursion."""
@@ -168,7 +168,7 @@ class CoupledDynamics:
         """Return D(q)^-1 tau."""
         return self._solved(q, tau) if np.count_nonzero(tau) else tau
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
         """Return C(q, v) v + G(q)."""
         return self.inverse(q, v, np.zeros_like(q))
 
@@ -176,9 +176,9 @@ class CoupledDynamics:
         """Return G(q)."""
         return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
 
-    def inertia(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array) -> Array:
         """Return D(q)."""
-        matrix: Array = self.ratio.T @ self.whole.inertia(self._all(q)) @ self.ratio
+        matrix: Array = self.ratio.T @ self.whole.mass_matrix(self._all(q)) @ self.ratio
         return matrix
 
     def _all(self, q: Array) -> Array:
@@ -191,7 +191,7 @@ class CoupledDynamics:
 
     def _solved(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau by a dense solve, n being small."""
-        x = np.linalg.solve(self.inertia(q), tau[..., np.newaxis])[..., 0]
+        x = np.linalg.solve(self.mass_matrix(q), tau[..., np.newaxis])[..., 0]
         return np.ascontiguousarray(x, dtype=np.float64)
 
 
@@ -224,18 +224,18 @@ class ScaledDynamics:
             return tau
         return self.base.inertia_solve(q, tau / self.scale)
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
         """Return C(q, v) v + G(q)."""
-        return self.scale * self.base.bias(q, v)
+        return self.scale * self.base.nonlinear_effects(q, v)
 
     def gravity(self, q: Array) -> Array:
         """Return G(q)."""
         return self.scale * self.base.gravity(q)
 
-    def inertia(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array) -> Array:
         """Return D(q)."""
         scale = self.scale if isinstance(self.scale, float) else self.scale[..., np.newaxis]
-        return scale * self.base.inertia(q)
+        return scale * self.base.mass_matrix(q)
 
 
 def stacked(parts: Sequence[Dynamics]) -> Dynamics:
@@ -279,17 +279,17 @@ class StackedDynamics:
         """Return D(q)^-1 tau of every row."""
         return self._scatter("inertia_solve", q, tau)
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
         """Return C(q, v) v + G(q) of every row."""
-        return self._scatter("bias", q, v)
+        return self._scatter("nonlinear_effects", q, v)
 
     def gravity(self, q: Array) -> Array:
         """Return G(q) of every row."""
         return self._scatter("gravity", q)
 
-    def inertia(self, q: Array) -> Array:
+    def mass_matrix(self, q: Array) -> Array:
         """Return D(q) of every row."""
-        return self._scatter("inertia", q)
+        return self._scatter("mass_matrix", q)
 
     def _scatter(self, name: str, *arguments: Array) -> Array:
         """Call the kernel `name` of every part on its rows and put the results back in order."""

@@ -23,7 +23,7 @@ Flags = npt.NDArray[np.bool_]
 
 #: Damping per half squared residual; Chan and Lawrence (1988) leave it open, and it hardly matters.
 _DAMPING = 0.1
-#: Damping that is left at the goal, so that a singular posture there divides by no zero.
+#: Damping that is left at the goal, so that a singular configuration there divides by no zero.
 _LEAST_DAMPING = 1e-14
 #: Longest step of a joint in an iteration [rad, or lengths of the arm].
 _LONGEST_STEP = 1.0
@@ -33,7 +33,7 @@ _PATIENCE, _LEAST_GAIN = 10, 0.01
 _LAST_ITERATIONS, _LAST_GAIN = 10, 1e-6
 #: Starts that are tried at once.
 _AT_ONCE = 8
-#: A step that stays near a posture: share of the way to it, and how often.
+#: A step that stays near a configuration: share of the way to it, and how often.
 _SETTLE_SHARE, _SETTLE_STEPS = 0.7, 12
 #: Largest coordinate that can be asked for [m]; squares of more overflow in the end.
 _FARTHEST = 1e9
@@ -41,7 +41,7 @@ _FARTHEST = 1e9
 _ROTATION_SLACK = 1e-6
 #: Singular values below this share of the largest count as zero.
 _SINGULAR = 1e-9
-#: Tolerance [m and rad] and iterations of a search for postures on a path.
+#: Tolerance [m and rad] and iterations of a search for configurations on a path.
 _EXACT, _ITERATIONS = 1e-12, 60
 
 
@@ -82,7 +82,7 @@ def inverse_kinematics(
     Levenberg-Marquardt with the damping of Chan and Lawrence, "General inverse kinematics with the error
     damped pseudoinverse", ICRA 1988: proportional to the squared residual. A joint at a limit that the
     residual presses against it is held there. The search begins at `near`; where that does not reach, at
-    random postures, the same for every pose. So an answer depends on its own pose alone.
+    random configurations, the same for every pose. So an answer depends on its own pose alone.
 
     Of the solutions the one nearest to `near` is taken, among full turns too. An arm with more joints than
     the task needs is then moved in the null space of its Jacobian towards `near`, as far as the task lets it.
@@ -96,15 +96,15 @@ def inverse_kinematics(
         direction: instead of a rotation, where its `tool_axis` shall point to in the base frame, shape (3,)
             or (k, 3); the turn about it is free.
         tool_axis: axis in the frame, shape (3,), for `direction`.
-        near: posture to begin at and to stay near to [rad or m], shape (n,) or (k, n); the middle of the
-            joint ranges when not given.
+        near: configuration to begin at and to stay near to [rad or m], shape (n,) or (k, n); the middle of
+            the joint ranges when not given.
         restarts: number of further starts, at most, for a pose that is not reached from `near`.
         tolerance: distance [m] and angle [rad] that count as reached.
         iterations: most iterations of a start.
         seed: of the random starts.
 
     Returns:
-        The postures and how well they reach. One out of reach raises no error: look at `reached`.
+        The configurations and how well they reach. One out of reach raises no error: look at `reached`.
 
     Raises:
         NameNotFound: when there is no such frame.
@@ -126,7 +126,7 @@ def inverse_kinematics(
         check_whole(iterations, "iterations", 1),
     )
     found = search.descend(arm, goal, home)
-    starts = postures(robot, restarts, seed)
+    starts = random_configurations(robot, restarts, seed)
     for begin in range(0, restarts, _AT_ONCE):
         missing = np.flatnonzero(~found.reached)
         if not len(missing):
@@ -141,9 +141,9 @@ def inverse_kinematics(
         _try_again(arm, goal, home, last, found, missing, np.stack([found.q, home], axis=1)[missing])
     if robot.n > goal.size:
         rows = np.flatnonzero(found.reached)
-        settled = search.settle(arm, goal.rows(rows), found.q[rows], home[rows])
-        found.q[rows] = settled
-        found.position_error[rows], found.rotation_error[rows] = arm.errors(goal.rows(rows), settled)
+        projected = search.null_space_projection(arm, goal.rows(rows), found.q[rows], home[rows])
+        found.q[rows] = projected
+        found.position_error[rows], found.rotation_error[rows] = arm.errors(goal.rows(rows), projected)
     return InverseSolution._make(x[0] for x in found) if single else found
 
 
@@ -151,7 +151,7 @@ class TrackingInverse:
     """Where the joints go while a frame follows a path, its axis or its rotation held if so wished.
 
     It serves :class:`armgpi.CartesianReference` as the inverse of any arm. Joints that the task leaves free
-    are drawn towards the posture that it began in, by the null space of the Jacobian.
+    are drawn towards the configuration that it began in, by the null space of the Jacobian.
 
     Attributes:
         robot: the arm.
@@ -180,10 +180,10 @@ class TrackingInverse:
             rotation: how its axes stand all along, shape (3, 3); any way when not given.
             direction: instead of a rotation, where its `tool_axis` points to all along, shape (3,).
             tool_axis: axis in the frame, shape (3,), for `direction`.
-            near: posture to begin nearest to [rad or m], shape (n,). When not given, the path begins in the
-                posture with the most room: far from joint limits and from singular postures.
-            rate: how fast free joints are drawn back to the first posture [1/s], zero for not at all.
-            restarts: number of postures that the search for the first one begins at.
+            near: configuration to begin nearest to [rad or m], shape (n,). When not given, the path begins in
+                the configuration with the most clearance: far from joint limits and singularities.
+            rate: how fast free joints are drawn back to the first configuration [1/s], zero for not at all.
+            restarts: number of configurations that the search for the first one begins at.
             seed: of these.
 
         Raises:
@@ -205,10 +205,10 @@ class TrackingInverse:
         if self._near is not None and self._near.ndim != 1:
             raise ArrayError("near", f"expected shape ({robot.n},), got {self._near.shape}")
         self.rate = check_number(rate, "rate", "zero or positive [1/s]")
-        self._starts = postures(robot, check_whole(restarts, "restarts", 1, 100_000), seed)
+        self._starts = random_configurations(robot, check_whole(restarts, "restarts", 1, 100_000), seed)
 
     def __call__(self, points: ArrayLike) -> Array:
-        """Return the postures for points in order, each found from the one before.
+        """Return the configurations for points in order, each found from the one before.
 
         Args:
             points: [m], shape (k, 3), a path of small steps.
@@ -226,19 +226,19 @@ class TrackingInverse:
         return q
 
     def begin(self, point: Array) -> Array:
-        """Return a posture (n,) for a point (3,) [m], the first of :meth:`candidates`."""
+        """Return a configuration (n,) for a point (3,) [m], the first of :meth:`candidates`."""
         first: Array = self.candidates(point)[0]
         return first
 
     def candidates(self, point: Array) -> Array:
-        """Return postures for a point that a path may begin in.
+        """Return configurations for a point that a path may begin in.
 
         Args:
             point: in the base frame [m], shape (3,).
 
         Returns:
             Joint positions [rad or m], shape (c, n), the one nearest to `near`, or several, from the one
-            with the most room on.
+            with the most clearance on.
 
         Raises:
             ReachError: when the point is out of reach; it carries how far.
@@ -252,9 +252,13 @@ class TrackingInverse:
             raise self._out_of_reach(point, found)
         q = found.q[found.reached]
         if self._near is None:
-            return q[np.argsort(-self.room(q), kind="stable")]
+            return q[np.argsort(-self.clearance(q), kind="stable")]
         best = q[[np.argmin(_distance(self._arm, q, home))]]
-        return search.settle(self._arm, self._at(point[None]), best, home[None]) if self.free else best
+        return (
+            search.null_space_projection(self._arm, self._at(point[None]), best, home[None])
+            if self.free
+            else best
+        )
 
     def describe(self) -> dict[str, Any]:
         """Return what is followed as plain data."""
@@ -279,7 +283,7 @@ class TrackingInverse:
         return int(self.robot.n) - self._goal.size
 
     def flow(self, q: Array, velocity: Array, home: Array) -> Array:
-        """Return joint velocities (k, n) for velocities of the frame (k, 3) [m/s] at postures (k, n)."""
+        """Return joint velocities (k, n) for frame velocities (k, 3) [m/s] at configurations (k, n)."""
         return self.resolve(q, velocity, self.rate * (home - q))
 
     def resolve(self, q: Array, linear: Array, wish: Array, angular: Array | None = None) -> Array:
@@ -288,7 +292,7 @@ class TrackingInverse:
         Positions, velocities and accelerations are all of this form: wish + J^+ (rate - J wish).
 
         Args:
-            q: postures at which J is taken [rad or m], shape (k, n).
+            q: configurations at which J is taken [rad or m], shape (k, n).
             linear: rate of the frame's origin, shape (k, 3).
             wish: joint rates to stay near to, shape (k, n).
             angular: rate of the frame's rotation, zero when not given, shape (k, 3); what the task leaves
@@ -306,7 +310,7 @@ class TrackingInverse:
         return self._arm.units * (wished + _times(_pseudoinverse(J), missing))
 
     def corrected(self, q: Array, points: Array, steps: int) -> Array:
-        """Return postures (k, n) moved the least that puts the frame on points (k, 3), by Newton steps."""
+        """Return the nearest configurations (k, n) with the frame on points (k, 3), by Newton steps."""
         goal = self._at(points)
         for _ in range(steps):
             e, J = self._arm.linearise(goal, q)
@@ -314,7 +318,7 @@ class TrackingInverse:
         return q
 
     def closest(self, q: Array, points: Array) -> Array:
-        """Return postures (k, n) on points (k, 3) searched from postures (k, n), on their branch.
+        """Return configurations (k, n) on points (k, 3) searched from configurations (k, n), on their branch.
 
         Raises:
             ReachError: when one is not found.
@@ -326,7 +330,7 @@ class TrackingInverse:
         return found.q
 
     def missed(self, q: Array, points: Array) -> Array:
-        """Return how far postures (k, n) are off points (k, 3), the larger of [m] and [rad], shape (k,)."""
+        """Return how far configurations (k, n) miss points (k, 3), the larger of [m] and [rad], (k,)."""
         worst: Array = np.max(self._arm.errors(self._at(points), q), axis=0)
         return worst
 
@@ -334,8 +338,8 @@ class TrackingInverse:
         """Return the goal at points (k, 3)."""
         return self._goal.rows(np.zeros(len(points), dtype=np.intp))._replace(position=points)
 
-    def room(self, q: Array) -> Array:
-        """Return how far postures (k, n) are from limits and singular postures, shape (k,).
+    def clearance(self, q: Array) -> Array:
+        """Return how far configurations (k, n) are from limits and singular configurations, shape (k,).
 
         The least distance of a joint from a limit, as a share of half its range, times the least singular
         value of the Jacobian. It is negative outside the limits.
@@ -357,8 +361,8 @@ class TrackingInverse:
         return ReachError(
             tuple(point),
             distance,
-            f"{self.frame!r} of {self.robot.name!r} does not reach ({text}) m: the nearest posture found "
-            f"misses it by {distance:.3g} m{held}",
+            f"{self.frame!r} of {self.robot.name!r} does not reach ({text}) m: the nearest configuration "
+            f"found misses it by {distance:.3g} m{held}",
         )
 
 
@@ -375,7 +379,7 @@ class _Arm(NamedTuple):
         """Check robot and frame, and measure them."""
         if not isinstance(robot, Robot):
             raise ParameterError("robot", robot, "a single Robot")
-        J = robot.frame_jacobian(frame, postures(robot, 32, seed=0))
+        J = robot.frame_jacobian(frame, random_configurations(robot, 32, seed=0))
         if not J.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = _turning(robot)
@@ -452,7 +456,7 @@ class _Search(NamedTuple):
     last: bool = False  # whether to come to rest where the goal is out of reach
 
     def descend(self, arm: _Arm, goal: _Goal, start: Array, home: Array | None = None) -> InverseSolution:
-        """Search from postures (k, n), one per row of the goal; turns are those nearest to `home`."""
+        """Search from configurations (k, n), one per row of the goal; turns are those nearest to `home`."""
         lower, upper = _wide(arm.robot)
         q = np.array(start)
         k = len(q)
@@ -482,8 +486,8 @@ class _Search(NamedTuple):
         errors = arm.errors(goal, q)
         return InverseSolution(q, *errors, np.max(errors, axis=0) <= self.tolerance, count)
 
-    def settle(self, arm: _Arm, goal: _Goal, q: Array, home: Array) -> Array:
-        """Return postures (k, n) moved in the null space towards `home`, where that keeps the goal."""
+    def null_space_projection(self, arm: _Arm, goal: _Goal, q: Array, home: Array) -> Array:
+        """Return configurations (k, n) moved in the null space towards `home`, where that keeps the goal."""
         moved = q
         for step in range(_SETTLE_STEPS + 4):  # the last ones only correct
             e, J = arm.linearise(goal, moved)
@@ -582,8 +586,8 @@ def _unit(vectors: Array, name: str) -> Array:
     return np.asarray(vectors / length)
 
 
-def postures(robot: Robot, count: int, seed: int) -> Array:
-    """Return random postures inside the limits, within half a turn of the middle where that is less."""
+def random_configurations(robot: Robot, count: int, seed: int) -> Array:
+    """Return random configurations inside the limits, within half a turn of the middle where that is less."""
     rng = np.random.default_rng(check_whole(seed, "seed", 0))
     middle = robot.middle()
     low, high = (
@@ -616,7 +620,7 @@ def _nearest_turns(robot: Robot, q: Array, home: Array) -> Array:
 
 
 def _distance(arm: _Arm, q: Array, home: Array) -> Array:
-    """Return how far postures are from others, shape (k,)."""
+    """Return how far configurations are from others, shape (k,)."""
     return np.asarray(np.linalg.norm((q - home) / arm.units, axis=-1))
 
 

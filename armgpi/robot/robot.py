@@ -21,9 +21,9 @@ PerJoint = ArrayLike | Mapping[str, float]
 _SINGULAR, _WEIGHTLESS = 1e-14, 1e-15
 #: How far D(q)^-1 D(q) may be from one.
 _WRONG = 1e-3
-#: Postures at which D(q) is looked at when a robot is loaded.
+#: Configurations at which D(q) is looked at when a robot is loaded.
 _SAMPLES = 16
-#: Width of the range from which postures are drawn where a joint has none or a huge one [rad, m].
+#: Width of the range from which configurations are drawn where a joint has none or a huge one [rad, m].
 _WIDEST_TURN, _WIDEST_SLIDE = 4.0 * math.pi, 4.0
 
 
@@ -96,7 +96,7 @@ class _Checked:
             ArrayError: when `q` has another shape or dtype or is not finite.
         """
         (q_,) = self._states(q=q)
-        return self.dynamics.inertia(q_)
+        return self.dynamics.mass_matrix(q_)
 
     def gravity(self, q: ArrayLike) -> Array:
         """Return the gravity torque G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
@@ -106,7 +106,7 @@ class _Checked:
     def nonlinear_effects(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return C(q, v) v + G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
         q_, v_ = self._states(q=q, v=v)
-        return self.dynamics.bias(q_, v_)
+        return self.dynamics.nonlinear_effects(q_, v_)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
         """Return the acceleration D(q)^-1 (tau - C(q, v) v - G(q)), by ABA.
@@ -552,7 +552,7 @@ class Robot(_Checked):
         return np.where(bounded, np.clip(centre, lower, upper), nearest_zero)
 
     def check_holding(self, q: ArrayLike, what: str) -> None:
-        """Refuse postures at which gravity exceeds a joint's effort limit: nothing holds the arm there.
+        """Refuse configurations at which gravity exceeds a joint's effort limit: nothing holds the arm there.
 
         Args:
             q: positions [rad or m], shape (n,) or (batch, n).
@@ -577,13 +577,13 @@ class Robot(_Checked):
             )
 
     def random_positions(self, count: int, seed: int = 0) -> Array:
-        """Return postures drawn evenly from the joint ranges [rad or m], shape (count, n).
+        """Return configurations drawn evenly from the joint ranges [rad or m], shape (count, n).
 
         Where a range is infinite or huge they are from two turns, or 2 m, to either side of its middle.
 
         Args:
             count: how many.
-            seed: the same seed gives the same postures.
+            seed: the same seed gives the same configurations.
         """
         lower, upper, middle = self.limits.lower, self.limits.upper, self.middle()
         turns = np.array([kind != "prismatic" for kind in self.joint_types])
@@ -662,19 +662,19 @@ class Robot(_Checked):
         return [int(self._model.joints[self._model.getJointId(name)].idx_v) for name in self.joint_names]
 
     def _whole(self, q: Array) -> Array:
-        """Return all coordinates of the model for one posture (n,), those of following joints included."""
+        """Return all coordinates of the model for one configuration (n,), following joints included."""
         return q if self.coupling is None else self.coupling.ratio @ q + self.coupling.offset
 
     def _check_inertia(self, source: str) -> None:
         """Refuse a model whose inertia matrix is not positive definite, naming a joint without inertia."""
-        postures = np.vstack([self.middle(), self.random_positions(_SAMPLES)])
-        matrices = self.dynamics.inertia(postures)
+        configurations = np.vstack([self.middle(), self.random_positions(_SAMPLES)])
+        matrices = self.dynamics.mass_matrix(configurations)
         if not np.isfinite(matrices).all():
             raise UrdfError(source, "has masses and lengths so large that D(q) overflows; check their units")
         eigenvalues, vectors = np.linalg.eigh(matrices)
         bad = eigenvalues[:, 0] <= np.maximum(_SINGULAR * eigenvalues[:, -1], _WEIGHTLESS)
         if not bad.any():
-            self._check_digits(postures, source)
+            self._check_digits(configurations, source)
             return
         first = int(np.argmax(bad))
         weightless = eigenvalues[first] <= max(_SINGULAR * eigenvalues[first, -1], _WEIGHTLESS)
@@ -685,7 +685,7 @@ class Robot(_Checked):
         where = (
             ""
             if first == 0
-            else f" at q = {np.array2string(postures[first], precision=3, max_line_width=10_000)}"
+            else f" at q = {np.array2string(configurations[first], precision=3, max_line_width=10_000)}"
         )
         raise UrdfError(
             source,
@@ -695,10 +695,10 @@ class Robot(_Checked):
             joint,
         )
 
-    def _check_digits(self, postures: Array, source: str) -> None:
+    def _check_digits(self, configurations: Array, source: str) -> None:
         """Refuse a model whose accelerations lose their digits: lengths of 1e9 m beside others of 1 m."""
-        unit = np.ones_like(postures)
-        back = self.dynamics.inertia_solve(postures, self.dynamics.inertia_times(postures, unit))
+        unit = np.ones_like(configurations)
+        back = self.dynamics.inertia_solve(configurations, self.dynamics.inertia_times(configurations, unit))
         wrong = np.abs(back - unit).max(axis=0)
         if not (wrong < _WRONG).all():
             joint = self.joint_names[int(np.argmax(np.where(np.isfinite(wrong), wrong, np.inf)))]
@@ -775,7 +775,7 @@ _T = TypeVar("_T")
 
 
 def _rowwise(function: Callable[[Array], Array], q: Array) -> Array:
-    """Apply a function of one posture to (n,), or to every row of (batch, n)."""
+    """Apply a function of one configuration to (n,), or to every row of (batch, n)."""
     if q.ndim == 1:
         return function(q)
     if not len(q):

@@ -265,7 +265,7 @@ def _written(urdf: Urdf, locked: Mapping[str, float]) -> str:
         element = SubElement(root, "joint", name=joint.name, type=kind if moves else "fixed")
         SubElement(element, "parent", link=joint.parent)
         SubElement(element, "child", link=joint.child)
-        xyz, rpy = (joint.xyz, joint.rpy) if moves else _stand(joint, locked.get(joint.name, 0.0))
+        xyz, rpy = (joint.xyz, joint.rpy) if moves else _fixed_origin(joint, locked.get(joint.name, 0.0))
         SubElement(element, "origin", xyz=_words(xyz), rpy=_words(rpy))
         if moves:
             SubElement(element, "axis", xyz=_words(joint.direction.tolist()))
@@ -273,7 +273,7 @@ def _written(urdf: Urdf, locked: Mapping[str, float]) -> str:
     return tostring(root, encoding="unicode")
 
 
-def _stand(joint: Joint, value: float) -> tuple[Sequence[float], Sequence[float]]:
+def _fixed_origin(joint: Joint, value: float) -> tuple[Sequence[float], Sequence[float]]:
     """Return xyz and rpy of a fixed joint that stands where the moving one stands at `value`."""
     if value == 0.0:
         return joint.xyz, joint.rpy

@@ -3,7 +3,7 @@
 From the largest scope to the smallest: a mistake that explains everything that differs and spoils nothing
 that agrees; then one that explains a whole term of a function; then single entries, products and joints.
 Where nothing fits, no cause is named, and the evidence is shown: what the difference is as a function of
-the posture.
+the configuration.
 """
 
 from __future__ import annotations
@@ -19,8 +19,15 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
-from armgpi.validation import fragments, harmonics, words
-from armgpi.validation.hypotheses import Family, Hypothesis, Names, angle_maps, discrete, families
+from armgpi.validation import fragments, harmonics, phrasing
+from armgpi.validation.hypotheses import (
+    Hypothesis,
+    Names,
+    ParametricHypothesis,
+    angle_maps,
+    discrete,
+    families,
+)
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.tree import Tree, evaluate
 
@@ -32,9 +39,10 @@ PAIR_COST = 2.0
 OWN_COST = 2.2
 #: What is usually taken for gravity [m/s²], and that of the moon and of Mars; in feet and in cm.
 _STRENGTHS = (9.81, 9.8, 10.0, 1.62, 3.71, 32.174, 981.0, 1.0)
-#: Elements whose posture dependence is shown, at most.
+#: Elements whose configuration dependence is shown, at most.
 SHOWN = 6
-#: Postures at which a summand at another angle is compared: there are few functions of the posture.
+#: Configurations at which a summand at another angle is compared: there are few functions of the
+#: configuration.
 _FEW = 16
 #: Parts of a function that may have causes of their own.
 _PARTS = ("D", "H", "B", "Z", "G", "V", "F", "J")
@@ -72,7 +80,7 @@ class Vary(NamedTuple):
     Attributes:
         numbers: name -> value.
         columns: gives the model's columns, (rows, E), for a number's name and value: of some functions at
-            some of the first postures; NaN for the other functions.
+            some of the first configurations; NaN for the other functions.
     """
 
     numbers: Mapping[str, float]
@@ -117,7 +125,7 @@ class _Search:
         self.discrete = [(h, problem.explains(h)) for h in discrete(problem.tree)]
         self.maps = [(h, problem.explains(h)) for h in angle_maps(problem.tree)]
         self.families = [_Fitted(problem, family) for family in families(problem.tree)]
-        self.known = words.known_numbers(problem.tree)
+        self.known = phrasing.known_numbers(problem.tree)
         self._fragments: list[fragments.Fragment] = []
         self._mapped: list[tuple[Hypothesis, list[fragments.Fragment]]] = []
 
@@ -208,7 +216,7 @@ class _Search:
         factor = self.common_factor(scope)
         if factor is not None and len(alike) > 1:
             text = f"it is {factor:.6g} times what it should be, in every entry"
-            text += words.of_factor(factor, self.known)
+            text += phrasing.of_factor(factor, self.known)
             found.append(_Candidate(4.5, "factor", text, factor, 1.0))
         if len(alike) == 1 and not any(c.cost <= 2.5 for c in found):
             # One entry alone: a summand of it is a better explanation than a value that only it feels.
@@ -231,7 +239,7 @@ class _Search:
             one = matches[0]
             if one is None or any(m is None or abs(m.factor - one.factor) > 1e-7 for m in matches):
                 continue
-            reason = "" if one.plain else words.of_factor(one.factor, self.known)
+            reason = "" if one.plain else phrasing.of_factor(one.factor, self.known)
             named = one.plain or bool(reason)
             found.append(_Candidate(3.0 if named else 6.5, "summand", one.text + reason))
         return found
@@ -291,7 +299,7 @@ class _Search:
                     _Candidate(
                         OWN_COST + 3.0 * odd + 2.5 * self.is_right(value),
                         "parameter",
-                        text + words.ratio(value / best if best else 0.0),
+                        text + phrasing.ratio(value / best if best else 0.0),
                         value,
                         best,
                         structural=False,
@@ -337,7 +345,7 @@ class _Search:
         """Return two mistakes that together make all of `scope` agree."""
         p, found = self.problem, []
         likely = [h for h, fits in self.discrete if h.cost <= PAIR_COST and h.custom is None]
-        # One piece at few postures rules out nearly all.
+        # One piece at few configurations rules out nearly all.
         few, piece = 3, next((x for x in ("D", "G", "H") if (scope & self.differing & p.piece(x)).any()), "")
         if not piece:
             return []
@@ -429,7 +437,7 @@ class _Search:
         if mapped is not None:
             return [_Candidate(4.0, "summand", mapped.text)]
         if summands:
-            named = [(m, words.of_factor(m.factor, self.known)) for m in summands]
+            named = [(m, phrasing.of_factor(m.factor, self.known)) for m in summands]
             named = sorted(named, key=lambda one: not one[1])
             return [_Candidate(5.0, "summand", m.text + why, m.factor, 1.0) for m, why in named]
         slip = harmonics.slip(p.q, mine, theirs, p.tree.prismatic, tolerance)
@@ -490,11 +498,11 @@ class _Search:
                 kind = "sign" if known == -1.0 else "factor"
                 return _Candidate(1.0, kind, text, known, 1.0)
         if plain:
-            unit = words.ratio(factor)
+            unit = phrasing.ratio(factor)
             return (
                 _Candidate(1.2, "factor", f"is {factor:.6g} times what it should be{unit}") if unit else None
             )
-        text = f"is {factor:.6g} times what it should be{words.of_factor(factor, self.known)}"
+        text = f"is {factor:.6g} times what it should be{phrasing.of_factor(factor, self.known)}"
         return _Candidate(6.0, "factor", text, factor, 1.0)
 
     def common_factor(self, scope: Mask) -> float | None:
@@ -540,7 +548,7 @@ class _Search:
         )
 
     def evidence(self, mask: Mask) -> Iterator[str]:
-        """Yield what elements are as functions of the posture, the model's beside the robot's."""
+        """Yield what elements are as functions of the configuration, the model's beside the robot's."""
         p = self.problem
         for column in np.flatnonzero(mask)[:SHOWN]:
             element = p.elements[column]
@@ -555,15 +563,15 @@ class _Search:
                 yield f"{element.label}: model less robot is {rest}"
             else:
                 worst = int(np.argmax(np.abs(p.user[:, column] - p.reference[:, column])))
-                posture = ", ".join(f"{x:.4g}" for x in p.q[worst])
+                configuration = ", ".join(f"{x:.4g}" for x in p.q[worst])
                 values = f"{p.user[worst, column]:.6g}, the robot {p.reference[worst, column]:.6g}"
-                yield f"{element.label}: the model has {values} at q = ({posture})"
+                yield f"{element.label}: the model has {values} at q = ({configuration})"
 
 
 class _Fitted:
     """A family of mistakes, evaluated so that it is known for every value of its number."""
 
-    def __init__(self, problem: Problem, family: Family) -> None:
+    def __init__(self, problem: Problem, family: ParametricHypothesis) -> None:
         """Evaluate the family at three values, or five angles."""
         self.problem, self.family = problem, family
         if family.angle:
@@ -610,7 +618,7 @@ class _Fitted:
         same = self._same_as(value)
         text += f" ({same})" if same else ""
         if not same and not self.family.angle and self.family.value:
-            text += words.ratio(value / self.family.value)
+            text += phrasing.ratio(value / self.family.value)
         odd = 2.0 if value * self.family.value < 0.0 or value == 0.0 else 0.0
         return _Candidate(
             self.family.cost + odd, self.family.kind, text, value, self.family.value, structural=False

@@ -1,8 +1,8 @@
-"""Functions of the posture in words: a sum of few harmonics, found from samples.
+"""Functions of the configuration in words: a sum of few harmonics, found from samples.
 
 Every entry of D, every coefficient of a product of velocities and every gravity torque of an arm is a
 trigonometric polynomial of degree two in each angle and a polynomial of degree two in each sliding joint.
-Few of its terms are there, so matching pursuit finds them from some dozens of postures.
+Few of its terms are there, so matching pursuit finds them from some dozens of configurations.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Term(NamedTuple):
 
     Attributes:
         factor: its coefficient.
-        word: its function of the posture, "cos(q2 + q3)", or "" for a constant.
+        word: its function of the configuration, "cos(q2 + q3)", or "" for a constant.
     """
 
     factor: float
@@ -34,10 +34,10 @@ class Term(NamedTuple):
 
 
 def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[Term] | None:
-    """Return the few terms that make up `y` at the postures `q`, None when there are too many.
+    """Return the few terms that make up `y` at the configurations `q`, None when there are too many.
 
     Args:
-        q: postures, shape (N, n).
+        q: configurations, shape (N, n).
         y: values, shape (N,).
         prismatic: whether each joint slides.
         tolerance: how exact the sum has to be.
@@ -76,7 +76,7 @@ def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tole
     """Return in words which one term of a sum is wrong, None when it is more than one.
 
     Args:
-        q: postures, shape (N, n).
+        q: configurations, shape (N, n).
         mine: values of the model, shape (N,).
         theirs: those of the robot.
         prismatic: whether each joint slides.
@@ -145,7 +145,7 @@ def in_words(terms: list[Term]) -> str:
 
 
 def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array]:
-    """Return the functions that may take part, in words and at the postures."""
+    """Return the functions that may take part, in words and at the configurations."""
     turning = [i for i, slides in enumerate(prismatic) if not slides]
     sliding = [i for i, slides in enumerate(prismatic) if slides]
     words, columns = [], []

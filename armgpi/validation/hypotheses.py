@@ -1,8 +1,8 @@
 """The usual mistakes, each as a change of the reference arm that can be tried.
 
 A :class:`Hypothesis` says "the model is right for an arm that differs in this": it changes the tree, the
-coordinates or the pieces. A :class:`Family` does so with one number, a parameter. All pieces are
-polynomials of degree two in a mass, length or centre of mass, and trigonometric polynomials of degree two
+coordinates or the pieces. A :class:`ParametricHypothesis` does so with one number, a parameter. All pieces
+are polynomials of degree two in a mass, length or centre of mass, and trigonometric polynomials of degree two
 in an angle, so three or five evaluations give them for every value of it, and the value that fits best is
 found in closed form.
 """
@@ -34,7 +34,7 @@ class Hypothesis(NamedTuple):
         tree: the arm for which the model would be right.
         affine: the coordinates in which it would be.
         post: what to do to the pieces.
-        custom: in place of all that, a function of tree, postures and names of pieces.
+        custom: in place of all that, a function of tree, configurations and names of pieces.
     """
 
     kind: str
@@ -79,7 +79,7 @@ class Hypothesis(NamedTuple):
         )
 
 
-class Family(NamedTuple):
+class ParametricHypothesis(NamedTuple):
     """A mistake in one number.
 
     Attributes:
@@ -729,10 +729,10 @@ def _far_rotation(tree: Tree, k: int) -> Array:
     return tree.tool_rotation if tree.tool_parent == k else np.eye(3)
 
 
-def families(tree: Tree) -> list[Family]:
+def families(tree: Tree) -> list[ParametricHypothesis]:
     """Return the mistakes in one number of the robot."""
     n, names = tree.n, Names(tree)
-    found: list[Family] = []
+    found: list[ParametricHypothesis] = []
 
     def add(
         kind: str,
@@ -746,7 +746,7 @@ def families(tree: Tree) -> list[Family]:
         def member(x: float) -> Hypothesis:
             return Hypothesis(kind, what, cost, tree=lambda t: change(t, x))
 
-        found.append(Family(kind, what, unit, value, cost, angle, member))
+        found.append(ParametricHypothesis(kind, what, unit, value, cost, angle, member))
 
     def vector(field: str, i: int, start: Array, direction: Array) -> Callable[[Tree, float], Tree]:
         across = start - (start @ direction) * direction
@@ -821,7 +821,7 @@ def families(tree: Tree) -> list[Family]:
 
         prismatic = tree.prismatic[i]
         found.append(
-            Family(
+            ParametricHypothesis(
                 "offset",
                 f"offset added to q{i + 1}",
                 "m" if prismatic else "rad",

@@ -31,7 +31,7 @@ FLOOR = 1e-3
 DRIFT = 1e-6
 #: Models slower than this [s a call] are not simulated.
 SLOW = 2e-3
-#: Postures at which derivatives are taken.
+#: Configurations at which derivatives are taken.
 _ROWS = 12
 
 
@@ -52,7 +52,7 @@ class Law(NamedTuple):
 
 
 class Derived(NamedTuple):
-    """What a model's own functions say about each other, arrays over the first postures.
+    """What a model's own functions say about each other, arrays over the first configurations.
 
     Attributes:
         H: products of velocities that follow from its mass matrix, (rows, n, n, n), or None.
@@ -76,7 +76,7 @@ def derive(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> De
 
 
 def _first(worker: Worker, name: str, states: States, sampled: Mapping[str, Sampled]) -> Array:
-    """Return the postures at which a function is differentiated: fewer where it is slow."""
+    """Return the configurations at which a function is differentiated: fewer where it is slow."""
     rows = min(_ROWS, min(len(s.values) for s in sampled.values()))
     each = worker.takes.get(name, 0.0) * 4 * states.q.shape[1]
     if each * rows > 20.0:

@@ -1,7 +1,7 @@
 """A model beside the reference, element by element: entries of D, products of velocities, joints of G.
 
-Every element is a column of samples over the postures. A hypothesis gives such columns too, and so it is
-seen which elements it explains.
+Every element is a column of samples over the configurations. A hypothesis gives such columns too, and so it
+is seen which elements it explains.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Mask = npt.NDArray[np.bool_]
 
 #: An element may be this much smaller than the largest of its piece before its error counts less.
 SMALL = 1e-4
-#: Postures at which hypotheses are tried first.
+#: Configurations at which hypotheses are tried first.
 SCREEN = 10
 _DIGITS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 #: Piece -> function that gives it straight away.
@@ -75,7 +75,7 @@ class Problem:
 
     Attributes:
         tree: the reference.
-        q: the postures, (N, n).
+        q: the configurations, (N, n).
         elements: what the columns are.
         user: the model's samples, (N, E).
         reference: the reference's, (N, E).
@@ -119,7 +119,7 @@ class Problem:
     def hypothesis(
         self, hypothesis: Hypothesis, rows: int | None = None, want: Iterable[str] | None = None
     ) -> Array:
-        """Return the columns of a hypothesis, at the first postures and of some pieces if so wished."""
+        """Return the columns of a hypothesis, at the first configurations and of some pieces if so wished."""
         if hypothesis.post is not None and hypothesis.tree is None and hypothesis.affine is None:
             names = self.want if want is None else want
             pieces = {k: x[:rows] for k, x in self._reference_pieces.items() if k in names}
@@ -133,7 +133,7 @@ class Problem:
         return np.asarray(away <= self.tolerance)
 
     def explains(self, hypothesis: Hypothesis) -> Mask:
-        """Return which elements a hypothesis explains: at few postures first, then at all."""
+        """Return which elements a hypothesis explains: at few configurations first, then at all."""
         few = self.fits(self.hypothesis(hypothesis, SCREEN))
         if not (few & ~self.agreeing).any():
             return few & self.agreeing

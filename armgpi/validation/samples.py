@@ -1,6 +1,6 @@
 """A model's functions sampled, and taken apart into the pieces of the equations of motion.
 
-At a fixed posture the Coriolis torque is a polynomial in the velocities, so its products v_j v_k are
+At a fixed configuration the Coriolis torque is a polynomial in the velocities, so its products v_j v_k are
 found from a few velocities without any fitting; D is found from an inverse dynamics, an energy or a
 forward dynamics in the same way. The names of the pieces are those of :mod:`armgpi.validation.tree`, and
 "B" (N, n, n), what is linear in v, and "Z" (N, n), what is left at rest: both must be zero in a Coriolis
@@ -20,16 +20,16 @@ from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.tree import Pieces
 from armgpi.validation.worker import Worker
 
-#: Postures, and how few at least where calls are slow.
+#: Configurations, and how few at least where calls are slow.
 POSTURES, FEWEST = 40, 6
-#: How long all the sampling of one function may take [s]; slow models get fewer postures.
+#: How long all the sampling of one function may take [s]; slow models get fewer configurations.
 BUDGET = 20.0
 #: Two calls at the same state differ by no more than this, relative.
 REPEATABLE = 1e-12
 #: Beyond this, relative, a Coriolis torque is no polynomial of degree two in v.
 QUADRATIC = 1e-8
 
-#: The model's arithmetic is looked at over steps of this size [rad or m], along this many postures.
+#: The model's arithmetic is looked at over steps of this size [rad or m], along this many configurations.
 _STEP, _ROUGH = 1e-5, 3
 #: Rounding is at most this, relative (a few digits of float32); anything rougher is the model's formula.
 ROUNDING = 1e-6
@@ -149,11 +149,11 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
     arguments = [getattr(states, letter) for letter in ARGUMENTS[name]]
     first = call(worker, name, *(x[:1] for x in arguments))
     n = states.q.shape[1]
-    per_posture = {1: 2, 2: 2 + n * (n + 5) // 2, 3: 3 + n * (n + 7) // 2}[len(arguments)]
+    per_configuration = {1: 2, 2: 2 + n * (n + 5) // 2, 3: 3 + n * (n + 7) // 2}[len(arguments)]
     rows = len(states.q)
     each = worker.takes.get(name, 0.0)
-    if each * per_posture * rows > BUDGET:
-        rows = max(FEWEST, int(BUDGET / (each * per_posture)))
+    if each * per_configuration * rows > BUDGET:
+        rows = max(FEWEST, int(BUDGET / (each * per_configuration)))
     few = States(*(x[:rows] for x in states))
     values = call(worker, name, *(x[:rows] for x in arguments))
     found, rest = _pieces(worker, name, few, values)

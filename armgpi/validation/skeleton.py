@@ -29,7 +29,7 @@ from armgpi.validation.worker import Worker
 
 #: Longer chains have too many axes to try.
 MOST_JOINTS = 4
-#: Postures that the fit uses.
+#: Configurations that the fit uses.
 _ROWS = 8
 #: How long axes are tried [s].
 SEARCH = 60.0
@@ -62,8 +62,8 @@ def suggest_urdf(
     """Return a URDF skeleton whose inertia matrix and gravity are those of a model.
 
     With a robot, its chain is kept and only masses, centres of mass and inertias are fitted. Without one,
-    axes along x, y and z at the zero posture are tried, and lengths are fitted too. Gravity points along
-    -z. What no joint feels (such as the place of a mass along a vertical axis) is chosen small.
+    axes along x, y and z at the zero configuration are tried, and lengths are fitted too. Gravity points
+    along -z. What no joint feels (such as the place of a mass along a vertical axis) is chosen small.
 
     Args:
         model: as in :func:`armgpi.validate`; it needs a mass matrix or what contains one.

@@ -1,13 +1,13 @@
 """The reference arm taken apart, so that one thing in it can be changed and the equations seen again.
 
 A :class:`Tree` holds placements, axes and inertias of a robot as plain values; :func:`evaluate` gives the
-pieces of its equations of motion at many postures at once:
+pieces of its equations of motion at many configurations at once:
 
     D(q) a + h(q, v) + G(q) = tau,   h_i = sum_jk H_ijk v_j v_k,   H symmetric in j and k (Christoffel).
 
-Names of pieces, with N postures: "D" (N, n, n), "H" (N, n, n, n), "G" (N, n), "V" (N,) potential energy
-less that at the first posture, "F" (N, 3) position of the tool, "R" (N, 3, 3) its rotation, "J" (N, 6, n)
-its Jacobian along the base axes.
+Names of pieces, with N configurations: "D" (N, n, n), "H" (N, n, n, n), "G" (N, n), "V" (N,) potential energy
+less that at the first configuration, "F" (N, 3) position of the tool, "R" (N, 3, 3) its rotation, "J"
+(N, 6, n) its Jacobian along the base axes.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def identity(n: int) -> Affine:
 
 
 def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = None) -> Pieces:
-    """Return pieces of the equations of motion at the postures `q`, shape (N, n)."""
+    """Return pieces of the equations of motion at the configurations `q`, shape (N, n)."""
     n = tree.n
     x = q if affine is None else q @ affine.A.T + affine.b
     model = tree.model()

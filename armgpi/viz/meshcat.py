@@ -140,9 +140,9 @@ class Server:
 
     def show(self, q: ArrayLike, robot: Robot) -> None:
         """Move the arm of a live page to joint positions (n,) [rad or m]."""
-        posture = json.dumps(as_joint_array(q, "q", robot.joint_names).tolist())
+        configuration = json.dumps(as_joint_array(q, "q", robot.joint_names).tolist())
         for listener in list(self._listeners):
-            listener.put(posture)
+            listener.put(configuration)
 
     def open(self) -> bool:
         """Open the page in a browser; False where there is none."""
@@ -226,15 +226,15 @@ def _handler(server: Server) -> type[BaseHTTPRequestHandler]:
             self.send_header("X-Frame-Options", "DENY")
 
         def _stream(self) -> None:
-            """Send postures as they come, until the page goes away or the server is closed."""
+            """Send configurations as they come, until the page goes away or the server is closed."""
             listener: queue.Queue[str | None] = queue.Queue()
             self.send_response(200)
             self._headers("text/event-stream")
             self.end_headers()
             server._listeners.append(listener)
             try:
-                while (posture := listener.get()) is not None:
-                    self.wfile.write(f"data: {posture}\n\n".encode())
+                while (configuration := listener.get()) is not None:
+                    self.wfile.write(f"data: {configuration}\n\n".encode())
                     self.wfile.flush()
             except OSError:
                 pass

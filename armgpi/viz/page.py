@@ -79,7 +79,7 @@ def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
         "bodies": [_body_data(body, arrays) for body in scene.bodies],
         "tip": {"body": scene.tip_body, "placement": _columns(scene.tip)},
         "size": scene.size,
-        "posture": robot.middle().tolist(),
+        "configuration": robot.middle().tolist(),
     }
 
 

@@ -126,7 +126,7 @@ def write(html: str, path: str | PathLike[str]) -> Path:
     return meshcat.write(html, path)
 
 
-def together(files: Mapping[str, xr.Dataset]) -> xr.Dataset:
+def merge_rollouts(files: Mapping[str, xr.Dataset]) -> xr.Dataset:
     """Return the rollouts of several files in one dataset.
 
     Args:
@@ -159,7 +159,7 @@ def _singles(dataset: xr.Dataset) -> dict[str, xr.Dataset]:
     for index in range(dataset.sizes["rollout"]):
         run = dataset.isel(rollout=index)
         label = str(run["label"].values) if "label" in run.coords else f"rollout {index}"
-        run = run.drop_vars(["label", "sees"], errors="ignore")
+        run = run.drop_vars(["label", "measurement"], errors="ignore")
         run.attrs = {
             **dataset.attrs,
             "provenance": json.dumps(provenance.get(label, provenance), sort_keys=True),
@@ -310,8 +310,8 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         ("time", f"{float(time[-1]):.6g} s in {len(time)} samples of {step:.6g} s"),
     ]
     for record in records[:20]:
-        sees = _SEES.get(record["sees"], record["sees"])
-        rows.append((f"{record['label']}", f"{record['end']}; sees {sees}"))
+        sees = _SEES.get(record["measurement"], record["measurement"])
+        rows.append((f"{record['label']}", f"{record['end']}; measures {sees}"))
     if len(records) > 20:
         rows.append(("...", f"{len(records) - 20} more rollouts"))
     # Its name alone: a report is passed on, and need not say whose folders it was made in.

@@ -164,7 +164,7 @@ def _until_the_end(rollout: xr.Dataset) -> xr.Dataset:
 
 
 def _positions_of(robot: Robot, frame: str, q: Array) -> Array:
-    """Return where a frame is [m], (k, 3), for postures (k, n); NaN where those are."""
+    """Return where a frame is [m], (k, 3), for configurations (k, n); NaN where those are."""
     there = np.isfinite(q).all(axis=-1)
     points = np.full((len(q), 3), np.nan)
     points[there] = robot.frame_pose(frame, q[there]).translation.reshape(-1, 3)

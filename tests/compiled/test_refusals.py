@@ -163,7 +163,7 @@ LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
     ),
     "decimals": (lambda self, e: np.round(e, 6), "it rounds to 6 decimals", dict),
     "bits of numbers": (lambda self, e: e * (np.where(e > 1e-3, 2, 0) & 1), "bits of numbers", dict),
-    "sum of truths": (lambda self, e: e * ((e > 1e-3) + (e > 2e-3)), "arithmetic on truths", dict),
+    "sum of booleans": (lambda self, e: e * ((e > 1e-3) + (e > 2e-3)), "arithmetic on booleans", dict),
     "single": (lambda self, e: np.add(e, 1e-3, dtype=np.float32), "np.add", dict),
     "whole": (lambda self, e: e + np.zeros_like(e, dtype=int), "another type", dict),
     "integral in place": (integrates_in_place, "changes", lambda: {"integral": np.zeros(3)}),

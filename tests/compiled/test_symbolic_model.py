@@ -22,9 +22,9 @@ from armgpi.codegen.kernels import Arm  # noqa: E402
 KERNELS = {
     "inverse": 3,
     "inertia_times": 2,
-    "bias": 2,
+    "nonlinear_effects": 2,
     "gravity": 1,
-    "inertia": 1,
+    "mass_matrix": 1,
     "forward": 3,
     "inertia_solve": 2,
 }
@@ -64,7 +64,7 @@ def worst(robot: Any, names: Any = KERNELS, states: int = 4) -> float:
             expected = np.ravel(getattr(robot.dynamics, name)(*arguments))
             got = np.array(function(np.concatenate(arguments))).ravel()
             D = robot.mass_matrix(x)
-            if name in DIVIDE or name == "inertia":
+            if name in DIVIDE or name == "mass_matrix":
                 size = np.abs(expected).max() * np.linalg.cond(D)
             else:
                 size = np.abs(D).sum() * (1.0 + y @ y + np.abs(z).max()) + robot.total_mass * 9.81
@@ -119,7 +119,7 @@ def test_joints_that_gravity_does_not_load_are_no_reason_to_refuse() -> None:
     # Their torque is zero, or what rounding leaves of it: relative to itself that is all wrong.
     turned = swing(2, "0.6 0 0.8").with_gravity([-0.6 * 9.81, 0.0, -0.8 * 9.81])
     for robot in (turned, swing(2, "0 0 1"), sled()):
-        for name in ("gravity", "bias"):
+        for name in ("gravity", "nonlinear_effects"):
             Arm(robot.dynamics).kernel(name)
 
 
@@ -153,12 +153,14 @@ def test_a_wrong_model_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = Robot.load("ur5")
     inverse = SymbolicModel.inverse
 
-    inertia = SymbolicModel.inertia
+    mass_matrix = SymbolicModel.mass_matrix
 
     def planted(error: float, name: str) -> None:
         # Forward dynamics divides by D: an error in both D and the rest would cancel.
-        if name in DIVIDE or name == "inertia":
-            monkeypatch.setattr(SymbolicModel, "inertia", lambda self, q: inertia(self, q) * (1.0 + error))
+        if name in DIVIDE or name == "mass_matrix":
+            monkeypatch.setattr(
+                SymbolicModel, "mass_matrix", lambda self, q: mass_matrix(self, q) * (1.0 + error)
+            )
         else:
             wrong = lambda *a, **b: inverse(*a, **b) * (1.0 + error)  # noqa: E731
             monkeypatch.setattr(SymbolicModel, "inverse", wrong)

@@ -76,7 +76,7 @@ class Blind(Wrapper):
 
 
 def test_it_is_given_positions_and_nothing_else() -> None:
-    assert GPI.sees is Measurement
+    assert GPI.measurement_type is Measurement
     assert Measurement._fields == ("q",)
     plant, controller, reference = RigidBodyPlant(ARM), GPI(ARM, DT), Hold(BRAKES)
     seeing, blind = (simulate(p, controller, reference, 0.2) for p in (plant, Blind(plant)))

@@ -54,14 +54,14 @@ def test_delta_bounds_the_eigenvalues_for_every_load_in_the_range(name: str, com
         true = robot.with_payload(robot.tip, mass, com)
         deltas = np.array(
             [
-                scipy.linalg.eigvalsh(found.believed.mass_matrix(q), true.mass_matrix(q))
+                scipy.linalg.eigvalsh(found.nominal.mass_matrix(q), true.mass_matrix(q))
                 for q in anywhere(robot, 300, seed=7)
             ]
         )
         assert deltas.min() > found.delta[0] - 1e-9
-        # Found by sampling, too: other postures than these.
+        # Found by sampling, too: other configurations than these.
         assert deltas.max() < found.delta[1] * 1.01
-    assert found.believed.total_mass == pytest.approx(robot.total_mass + 0.4)
+    assert found.nominal.total_mass == pytest.approx(robot.total_mass + 0.4)
 
 
 def test_a_mass_on_a_rail_has_the_delta_of_its_masses() -> None:
@@ -77,8 +77,8 @@ def test_a_mass_on_a_rail_has_the_delta_of_its_masses() -> None:
 def test_the_largest_payload_is_the_edge_of_the_range_with_default_gains() -> None:
     robot = load("ur10")
     most = largest_payload(robot, com=FURTHER)
-    assert payload_range(robot, 0.0, most.believed, com=FURTHER).omega_c == pytest.approx(default_omega(1e-3))
-    assert payload_range(robot, 0.0, 1.1 * most.believed, com=FURTHER).omega_c < 0.95 * default_omega(1e-3)
+    assert payload_range(robot, 0.0, most.nominal, com=FURTHER).omega_c == pytest.approx(default_omega(1e-3))
+    assert payload_range(robot, 0.0, 1.1 * most.nominal, com=FURTHER).omega_c < 0.95 * default_omega(1e-3)
     # A controller that believes in none has the least delta there.
     loaded = robot.with_payload(robot.tip, most.unknown, FURTHER)
     deltas = [
@@ -94,7 +94,7 @@ def test_the_heaviest_load_is_what_the_motors_hold() -> None:
     stretched = np.array([0.0, 0.0, 0.0])
     exact = (4.0 - ARM.gravity(stretched)[1]) / (9.81 * 0.5)
     found = largest_payload(weak).effort
-    assert exact <= found < 1.1 * exact  # the random postures come near the worst one
+    assert exact <= found < 1.1 * exact  # the random configurations come near the worst one
     assert largest_payload(ARM.with_limits(effort={"q2": 1.0})).effort == 0.0
 
 
@@ -115,7 +115,7 @@ def test_a_range_is_served_or_refused_with_ranges_that_are(robot: Robot, heavies
     assert 0.0 <= refused.heaviest < heaviest
     assert 0.0 < refused.lightest <= heaviest
     payload_range(robot, 0.0, refused.heaviest * (1.0 - 1e-9), dt=dt)
-    # Another lightest load has its own worst postures among those looked at: almost the same.
+    # Another lightest load has its own worst configurations among those looked at: almost the same.
     payload_range(robot, heaviest - 0.98 * (heaviest - refused.lightest), heaviest, dt=dt)
 
 
@@ -161,7 +161,7 @@ def test_gpi_believes_in_the_heaviest_and_says_so() -> None:
     assert controller.payload is not None
     assert controller.payload[:4] == expected[:4]
     q = ARM.middle()
-    np.testing.assert_array_equal(controller.robot.mass_matrix(q), expected.believed.mass_matrix(q))
+    np.testing.assert_array_equal(controller.robot.mass_matrix(q), expected.nominal.mass_matrix(q))
     np.testing.assert_array_equal(controller.gains.nominal().omega_c, expected.omega_c)
     described = controller.describe()
     assert described["payload"]["heaviest"] == 0.3

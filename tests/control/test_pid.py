@@ -161,7 +161,7 @@ def test_a_batch_is_the_same_controllers_one_by_one() -> None:
 
 
 def test_it_says_that_it_needs_velocity() -> None:
-    assert PIDInversion.sees is FullState
+    assert PIDInversion.measurement_type is FullState
 
 
 def test_a_rollout_can_tell_what_controlled_it() -> None:

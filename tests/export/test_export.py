@@ -284,7 +284,7 @@ def replayed(exported: ExportedController, log: Log) -> Any:
         row = {name: log.inputs[name][k] for name in INPUTS}
         target = Target(row["q_ref"], row["v_ref"], row["a_ref"])
         seen: Any = Measurement(row["q_measured"])
-        if exported.sees is FullState:
+        if exported.measurement_type is FullState:
             seen = FullState(row["q_measured"], row["v_measured"])
         state = exported.init(seen, target) if state is None else state
         tau, state = exported.step(seen, target, state)
@@ -361,7 +361,9 @@ def test_runs_in_a_simulation_like_any_controller(name: str) -> None:
     assert exported.describe()["controller"] == "ExportedController"
     # A run can be branched and resumed: the state that went in is as it was.
     seen: Any = (
-        FullState(robot.middle(), np.zeros(3)) if exported.sees is FullState else Measurement(robot.middle())
+        FullState(robot.middle(), np.zeros(3))
+        if exported.measurement_type is FullState
+        else Measurement(robot.middle())
     )
     target = Target(Q + 0.1, REST, REST)
     state = exported.init(seen, target)
@@ -493,7 +495,7 @@ def test_coarse_encoders_of_an_arm_at_rest_and_in_motion_are_not_frozen() -> Non
         state = loop.step(state).state
         assert exported.report(state.controller).status == "run"
         if k % 100 == 0:
-            assert np.abs(loop.truth(state).q - reference.at(1e-3 * (k + 1)).q).max() < 0.1
+            assert np.abs(loop.true_state(state).q - reference.at(1e-3 * (k + 1)).q).max() < 0.1
 
 
 @compiled
@@ -560,7 +562,7 @@ class Branches(GPI):
 class Listed(GPI):
     """Uses what symbols do not have."""
 
-    sees: ClassVar = Measurement
+    measurement_type: ClassVar = Measurement
 
     def step(self, measurement: Measurement, target: Target, state: Any) -> ControlStep:
         return ControlStep(np.array(measurement.q.tolist()), state)

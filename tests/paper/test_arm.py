@@ -34,7 +34,7 @@ INNER, OUTER = TABLE_1.l3 - TABLE_1.l2, TABLE_1.l3 + TABLE_1.l2  # [m] from the 
 ELBOWS: tuple[Elbow, ...] = ("up", "down")
 
 angles = st.floats(-np.pi, np.pi)
-postures = st.tuples(angles, angles, angles).map(np.array)
+configurations = st.tuples(angles, angles, angles).map(np.array)
 elbows = st.sampled_from(ELBOWS)
 
 
@@ -66,7 +66,7 @@ class Oracle:
     def gravity(self, q: Array) -> Array:
         return pin.computeGeneralizedGravity(self.model, self.data, q).copy()
 
-    def bias(self, q: Array, v: Array) -> Array:
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
         return pin.nonLinearEffects(self.model, self.data, q, v).copy()
 
     def coriolis_matrix(self, q: Array, v: Array) -> Array:
@@ -179,11 +179,11 @@ def test_gravity_torque_of_eq_11_is_that_of_the_urdf(oracle: Oracle, states: Any
 
 def test_coriolis_torque_of_eq_10_is_that_of_the_urdf(oracle: Oracle, states: Any) -> None:
     q, v, _ = states
-    expected = oracle.over("bias", q, v) - oracle.over("gravity", q)
+    expected = oracle.over("nonlinear_effects", q, v) - oracle.over("gravity", q)
     np.testing.assert_allclose(ARM.coriolis_torque(q, v), expected, rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(
         ARM.coriolis_torque(q, v) + ARM.gravity(q),
-        oracle.over("bias", q, v),
+        oracle.over("nonlinear_effects", q, v),
         rtol=0,
         atol=ROUNDING,
     )
@@ -221,7 +221,7 @@ def test_kinetic_energy_is_half_v_d_v(states: Any) -> None:
     np.testing.assert_allclose(ARM.kinetic_energy(q, v), expected, rtol=0, atol=ROUNDING)
 
 
-@given(postures)
+@given(configurations)
 def test_inertia_matrix_is_symmetric_and_positive_definite(q: Array) -> None:
     d = ARM.mass_matrix(q)
     np.testing.assert_array_equal(d, d.T)
@@ -239,8 +239,8 @@ def test_coriolis_torque_is_what_lagrange_equation_3_demands(states: Any) -> Non
     v = v / 5.0  # of size 1, as `derivative` wants it
     momentum_drift = np.einsum("nij,nj->ni", derivative(ARM.mass_matrix, q, v), v)
 
-    def kinetic(posture: Array) -> Array:
-        return ARM.kinetic_energy(posture, v)
+    def kinetic(configuration: Array) -> Array:
+        return ARM.kinetic_energy(configuration, v)
 
     slope = np.stack([derivative(kinetic, q, axis) for axis in np.eye(3)], axis=-1)
     np.testing.assert_allclose(ARM.coriolis_torque(q, v), momentum_drift - slope, rtol=0, atol=SLOPE)
@@ -284,14 +284,14 @@ def test_power_of_the_joint_torques_is_the_rate_of_the_energy(states: Any) -> No
     power = np.sum(v * ARM.inverse_dynamics(q, v, a), axis=-1)
 
     def energy(state: Array) -> Array:
-        posture, velocity = state[:, :3], state[:, 3:]
-        return ARM.kinetic_energy(posture, velocity) + ARM.potential_energy(posture)
+        configuration, velocity = state[:, :3], state[:, 3:]
+        return ARM.kinetic_energy(configuration, velocity) + ARM.potential_energy(configuration)
 
     rate = derivative(energy, np.hstack([q, v]), np.hstack([v, a]))
     np.testing.assert_allclose(power, rate, rtol=0, atol=SLOPE)
 
 
-@given(postures, st.floats(-np.pi, np.pi))
+@given(configurations, st.floats(-np.pi, np.pi))
 def test_dynamics_do_not_depend_on_the_azimuth(q: Array, turn: float) -> None:
     turned, v, a = np.array([turn, q[1], q[2]]), [1.0, -2.0, 3.0], [4.0, 5.0, -6.0]
     tau = ARM.inverse_dynamics(q, v, a)
@@ -482,8 +482,8 @@ def test_g_inside_eq_11_and_again_in_eq_8_is_once_too_often(oracle: Oracle) -> N
 
 
 def test_turning_about_plus_y_as_section_2_1_says_would_lower_the_arm_that_eq_1_lifts() -> None:
-    posture = np.array([0.0, 0.5, 0.0])
-    level, raised = ARM.forward_kinematics(np.zeros(3)), ARM.forward_kinematics(posture)
+    configuration = np.array([0.0, 0.5, 0.0])
+    level, raised = ARM.forward_kinematics(np.zeros(3)), ARM.forward_kinematics(configuration)
     about_plus_y = SHOULDER + pin.utils.rotate("y", 0.5) @ (level - SHOULDER)
     about_minus_y = SHOULDER + pin.utils.rotate("y", -0.5) @ (level - SHOULDER)
     assert about_plus_y[2] < TABLE_1.d1 < raised[2]

@@ -28,7 +28,7 @@ def applied(plant: Any, commands: Array) -> Array:
     torques = []
     for tau in commands:
         state = plant.step(tau, state, DT)
-        torques.append(plant.truth(state).tau)
+        torques.append(plant.true_state(state).tau)
     return np.array(torques)
 
 
@@ -41,7 +41,7 @@ def test_saturation_cuts_to_the_limits_of_any_robot_and_moves_it_as_the_cut_torq
     cut = np.clip(tau, -robot.limits.effort, robot.limits.effort)
     plain, saturated = RigidBodyPlant(robot), Saturated(RigidBodyPlant(robot))
     expected = plain.step(cut, plain.init(q, v), DT)
-    truth = saturated.truth(saturated.step(tau, saturated.init(q, v), DT))
+    truth = saturated.true_state(saturated.step(tau, saturated.init(q, v), DT))
     for one, other in zip(truth, expected, strict=True):
         np.testing.assert_array_equal(one, other)
 

@@ -196,7 +196,7 @@ def test_the_state_tells_sample_and_torque_and_is_left_as_it_was() -> None:
     np.testing.assert_array_equal(second.tau, tau)
     np.testing.assert_array_equal([first.q, first.v, first.tau], [np.zeros(3), np.ones(3), np.zeros(3)])
     np.testing.assert_array_equal(plant.step(tau, first, 1e-3).q, second.q)
-    assert plant.truth(second) is second
+    assert plant.true_state(second) is second
     np.testing.assert_array_equal(plant.measure(second), [second.q, second.v])
 
 

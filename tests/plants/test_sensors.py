@@ -48,7 +48,7 @@ def readings(plant: Plant, count: int, q: Array, v: Array) -> tuple[Array, Array
     rows = []
     for _ in range(count):
         measured = plant.measure(state)
-        rows.append((plant.truth(state).q, measured.q, measured.v))
+        rows.append((plant.true_state(state).q, measured.q, measured.v))
         state = plant.step(np.zeros_like(q), state, DT)
     true, seen_q, seen_v = map(np.array, zip(*rows, strict=True))
     return true, seen_q, seen_v
@@ -218,7 +218,7 @@ def test_parameters_per_rollout_make_a_batch(wrap: Any) -> None:
 def test_what_is_behind_the_sensors_stays_true() -> None:
     plant = stacked(("noisy", "delayed", "dropout", "encoder"))
     state = plant.init(ZERO + 0.1, ZERO)
-    truth = plant.truth(state)
+    truth = plant.true_state(state)
     np.testing.assert_array_equal(truth.q, ZERO + 0.1)
     assert isinstance(plant.measure(state), FullState)
     assert plant.robot is ARM

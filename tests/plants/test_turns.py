@@ -40,7 +40,7 @@ def test_a_wrapped_encoder_is_unwrapped_to_the_count() -> None:
     for k in range(1000):  # three turns one way, then five the other
         torque = np.array([np.cos(2.0 * np.pi * k / 500.0) * (1.0 if k < 500 else -1.6) * 10.0])
         state = counted.step(torque, state, dt)
-        truth = counted.truth(state)
+        truth = counted.true_state(state)
         expected = exact.measure(truth).q
         np.testing.assert_allclose(counted.measure(state).q, expected, rtol=0, atol=1e-12)
         most = max(most, abs(float(truth.q[0]) - 1.0))

@@ -25,7 +25,7 @@ PRINTED = np.polynomial.Polynomial([252, 1050, 1800, 1575, 700, 126])
 
 shares = np.linspace(0.0, 1.0, 1001)
 lengths = st.floats(1e-3, 1e3)
-postures = st.integers(-500, 500).map(lambda hundredths: hundredths / 100.0)
+configurations = st.integers(-500, 500).map(lambda hundredths: hundredths / 100.0)
 
 
 def test_the_blend_is_the_regularised_incomplete_beta_function() -> None:
@@ -82,7 +82,7 @@ def test_acceleration_peaks_with_11_06_d_over_t_squared() -> None:
     assert np.abs(a).max() == pytest.approx(11.06 * D / T**2, rel=5e-4)
 
 
-@given(postures, postures, st.floats(0.1, 10.0), st.floats(-2.0, 2.0))
+@given(configurations, configurations, st.floats(0.1, 10.0), st.floats(-2.0, 2.0))
 def test_velocity_and_acceleration_are_the_derivatives_of_position(
     start: float, goal: float, duration: float, t_start: float
 ) -> None:
@@ -111,7 +111,7 @@ def test_the_move_stands_then_moves_then_stands() -> None:
 
 
 @given(
-    st.lists(st.tuples(postures, lengths, lengths), min_size=1, max_size=5).filter(
+    st.lists(st.tuples(configurations, lengths, lengths), min_size=1, max_size=5).filter(
         lambda rows: any(row[0] for row in rows)
     )
 )

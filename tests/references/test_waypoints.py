@@ -17,16 +17,16 @@ from armgpi.errors import ArmgpiError, ArrayError, ParameterError
 
 Array = npt.NDArray[np.float64]
 
-#: A plan: postures of two joints, durations of the moves, holds at the postures.
+#: A plan: configurations of two joints, durations of the moves, holds at the configurations.
 Plan = tuple[list[Array], list[float], list[float]]
 
-postures = st.tuples(*[st.floats(-3.0, 3.0)] * 2).map(np.array)
+configurations = st.tuples(*[st.floats(-3.0, 3.0)] * 2).map(np.array)
 
 
 @st.composite
 def plans(draw: st.DrawFn) -> Plan:
-    """One to five postures, holds that may be empty."""
-    points = draw(st.lists(postures, min_size=1, max_size=5))
+    """One to five configurations, holds that may be empty."""
+    points = draw(st.lists(configurations, min_size=1, max_size=5))
     durations = [draw(st.floats(0.1, 3.0)) for _ in points[1:]]
     return points, durations, [draw(st.floats(0.0, 2.0)) for _ in points]
 

@@ -375,11 +375,11 @@ def test_a_browser_without_3d_still_shows_plots(tmp_path: Path, chromium: browse
 
 def test_reports_of_several_files_have_all_rollouts() -> None:
     one, two = moving(ARM), run(ARM, omega=40.0)
-    both = report.together({"a": one, "b": compared(soft=one, stiff=two)})
+    both = report.merge_rollouts({"a": one, "b": compared(soft=one, stiff=two)})
     assert list(both["label"].values) == ["a", "b: soft", "b: stiff"]
     assert np.array_equal(both["q"].isel(rollout=2), two["q"])
     with pytest.raises(RolloutError, match="joints"):
-        report.together({"a": one, "b": made_up(chain(2))})
+        report.merge_rollouts({"a": one, "b": made_up(chain(2))})
     with pytest.raises(RolloutError, match="no samples"):
         report.build(one.isel(time=slice(0)), ARM)
 

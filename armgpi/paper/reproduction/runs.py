@@ -208,8 +208,8 @@ def sensitivity() -> xr.Dataset:
         "references (way) x 2": {"goal": 2.0},
         "references (duration) x 0.5": {"duration": 0.5},
         "references (duration) x 2": {"duration": 2.0},
-        "posture, q2 0.4 rad lower": {"raised": -0.4},
-        "posture, q2 0.4 rad higher": {"raised": 0.4},
+        "configuration, q2 0.4 rad lower": {"raised": -0.4},
+        "configuration, q2 0.4 rad higher": {"raised": 0.4},
         "omega range x 0.5": {"omega": 0.5},
         "omega range x 2": {"omega": 2.0},
         "learning rate x 0.5": {"rate": 0.5},
@@ -305,7 +305,7 @@ def _run(
     return result.assign_coords(
         label=("rollout", list(labels)),
         scale=("rollout", list(scales)),
-        sees=("rollout", [controller.sees.__name__] * len(labels)),
+        measurement=("rollout", [controller.measurement_type.__name__] * len(labels)),
     )
 
 
@@ -325,7 +325,7 @@ def _horizon() -> float:
 
 
 def _reference(goal: float = 1.0, duration: float = 1.0, raised: float = 0.0) -> Waypoints:
-    """Return the moves of scenario 5.3: way and duration times a factor, all postures with q2 raised."""
+    """Return the moves of scenario 5.3: way and duration times a factor, q2 raised everywhere."""
     moves = _scenario("scenario-5.3").config.reference
     assert moves.points is not None
     assert moves.holds is not None

@@ -94,7 +94,7 @@ def contenders(results: Sequence[tuple[str, xr.Dataset]]) -> list[Contender]:
         chatter, ends = runs.variation(result).values, describe_end(result)
         for row, name in enumerate(result["label"].values):
             if name not in figure_only:
-                sees = _SEEN[str(result["sees"].values[row])]
+                sees = _SEEN[str(result["measurement"].values[row])]
                 scale = float(result["scale"].values[row])
                 figures = (itae[row], isci[row], float(chatter[row]))
                 found.append(Contender(str(name), sensors, scale, *figures, ends[row], sees))
@@ -124,7 +124,7 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
     }[sensors]
     header = (
         "controller",
-        "sees",
+        "measurement",
         *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
         *(f"ISCI {joint} [(N m)² s]" for joint in JOINTS),
         "torque variation [N m]",
@@ -197,8 +197,8 @@ def sensitivity(result: xr.Dataset, horizon: float) -> Sheet:
     return Sheet(
         "sensitivity",
         "Sensitivity to what the paper does not give",
-        "GPI with networks, ideal sensors, 1 kHz, 33.3..100 rad/s. The posture at rest is zero, which has no "
-        "half and no double: it is raised and lowered instead.",
+        "GPI with networks, ideal sensors, 1 kHz, 33.3..100 rad/s. The configuration at rest is zero, which "
+        "has no half and no double: it is raised and lowered instead.",
         (
             "value",
             *(f"ITAE {joint} [rad s²]" for joint in JOINTS),

@@ -60,7 +60,7 @@ const Armgpi = (() => {
       this.keep_pace(pane);
       this.bodies = meta.arm.bodies.map((body) => this.prepared(body));
       this.clip = meta.clip ? this.unpacked(meta.clip) : null;
-      this.posture = Float32Array.from(meta.arm.posture);
+      this.configuration = Float32Array.from(meta.arm.configuration);
       this.size = meta.arm.size;
       this.dress();
       this.robots = [];
@@ -226,8 +226,8 @@ const Armgpi = (() => {
     // Positions of the joints and of what hangs on them ----------------------------------------------------
 
     /** Put the pose of a body in its parent, at joint positions, into `position` and `rotation`. */
-    local(body, posture, position, rotation) {
-      const q = body.kind === "" ? 0 : body.ratio * posture[body.coordinate] + body.offset;
+    local(body, configuration, position, rotation) {
+      const q = body.kind === "" ? 0 : body.ratio * configuration[body.coordinate] + body.offset;
       position.copy(body.position);
       rotation.copy(body.rotation);
       if (body.kind === "prismatic") {
@@ -352,10 +352,10 @@ const Armgpi = (() => {
 
     // What the user asks for ------------------------------------------------------------------------------
 
-    /** Show a time of the clip, or the posture when there is none. */
+    /** Show a time of the clip, or the configuration when there is none. */
     show(time) {
       if (!this.clip) {
-        this.pose(this.robots[0], this.posture);
+        this.pose(this.robots[0], this.configuration);
         return;
       }
       const times = this.clip.times;
@@ -430,8 +430,8 @@ const Armgpi = (() => {
       this.viewer.set_dirty();
     }
 
-    /** Return postures from all of the clip: where the arm is, and where it should be. */
-    postures(actor) {
+    /** Return configurations from all of the clip: where the arm is, and where it should be. */
+    random_configurations(actor) {
       const last = this.clip.times.length - 1;
       const found = [];
       for (let k = 0; k <= 24; k++) {
@@ -469,7 +469,7 @@ const Armgpi = (() => {
         });
       };
       this.robots.forEach((robot, r) => {
-        for (const q of this.clip ? this.postures(this.clip.actors[r]) : [this.posture]) surround_arm(robot, q);
+        for (const q of this.clip ? this.random_configurations(this.clip.actors[r]) : [this.configuration]) surround_arm(robot, q);
         if (this.clip) {
           for (const what of [robot.desired, robot.drawn]) {
             what.geometry.computeBoundingBox();
@@ -702,13 +702,13 @@ const Armgpi = (() => {
   function sliders(scene, box) {
     scene.meta.arm.joints.forEach((joint, j) => {
       const value = element("output");
-      const told = () => { value.textContent = `${scene.posture[j].toFixed(3)} ${joint.unit}`; };
+      const told = () => { value.textContent = `${scene.configuration[j].toFixed(3)} ${joint.unit}`; };
       const slider = element("input", {
-        type: "range", min: joint.lower, max: joint.upper, step: "any", value: scene.posture[j],
+        type: "range", min: joint.lower, max: joint.upper, step: "any", value: scene.configuration[j],
         "aria-label": joint.name,
-        oninput: () => { scene.posture[j] = Number(slider.value); told(); scene.show(0); },
+        oninput: () => { scene.configuration[j] = Number(slider.value); told(); scene.show(0); },
       });
-      slider.value = String(scene.posture[j]);
+      slider.value = String(scene.configuration[j]);
       told();
       box.append(element("label", { class: "joint" }, element("span", { title: joint.name }, joint.name), slider, value));
     });

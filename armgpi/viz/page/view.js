@@ -23,7 +23,7 @@
     if (meta.live) {
       // A program that moves the arm while one looks.
       new EventSource("live").onmessage = (event) => {
-        scene.posture.set(JSON.parse(event.data));
+        scene.configuration.set(JSON.parse(event.data));
         scene.show(0);
       };
     }

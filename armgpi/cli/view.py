@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.words import refusal, stoppable
+from armgpi.cli.parsing import refusal, stoppable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,7 +86,7 @@ def report(
         while name in loaded:
             name += "'"
         loaded[name] = rollouts.load(path)
-    result = reports.together(loaded)
+    result = reports.merge_rollouts(loaded)
     page = reports.build(
         result,
         None if robot is None else _arm(robot, result),
@@ -107,7 +107,7 @@ def _page(
     frame: str | None,
 ) -> str:
     """Return the page of what shall be shown."""
-    from armgpi.cli.words import locks, split
+    from armgpi.cli.parsing import locks, split
     from armgpi.loop import rollout as rollouts
     from armgpi.robot.robot import Robot
     from armgpi.viz import meshcat, scene
