@@ -39,7 +39,7 @@ with tempfile.TemporaryDirectory() as folder:
     done = export_controller(controller, folder, log, faults=Faults(resolution=2.0 * np.pi / 2**17))
     for path in done.files:
         print(f"{path.name:22} {path.stat().st_size:8,} bytes")
-    print(f"state: {done.state_bytes} bytes; a step: {sum(done.code.usual)} operations")
+    print(f"state: {done.state_bytes} bytes; a step: {sum(done.code.typical)} operations")
     if done.measured is None:
         print("there is no C compiler here: `make` in the folder would replay the log")
         print("install GCC or Clang to see the rest of this example")
