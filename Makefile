@@ -67,7 +67,7 @@ types: $(FOR_ALL) ## Types (mypy --strict)
 	$(BIN)/mypy
 
 unit: $(FOR_ALL) ## The tests
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --durations=10
 
 search: $(FOR_ALL) ## The tests of what holds for every robot and file, with new random examples
 	$(BIN)/pytest -n auto -m hypothesis --hypothesis-profile=search

@@ -4,8 +4,8 @@ Usage:
     python tools/structure.py [ROOT]    print the numbers of the repository at ROOT (this one by default)
     python tools/structure.py --check   print the functions that are too long, and fail if there are any
 
-A room is a module or a package right below ``armgpi``. An arrow is an import of one room by another, lazy ones
-and those for types included. Lines of code carry neither a docstring nor a comment alone.
+Here a package is what is right below ``armgpi``, a module alone too. An arrow is an import of one by another,
+lazy ones and those for types included. Lines of code carry neither a docstring nor a comment alone.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-PACKAGE = "armgpi"
+PROJECT = "armgpi"
 MAX_LINES = 60  # of a function, its docstring not counted
 MAX_COMPLEXITY = 10  # as in pyproject.toml, [tool.ruff.lint.mccabe]
 
 # Functions that may be longer, each with its reason.
 LONG: dict[str, str] = {}
 
-_NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
+_NO_CODE = {tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -43,7 +43,7 @@ class Measured(NamedTuple):
 class Module(NamedTuple):
     """What is measured of a file."""
 
-    room: str
+    package: str
     lines: int
     code: int
     comments: int
@@ -93,7 +93,7 @@ def public_docstrings(body: list[ast.stmt]) -> Iterator[int]:
 
 
 def imported(tree: ast.Module, parts: tuple[str, ...], is_package: bool) -> Iterator[str]:
-    """Return the rooms that a module imports, anywhere in it."""
+    """Return the packages that a module imports, anywhere in it."""
     for node in ast.walk(tree):
         names: list[str] = []
         if isinstance(node, ast.Import):
@@ -101,10 +101,10 @@ def imported(tree: ast.Module, parts: tuple[str, ...], is_package: bool) -> Iter
         elif isinstance(node, ast.ImportFrom):
             above = parts[: len(parts) - node.level + is_package] if node.level else ()
             base = ".".join([*above, *filter(None, [node.module])])
-            names = [f"{base}.{alias.name}" for alias in node.names] if base == PACKAGE else [base]
+            names = [f"{base}.{alias.name}" for alias in node.names] if base == PROJECT else [base]
         for name in names:
-            package, _, rest = name.partition(".")
-            if package == PACKAGE and rest:
+            top, _, rest = name.partition(".")
+            if top == PROJECT and rest:
                 yield rest.split(".")[0]
 
 
@@ -124,7 +124,7 @@ def read(path: Path, root: Path) -> Module:
     place = path.relative_to(root)
     parts = place.with_suffix("").parts
     return Module(
-        room=parts[1] if len(parts) > 1 else "",
+        package=parts[1] if len(parts) > 1 else "",
         lines=len(text.splitlines()),
         code=len(code - docstrings),
         comments=len(comments),
@@ -143,16 +143,16 @@ def read(path: Path, root: Path) -> Module:
 
 
 def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
-    """Return the groups of rooms that import each other, directly or through others."""
-    reached = {room: set(others) for room, others in arrows.items()}
+    """Return the groups of packages that import each other, directly or through others."""
+    reached = {package: set(others) for package, others in arrows.items()}
     for middle in arrows:
-        for room in arrows:
-            if middle in reached[room]:
-                reached[room] |= reached[middle]
+        for package in arrows:
+            if middle in reached[package]:
+                reached[package] |= reached[middle]
     groups = {
-        tuple(sorted(other for other in reached[room] if room in reached[other]))
-        for room in arrows
-        if room in reached[room]
+        tuple(sorted(other for other in reached[package] if package in reached[other]))
+        for package in arrows
+        if package in reached[package]
     }
     return [list(group) for group in sorted(groups)]
 
@@ -165,15 +165,18 @@ def too_long(modules: list[Module]) -> list[Measured]:
 
 def show(modules: list[Module], tests: list[Module]) -> None:
     """Print everything."""
-    rooms: dict[str, list[Module]] = {}
+    packages: dict[str, list[Module]] = {}
     for module in modules:
-        rooms.setdefault(module.room, []).append(module)
-    arrows = {room: {n for m in inside for n in m.imports if n in rooms} - {room} for room, inside in rooms.items()}
-    del arrows["__init__"]  # the public names, once
-    print(f"{'room':14}{'modules':>8}{'lines':>8}{'code':>8}{'comments':>10}{'docstring':>11}   imports")
-    for room, inside in sorted(rooms.items()):
-        _row(room, inside, ", ".join(sorted(arrows.get(room, ()))))
-    _row("all", modules, f"{sum(map(len, arrows.values()))} arrows between {len(arrows)} rooms")
+        packages.setdefault(module.package, []).append(module)
+    del packages["__init__"]  # the public names, once
+    arrows = {
+        package: {name for module in inside for name in module.imports if name in packages} - {package}
+        for package, inside in packages.items()
+    }
+    print(f"{'package':14}{'modules':>8}{'lines':>8}{'code':>8}{'comments':>10}{'docstring':>11}   imports")
+    for package, inside in sorted(packages.items()):
+        _row(package, inside, ", ".join(sorted(arrows[package])))
+    _row("all", modules, f"{sum(map(len, arrows.values()))} arrows between {len(arrows)} packages")
     for group in circles(arrows):
         print(f"circle: {', '.join(group)}")
 
@@ -194,7 +197,7 @@ def show(modules: list[Module], tests: list[Module]) -> None:
 
 
 def _row(name: str, modules: list[Module], note: str) -> None:
-    """Print a room's sums; comments as a share of the code, docstrings as their median of lines."""
+    """Print a package's sums; comments as a share of the code, docstrings as their median of lines."""
     lines, code, comments = (sum(column) for column in zip(*(m[1:4] for m in modules), strict=True))
     docstrings = [length for module in modules for length in module.docstrings]
     typical = f"{median(docstrings):g}" if docstrings else "-"
@@ -209,7 +212,7 @@ def main() -> None:
     parser.add_argument("--check", action="store_true", help="only look for functions that are too long")
     arguments = parser.parse_args()
     root: Path = arguments.root
-    modules = [read(path, root) for path in sorted((root / PACKAGE).rglob("*.py"))]
+    modules = [read(path, root) for path in sorted((root / PROJECT).rglob("*.py"))]
     if arguments.check:
         found = too_long(modules)
         for function in found:
