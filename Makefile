@@ -55,9 +55,11 @@ demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into 
 # The tests come last: cheap checks fail first, and the run ends with pytest's own summary.
 test: lint types docs examples wheel unit ## Everything CI checks
 
-lint: $(FOR_ALL) ## Style (ruff)
+lint: $(FOR_ALL) ## Style, complexity (ruff), layers of the packages, length of functions
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/python tools/structure.py --check
 
 format: $(FOR_ALL) ## Let ruff rewrite what `make lint` would complain about, where it can
 	$(BIN)/ruff check --fix .

@@ -25,7 +25,17 @@ MAX_LINES = 60  # of a function, its docstring not counted
 MAX_COMPLEXITY = 10  # as in pyproject.toml, [tool.ruff.lint.mccabe]
 
 # Functions that may be longer, each with its reason.
-LONG: dict[str, str] = {}
+LONG = {
+    "armgpi/cli/inspect.py:_show": "to be taken apart",
+    "armgpi/cli/settings.py:settings": "to be taken apart",
+    "armgpi/compiled/run.py:source": "to be taken apart",
+    "armgpi/robot/urdf.py:_read_joint": "to be taken apart",
+    "armgpi/validation/hypotheses.py:_bodies": "to be taken apart",
+    "armgpi/validation/hypotheses.py:_structure": "to be taken apart",
+    "armgpi/validation/hypotheses.py:families": "to be taken apart",
+    "armgpi/validation/laws.py:_swing": "to be taken apart",
+    "armgpi/viz/report.py:_plots_data": "to be taken apart",
+}
 
 _NO_CODE = {tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 Function = ast.FunctionDef | ast.AsyncFunctionDef
