@@ -17,7 +17,7 @@ export MPLBACKEND ?= Agg
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format types unit search docs examples wheel bench clean
+.PHONY: help install demo test lint format hooks types unit search docs examples wheel bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -58,12 +58,15 @@ test: lint types docs examples wheel unit ## Everything CI checks
 lint: $(FOR_ALL) ## Style, complexity (ruff), layers of the packages, length of functions
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/lint-imports --no-cache
+	$(BIN)/lint-imports --no-logo --no-cache
 	$(BIN)/python tools/structure.py --check
 
 format: $(FOR_ALL) ## Let ruff rewrite what `make lint` would complain about, where it can
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+hooks: $(FOR_ALL) ## Let git check the style of each commit (pre-commit)
+	$(BIN)/pre-commit install
 
 types: $(FOR_ALL) ## Types (mypy --strict)
 	$(BIN)/mypy
