@@ -1,10 +1,12 @@
-# Everything runs in this clone's own environment, .venv, which the first call sets up.
+# Everything runs in this clone's own environment, .venv, which the first call sets up: for the demo with what
+# that needs, for everything else with all the tools.
 # It only needs make and a Python: `make demo`, `make test`, `make help`.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+FOR_DEMO := $(VENV)/.for_demo
+FOR_ALL := $(VENV)/.for_all
 
 # Tests already run one process per core: more threads inside each only slow them down.
 export OMP_NUM_THREADS ?= 1
@@ -15,61 +17,79 @@ export MPLBACKEND ?= Agg
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format types unit search docs examples wheel bench clean
+.PHONY: help install demo test lint format hooks types unit search docs examples wheel bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
 
-install: $(STAMP) ## Set up .venv (every other target does so by itself)
+install: $(FOR_ALL) ## Set up .venv with every tool (the other targets do so by themselves)
 
-$(STAMP): pyproject.toml constraints.txt
-	@command -v "$(PYTHON)" >/dev/null || { \
-	  echo "No '$(PYTHON)' found. Install Python 3.10 or newer, or say where it is: make PYTHON=/path/to/python3"; exit 1; }
-	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
-	  echo "armgpi needs Python 3.10 or newer; $$("$(PYTHON)" --version 2>&1) is too old. Choose another: make PYTHON=/path/to/python3"; exit 1; }
-	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { \
-	  echo "This Python lacks its venv module. On Debian or Ubuntu: apt install python3-venv"; exit 1; }
-	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
-	  echo "Setting up $(VENV), once ..."; "$(PYTHON)" -m venv --clear $(VENV); }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-warn-script-location -c constraints.txt -e ".[all,dev,docs]"
+define environment
+@command -v "$(PYTHON)" >/dev/null || { \
+  echo "No '$(PYTHON)' found. Install Python 3.10 or newer, or say where it is: make PYTHON=/path/to/python3"; exit 1; }
+@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+  echo "armgpi needs Python 3.10 or newer; $$("$(PYTHON)" --version 2>&1) is too old. Choose another: make PYTHON=/path/to/python3"; exit 1; }
+@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { \
+  echo "This Python lacks its venv module. On Debian or Ubuntu: apt install python3-venv"; exit 1; }
+@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
+  echo "Setting up $(VENV), once ..."; "$(PYTHON)" -m venv --clear $(VENV); }
+endef
+
+# Not compiled to bytecode at once: Python does so itself for the modules that are imported, a fraction.
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-warn-script-location \
+  --no-compile -c constraints.txt
+
+$(FOR_DEMO): pyproject.toml constraints.txt
+	$(environment)
+	$(PIP_INSTALL) -e ".[viz]"
 	@touch $@
 
-demo: $(STAMP) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
+$(FOR_ALL): pyproject.toml constraints.txt
+	$(environment)
+	$(PIP_INSTALL) -e ".[all,dev,docs]"
+	@touch $(FOR_DEMO) $@
+
+demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
 	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --report demo_out/report.html
 
 # The tests come last: cheap checks fail first, and the run ends with pytest's own summary.
 test: lint types docs examples wheel unit ## Everything CI checks
 
-lint: $(STAMP) ## Style (ruff)
+lint: $(FOR_ALL) ## Style, complexity (ruff), layers of the packages, length of functions
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo --no-cache
+	$(BIN)/python tools/structure.py --check
 
-format: $(STAMP) ## Let ruff rewrite what `make lint` would complain about, where it can
+format: $(FOR_ALL) ## Let ruff rewrite what `make lint` would complain about, where it can
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-types: $(STAMP) ## Types (mypy --strict)
+hooks: $(FOR_ALL) ## Let git check the style of each commit (pre-commit)
+	$(BIN)/pre-commit install
+
+types: $(FOR_ALL) ## Types (mypy --strict)
 	$(BIN)/mypy
 
-unit: $(STAMP) ## The tests
-	$(BIN)/pytest -n auto
+unit: $(FOR_ALL) ## The tests
+	$(BIN)/pytest -n auto --durations=10
 
-search: $(STAMP) ## The tests of what holds for every robot and file, with new random examples
+search: $(FOR_ALL) ## The tests of what holds for every robot and file, with new random examples
 	$(BIN)/pytest -n auto -m hypothesis --hypothesis-profile=search
 
-docs: $(STAMP) ## The documentation, into build/docs; a warning is an error
+docs: $(FOR_ALL) ## The documentation, into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -q docs build/docs
 
 # Run from build/examples: they work from any folder, and what they write stays out of the way.
-examples: $(STAMP) ## Run every example, with no screen
+examples: $(FOR_ALL) ## Run every example, with no screen
 	@mkdir -p build/examples
 	@set -e; for f in examples/[!_]*.py; do [ -e "$$f" ] || continue; \
 	  echo "python $$f"; (cd build/examples && "$(CURDIR)/$(BIN)/python" "$(CURDIR)/$$f"); done
 
-wheel: $(STAMP) ## Build the wheel and try it in a fresh environment
+wheel: $(FOR_ALL) ## Build the wheel and try it in a fresh environment
 	$(BIN)/python tools/check_wheel.py
 
-bench: $(STAMP) ## Run every benchmark, into build/benchmarks
+bench: $(FOR_ALL) ## Run every benchmark, into build/benchmarks
 	$(BIN)/python benchmarks/all.py
 
 clean: ## Remove what make wrote, .venv too

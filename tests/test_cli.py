@@ -57,16 +57,9 @@ def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def command(*arguments: object, **options: Any) -> subprocess.Popen[str]:
-    """Start `armgpi` as a program of its own, listening to Ctrl-C.
-
-    A shell that runs the tests in the background has them ignore it, and programs inherit that.
-    """
+    """Start `armgpi` as a program of its own."""
     whole = [sys.executable, "-m", "armgpi.cli", *map(str, arguments)]
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        return subprocess.Popen(whole, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    return subprocess.Popen(whole, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)
 
 
 # Help.
@@ -553,19 +546,35 @@ def test_a_rollout_that_diverges_exits_with_1_and_says_when(
     assert [record["status"] for record in json.loads(both.out)] == ["diverged", "finished"]
 
 
-@pytest.mark.parametrize("name", ["run", "compare"])
-def test_ctrl_c_keeps_what_is_there_and_exits_with_130(name: str, tmp_path: Path) -> None:
-    with command(
-        name, ARM, "--t-final", 1000, "--backend", "numpy", "--out", tmp_path / "out", "--json"
-    ) as process:
+@pytest.mark.parametrize(
+    ("name", "inherited", "sent", "code"),
+    [
+        ("run", signal.default_int_handler, [signal.SIGINT], 130),
+        ("compare", signal.default_int_handler, [signal.SIGINT], 130),
+        # In the background of a shell, which has Ctrl-C ignored.
+        ("run", signal.SIG_IGN, [signal.SIGINT, signal.SIGTERM], 143),
+    ],
+)
+def test_a_signal_keeps_what_is_there_and_exits_with_its_code(
+    name: str, inherited: Any, sent: list[signal.Signals], code: int, tmp_path: Path
+) -> None:
+    before = signal.signal(signal.SIGINT, inherited)
+    try:
+        process = command(
+            name, ARM, "--t-final", 1000, "--backend", "numpy", "--out", tmp_path / "out", "--json"
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with process:
         # The folder is made right before the run begins; the run would take half a minute.
         while not (tmp_path / "out").exists():
             assert process.poll() is None
             time.sleep(0.02)
         time.sleep(0.7)
-        process.send_signal(signal.SIGINT)
+        for number in sent:
+            process.send_signal(number)
         out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert "Traceback" not in err
     assert "interrupted at t = " in err
     (record,) = json.loads(out)

@@ -41,7 +41,7 @@ def main() -> None:
 
         venv.create(tmp / "venv", with_pip=True)
         bin_dir = tmp / "venv" / "bin"
-        pip = [bin_dir / "python", "-m", "pip", "install", "--quiet"]
+        pip = [bin_dir / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
         run(*pip, "-c", ROOT / "constraints.txt", wheel, cwd=tmp)
         run(bin_dir / "armgpi", "--help", cwd=tmp)
         run(bin_dir / "python", "-c", TRIAL, cwd=tmp)

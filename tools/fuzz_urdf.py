@@ -230,6 +230,30 @@ def work(seed: int, start: int, count: int, folder: Path) -> None:
     path.unlink()
 
 
+def chunk(
+    seed: int, start: int, count: int, folder: str, ends: collections.Counter[str], bad: list[tuple[int, str]]
+) -> int:
+    """Try some mutations in a process of their own, note how they ended, and return where to go on."""
+    command = [sys.executable, __file__, "--seed", str(seed), "--folder", folder]
+    done = subprocess.run(
+        [*command, "--work", str(start), str(count)], capture_output=True, text=True, check=False
+    )
+    last = (start, "begun")
+    for line in done.stdout.splitlines():
+        index, _, result = line.partition(" ")
+        last = (int(index), result)
+        if result != "begun":
+            ends[result] += 1
+            if result.startswith("failed"):
+                bad.append(last)
+    if last[1] == "begun":
+        ends["crashed"] += 1
+        bad.append((last[0], f"crashed ({done.returncode})"))
+    if done.returncode or any(result.startswith("failed") for _, result in bad[-5:]):
+        sys.stderr.write(done.stderr[-3000:])
+    return last[0] + 1
+
+
 def main() -> int:
     """Try all mutations, print how they ended, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -248,25 +272,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         start = 0
         while start < options.count:
-            command = [sys.executable, __file__, "--seed", str(options.seed), "--folder", folder]
             count = min(CHUNK, options.count - start)
-            done = subprocess.run(
-                [*command, "--work", str(start), str(count)], capture_output=True, text=True, check=False
-            )
-            last = (start, "begun")
-            for line in done.stdout.splitlines():
-                index, _, result = line.partition(" ")
-                last = (int(index), result)
-                if result != "begun":
-                    ends[result] += 1
-                    if result.startswith("failed"):
-                        bad.append(last)
-            if last[1] == "begun":
-                ends["crashed"] += 1
-                bad.append((last[0], f"crashed ({done.returncode})"))
-            if done.returncode or any(result.startswith("failed") for _, result in bad[-5:]):
-                sys.stderr.write(done.stderr[-3000:])
-            start = last[0] + 1
+            start = chunk(options.seed, start, count, folder, ends, bad)
             print(f"{start} of {options.count}: {dict(ends)}", file=sys.stderr, flush=True)
     if bad and options.keep is not None:
         options.keep.mkdir(parents=True, exist_ok=True)

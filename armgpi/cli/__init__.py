@@ -1,14 +1,17 @@
 """The command line: parse, call one function, print a table, exit with a code.
 
 Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run, a model that
-differs), 2 bad input, 130 interrupted.
+differs), 2 bad input, 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -65,6 +68,29 @@ def _main(
     """Take the options of armgpi itself."""
 
 
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end the program as Ctrl-C does, but with an exit code of its own.
+
+    Ctrl-C is ignored by what a shell starts in the background; SIGTERM, which schedulers send, is not.
+    """
+    received: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    except SystemExit as end:
+        if received and end.code == INTERRUPTED:
+            sys.exit(128 + received[0])
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def main() -> None:
     """Run the command line; every error of ours becomes one line and an exit code."""
     from armgpi.errors import ArmgpiError, ArmgpiWarning
@@ -79,7 +105,7 @@ def main() -> None:
         # A terminal that has no "²" shows "?" instead.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    with warnings.catch_warnings():
+    with _terminable(), warnings.catch_warnings():
         warnings.showwarning = show
         warnings.simplefilter("default", ArmgpiWarning)
         try:

@@ -237,23 +237,26 @@ def toolbox() -> Any:
 
 @contextmanager
 def _interrupts_kept() -> Iterator[None]:
-    """Let a Ctrl-C count when the block has ended.
+    """Let a Ctrl-C or SIGTERM count when the block has ended.
 
-    trimesh takes whatever is raised while it imports other packages for a package that is not there, and a
-    Ctrl-C at that moment would be lost.
+    trimesh takes whatever is raised while it imports other packages for a package that is not there, and an
+    interrupt at that moment would be lost.
     """
-    usual = signal.getsignal(signal.SIGINT)
-    if "trimesh" in sys.modules or threading.current_thread() is not threading.main_thread() or usual is None:
+    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if "trimesh" in sys.modules or not in_main_thread or None in usual.values():
         yield
         return
-    pressed: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    received: list[int] = []
+    for each in usual:
+        signal.signal(each, lambda number, _: received.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, usual)
-    if pressed:
-        signal.raise_signal(signal.SIGINT)
+        for each, handler in usual.items():
+            signal.signal(each, handler)
+    for number in received:
+        signal.raise_signal(number)
 
 
 def box(x: float, y: float, z: float) -> Triangles:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 import pytest
+from hand_models import _draw, planar, scara, spatial
 
 from armgpi import Robot, suggest_urdf, validate
-from tests.hand_models import _draw, planar, scara, spatial
 
 Array = np.ndarray
 

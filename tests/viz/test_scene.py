@@ -370,15 +370,22 @@ def test_a_rollout_of_another_robot_is_refused() -> None:
         scene.build(ARM, "hand")
 
 
-def test_a_ctrl_c_while_trimesh_is_imported_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_trimesh_is_imported_comes_after_it(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delitem(sys.modules, "trimesh")
     steps = []
 
     def imported() -> None:
         with meshes._interrupts_kept():
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
             steps.append("whole")  # trimesh would have taken it for a missing package
 
-    with pytest.raises(KeyboardInterrupt):
-        imported()
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            imported()
+    finally:
+        signal.signal(number, before)
     assert steps == ["whole"]

@@ -178,17 +178,13 @@ def test_a_report_finds_its_robot_and_its_experiment_file(cli, tmp_path: Path) -
     "arguments", [["view", ARM, "--port", "0"], ["run", ARM, "--t-final", "0.02", "--view"]]
 )
 def test_ctrl_c_stops_the_server(arguments: list[str]) -> None:
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        program = subprocess.Popen(
-            [sys.executable, "-m", "armgpi.cli", *arguments],
-            env={**os.environ, "SSH_CONNECTION": "10.0.0.1 5000 10.0.0.2 22"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-    finally:
-        signal.signal(signal.SIGINT, before)
+    program = subprocess.Popen(
+        [sys.executable, "-m", "armgpi.cli", *arguments],
+        env={**os.environ, "SSH_CONNECTION": "10.0.0.1 5000 10.0.0.2 22"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert program.stdout is not None
     lines = iter(program.stdout.readline, "")
     url = next(line for line in lines if line.startswith("http")).split()[0]
