@@ -68,7 +68,7 @@ format: $(FOR_ALL) ## Let ruff rewrite what `make lint` would complain about, wh
 hooks: $(FOR_ALL) ## Let git check the style of each commit (pre-commit)
 	$(BIN)/pre-commit install
 
-types: $(FOR_ALL) ## Types (mypy --strict)
+types: $(FOR_ALL) ## Types, of the tests too (mypy --strict)
 	$(BIN)/mypy
 
 unit: $(FOR_ALL) ## The tests

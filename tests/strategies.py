@@ -43,7 +43,7 @@ def triples(bound: float) -> st.SearchStrategy[Array]:
 
 # Made once: making a strategy takes longer than drawing from it.
 ANGLES = triples(3.14)  # [rad] roll, pitch, yaw
-AXES = st.tuples(*[st.integers(-3, 3)] * 3).filter(any).map(lambda xyz: xyz / np.linalg.norm(xyz))
+AXES = st.tuples(*[st.integers(-3, 3)] * 3).filter(any).map(lambda xyz: np.array(xyz) / np.linalg.norm(xyz))
 BODIES = st.fixed_dictionaries(
     {
         "mass": decimals(0.1, 5.0, digits=1),  # [kg]

@@ -523,6 +523,8 @@ def test_an_output_that_is_full_is_an_error_of_one_line(arguments: list[str]) ->
 
 def test_a_reader_that_goes_away_costs_no_files(tmp_path: Path) -> None:
     with command("run", ARM, *SHORT, "--out", tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
         process.stdout.close()
         err = process.stderr.read()
     assert "Traceback" not in err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +13,14 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from armgpi import GPI, PIDInversion, Robot, config, default_omega
+from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_omega
 from armgpi.errors import ArmgpiError, ConfigError
 
 ROOT = Path(__file__).parents[1]
 ARM = "robot: {name: anthropomorphic3}\n"
 
 
-def build(text: str) -> config.Experiment:
+def build(text: str) -> Any:
     return config.build(*config.parse(text, "file.yaml"))
 
 
@@ -62,6 +63,7 @@ def test_a_network_has_its_scales_from_the_encoder_and_its_box_from_the_sample_t
         "network"
     ]
     assert isinstance(network, GPI)
+    assert isinstance(network.gains, BSplineNetwork)
     lower, upper = network.gains.boxes["omega_c"]
     np.testing.assert_allclose([lower, upper], [[22.0] * 3, [60.0] * 3])
     count = 2.0 * math.pi / 2**16
@@ -174,7 +176,7 @@ EXPERIMENT = section(
 @settings(max_examples=60)
 @given(EXPERIMENT)
 @pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")  # gains too fast for the sample time
-def test_what_is_written_is_read_back_the_same(data: dict) -> None:
+def test_what_is_written_is_read_back_the_same(data: dict[str, Any]) -> None:
     first = config.parse(yaml.safe_dump(data), "file.yaml").config
     assert config.parse(config.dump(first), "again.yaml").config == first
     # What was built says every default, and builds the same again.

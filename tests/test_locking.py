@@ -56,4 +56,4 @@ def test_a_batch_needs_a_sequence_of_robots() -> None:
     robot = Robot.from_xml(pair())
     for bad in ([], robot, (r for r in [robot]), [robot, "robot"]):
         with pytest.raises(ParameterError, match="robots"):
-            RobotBatch(bad)  # type: ignore[arg-type]
+            RobotBatch(bad)

@@ -201,4 +201,4 @@ def test_a_mimic_that_cannot_be_is_refused(extra: str, said: str, how: Any) -> N
 
 def test_what_to_do_with_mimics_is_one_of_two() -> None:
     with pytest.raises(ParameterError, match="'lock' or 'follow'"):
-        Robot.load(Path("anthropomorphic3"), mimic="free")  # type: ignore[arg-type]
+        Robot.load(Path("anthropomorphic3"), mimic="free")

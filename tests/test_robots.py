@@ -290,7 +290,7 @@ def test_an_address_is_no_file() -> None:
 @pytest.mark.parametrize("name", [None, 3, ["panda"], "", "a\0b", "a" * 5000])
 def test_what_is_no_name_at_all_is_refused_by_our_error(name: object) -> None:
     with pytest.raises((NameNotFound, UrdfError)):
-        Robot.load(name)  # type: ignore[arg-type]
+        Robot.load(name)
 
 
 def test_without_example_robot_data_its_arms_are_refused_with_the_way_to_get_them(

@@ -184,7 +184,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others() -> None:
 
 
 def test_a_run_leaves_nothing_behind_in_its_parts() -> None:
-    def parts() -> tuple[Any, ...]:
+    def parts() -> tuple[Delayed, GPI, Bezier]:
         plant = RateLimited(Noisy(RigidBodyPlant(ARM, Sine([0.1, 0.1, 0.1], 9.0)), 1e-4, seed=1), 100.0)
         return Delayed(plant, 1), gpi(), MOVE
 
@@ -278,7 +278,7 @@ def test_an_output_feedback_controller_is_shown_positions_alone_and_as_measured(
 
 def test_a_controller_that_needs_velocities_is_shown_them() -> None:
     class WatchingAll(Watching):
-        measurement_type = FullState
+        measurement_type = FullState  # type: ignore[assignment]
 
     controller = WatchingAll(ARM, DT)
     rollout = simulate(RigidBodyPlant(ARM), controller, MOVE, 0.02)

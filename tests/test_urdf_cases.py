@@ -22,7 +22,7 @@ FOLDER = Path(__file__).parent / "fixtures" / "urdf_cases"
 MEMORY, SECONDS = 2 * 1024**3, 10
 
 
-def cases() -> list[tuple[str, str, str]]:
+def cases() -> list[tuple[str, ...]]:
     with (FOLDER / "expected.tsv").open(encoding="utf-8", newline="") as file:
         return [tuple(row.values()) for row in csv.DictReader(file, delimiter="\t")]
 

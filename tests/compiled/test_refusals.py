@@ -150,7 +150,7 @@ LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
     "dictionary": (keeps, "a dict in it (last) changes", lambda: {"kept": {}}),
     "counter": (counts, "a Law in it (count) changes", lambda: {"count": 0}),
     "integral": (integrates, "a Law in it (integral) changes", lambda: {"integral": np.zeros(3)}),
-    "global": (keeps_outside, "outside of it OUTSIDE changes", lambda: OUTSIDE.clear() or {}),
+    "global": (keeps_outside, "outside of it OUTSIDE changes", lambda: OUTSIDE.clear() or {}),  # type: ignore[func-returns-value]
     "default": (
         counts_calls,
         "outside of it counts_calls changes",
@@ -159,7 +159,7 @@ LAWS: dict[str, tuple[Callable[..., Any], str, Callable[[], Any]]] = {
     "random of all": (
         lambda self, e: e * (1.0 if np.random.random() < 0.9 else 2.0),  # noqa: NPY002
         "outside of it np.random changes",
-        lambda: np.random.seed(0) or {},  # type: ignore[func-returns-value]  # noqa: NPY002
+        lambda: np.random.seed(0) or {},  # noqa: NPY002
     ),
     "decimals": (lambda self, e: np.round(e, 6), "it rounds to 6 decimals", dict),
     "bits of numbers": (lambda self, e: e * (np.where(e > 1e-3, 2, 0) & 1), "bits of numbers", dict),
@@ -196,7 +196,7 @@ def test_dynamics_of_a_users_own() -> None:
             return getattr(self.base, name)
 
     robot = copy.copy(ARM)
-    robot.dynamics = Own(ARM.dynamics)  # type: ignore[assignment]
+    robot.dynamics = Own(ARM.dynamics)
     falls_back(GPI(ARM, DT), "its dynamics are Own, not Pinocchio's", plant=RigidBodyPlant(robot))
 
 

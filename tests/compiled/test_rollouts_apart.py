@@ -301,8 +301,9 @@ def test_compilers_agree_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setenv("CC", name)
         runs += [compiled(*batch(slice(0, 9)), lanes=lanes, signals=True) for lanes in (1, 8)]
     for run in runs[1:]:
-        for name in run.data_vars:
-            np.testing.assert_array_equal(run[name].values, runs[0][name].values, err_msg=str(name))
+        for variable in run.data_vars:
+            expected = runs[0][variable].values
+            np.testing.assert_array_equal(run[variable].values, expected, err_msg=str(variable))
 
 
 def test_lanes_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -349,7 +349,7 @@ def test_a_users_reference() -> None:
 @st.composite
 def loops(draw: st.DrawFn) -> Loop:
     """Loops put together at random of what is above."""
-    robot = draw(st.sampled_from([ARM, HEAVY, ARM.scaled_inertia(0.9)]))
+    robot: Robot | RobotBatch = draw(st.sampled_from([ARM, HEAVY, ARM.scaled_inertia(0.9)]))
     own = draw(st.booleans())
     if own and draw(st.booleans()):
         robot = RobotBatch([ARM, HEAVY, ARM.scaled_inertia(1.1), HEAVY.scaled_inertia(0.9), ARM])

@@ -49,6 +49,7 @@ def test_the_comparison_finds_what_it_looks_for() -> None:
     case = experiment("anthropomorphic3")
     run = compiled(case.plant, case.controller, case.reference, 0.1)
     size = case.step_size
+    assert size is not None
     assert agreement(run, run, size) == Agreement(0.0, 0, 0.0, 0.0)
     # Before an edge, at it by one count, at it by two, and after it.
     for at, by, expected in (

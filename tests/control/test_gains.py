@@ -31,7 +31,7 @@ def desired(tuning: Tuning) -> Array:
     """Return the coefficients of eq. 24, highest power first, by multiplying it out."""
     w, z, p = tuning
     pair = [1.0, 2.0 * z * w, w * w]
-    return np.polymul(np.polymul(pair, pair), [1.0, p])
+    return np.polymul(np.polymul(pair, pair), [1.0, p])  # type: ignore[return-value]
 
 
 def loop_gain(tuning: Tuning, w: Array) -> Array:
@@ -154,7 +154,7 @@ def test_fixed_gains_may_differ_by_joint_and_rollout() -> None:
 def test_a_bad_tuning_is_named(parameter: str, value: object, says: str) -> None:
     tuning = {"omega_c": 10.0, parameter: value}
     with pytest.raises(ArrayError, match=f"{parameter}.*{says}"):
-        FixedGains(**tuning).prepare(JOINTS, 1e-3)  # type: ignore[arg-type]
+        FixedGains(**tuning).prepare(JOINTS, 1e-3)
 
 
 def test_gains_for_different_numbers_of_rollouts_are_refused() -> None:

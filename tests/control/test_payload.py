@@ -196,9 +196,9 @@ def test_no_bandwidth_for_a_range_is_said_with_what_would_do() -> None:
         (lambda: payload_range(ARM, 0.0, 0.5, dt=0.0), ParameterError, "dt"),
         (lambda: payload_range(ARM, 0.0, 0.5, slowest=0.0), ParameterError, "slowest"),
         (lambda: payload_range(ARM, 0.0, 0.5, com=[0.0, 0.0]), ArmgpiError, "com"),
-        (lambda: payload_range(RobotBatch([ARM]), 0.0, 0.5), ParameterError, "a single Robot"),  # type: ignore[arg-type]
-        (lambda: largest_payload(RobotBatch([ARM])), ParameterError, "a single Robot"),  # type: ignore[arg-type]
-        (lambda: GPI(ARM, 1e-3, payload=0.5), ParameterError, "payload must be two masses"),  # type: ignore[arg-type]
+        (lambda: payload_range(RobotBatch([ARM]), 0.0, 0.5), ParameterError, "a single Robot"),
+        (lambda: largest_payload(RobotBatch([ARM])), ParameterError, "a single Robot"),
+        (lambda: GPI(ARM, 1e-3, payload=0.5), ParameterError, "payload must be two masses"),
         (lambda: GPI(RobotBatch([ARM]), 1e-3, payload=(0.0, 0.5)), ParameterError, "a single Robot"),
         (lambda: GPI(ARM, 1e-3, frame="tool"), ParameterError, "frame must be left out"),
         (lambda: GPI(ARM, -1.0, payload=(0.0, 0.5)), ParameterError, "dt"),

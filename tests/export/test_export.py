@@ -521,7 +521,7 @@ def test_a_sensor_that_freezes_beside_its_goal_is_found_by_the_torque_that_grows
     exported, state = started()
     off = Q + np.array([0.0, 0.0, 1e-4])
     state = after(exported, state, off).state
-    taus = []
+    taus: list[Any] = []
     while exported.report(state).status == "run" and len(taus) < 20_000:
         tau, state = after(exported, state, off)
         taus.append(tau)

@@ -622,7 +622,7 @@ def test_arrays_of_wrong_shape_or_content_are_refused_by_name(
 
 def test_an_elbow_that_is_neither_up_nor_down_is_refused() -> None:
     with pytest.raises(ParameterError, match="elbow must be 'up' or 'down', got 'left'"):
-        ARM.inverse_kinematics([0.3, 0.0, 0.2], "left")  # type: ignore[arg-type]
+        ARM.inverse_kinematics([0.3, 0.0, 0.2], "left")
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(ArmParameters)])

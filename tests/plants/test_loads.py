@@ -87,7 +87,9 @@ def test_a_multi_sine_is_the_sum_of_its_sines() -> None:
         (x >= 1.0) * sum(a * math.sin(w * x + p) for a, w, p in ((1, 1, 0.1), (2, 5, 0.2), (3, 9, 0.3)))
         for x in t
     ]
-    np.testing.assert_allclose(RigidBodyPlant(SLED, loads).disturbance(t)[:, 0], expected, atol=1e-14)
+    disturbance = RigidBodyPlant(SLED, loads).disturbance(t)
+    assert disturbance is not None
+    np.testing.assert_allclose(disturbance[:, 0], expected, atol=1e-14)
     with pytest.raises(ParameterError, match="omegas"):
         multi_sine([1.0, 2.0], [1.0])
 
@@ -182,7 +184,7 @@ def test_rollouts_of_a_batch_may_have_loads_of_their_own() -> None:
     amplitudes = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, -1.0]])
     plant = RigidBodyPlant(ARM, [Step(amplitudes), Sine(0.1, 5.0)])
     assert plant.batch == 2
-    assert plant.disturbance(np.zeros(4)).shape == (4, 2, 3)
+    assert np.shape(plant.disturbance(np.zeros(4))) == (4, 2, 3)
     state = plant.init(np.zeros((2, 3)), np.zeros((2, 3)))
     for _ in range(20):
         state = plant.step(np.zeros((2, 3)), state, DT)
@@ -219,7 +221,7 @@ def test_loads_describe_themselves_as_plain_data() -> None:
         (lambda: Pulse(1.0, onset=0.0, duration=math.nan), ParameterError, "duration"),
         (lambda: RigidBodyPlant(ARM, Step([1.0, 2.0])), ArrayError, "loads.*Step"),
         (lambda: RigidBodyPlant(ARM, [Step(np.ones((2, 3))), Step(np.ones((3, 3)))]), ArmgpiError, "batch"),
-        (lambda: RigidBodyPlant(ARM, [1.0]), ParameterError, "loads"),
+        (lambda: RigidBodyPlant(ARM, [1.0]), ParameterError, "loads"),  # type: ignore[list-item]
         (lambda: RigidBodyPlant(ARM, 1.0), ParameterError, "loads"),
     ],
 )

@@ -129,7 +129,11 @@ def test_the_shortest_duration_keeps_every_limit_and_meets_one(
 
 #: Where the second and the third derivative of the blend are zero for the first time after its start.
 PEAKS = [
-    min(float(x.real) for x in CORRECTED.deriv(order).roots() if abs(x.imag) < 1e-6 and 0.05 < x.real < 0.95)
+    min(
+        float(x.real)
+        for x in CORRECTED.deriv(order).roots()
+        if abs(x.imag) < 1e-6 and 0.05 < float(x.real) < 0.95
+    )
     for order in (2, 3)
 ]
 

@@ -149,7 +149,7 @@ def test_gpi_keeps_the_tool_on_the_laser_path(payload: float, most: float) -> No
         (lambda: Polyline([[0, 0, 0], [1, 0]], 1.0), ArrayError, "corners"),
         (lambda: Lissajous([0, 0, 0], [1, 1, np.nan], [1, 1, 1]), ArrayError, "amplitude"),
         (lambda: CartesianReference(ARM, "tol", LaserPath(), HAND.inverse_kinematics), NameNotFound, "tool"),
-        (lambda: CartesianReference(ARM, "tool", "line", HAND.inverse_kinematics), ParameterError, "path"),  # type: ignore[arg-type]
+        (lambda: CartesianReference(ARM, "tool", "line", HAND.inverse_kinematics), ParameterError, "path"),
         (
             lambda: CartesianReference(ARM, "tool", LaserPath(), lambda x: np.zeros_like(x)),
             ParameterError,

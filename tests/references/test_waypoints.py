@@ -31,7 +31,7 @@ def plans(draw: st.DrawFn) -> Plan:
     return points, durations, [draw(st.floats(0.0, 2.0)) for _ in points]
 
 
-def twin(plan: Plan, t: float) -> tuple[Array, Array, Array]:
+def twin(plan: Plan, t: float) -> tuple[Array, ...]:
     """Return q, v, a at t, leg by leg."""
     points, durations, holds = plan
     begin = holds[0]

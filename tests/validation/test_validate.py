@@ -244,7 +244,7 @@ def test_names_in_the_page_are_escaped() -> None:
 def test_bad_arguments_are_refused(options: dict[str, object], error: type[Exception]) -> None:
     arguments = {"robot": "anthropomorphic3", **options}
     with pytest.raises(error):
-        validate("paper", **arguments)  # type: ignore[arg-type]
+        validate("paper", **arguments)
 
 
 # A URDF for a model without one.

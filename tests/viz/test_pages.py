@@ -11,6 +11,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import browser as browsers
@@ -69,17 +70,13 @@ def moving(robot: Robot) -> xr.Dataset:
     return run(robot, t_final=0.3)
 
 
-CASES = {
+CASES: dict[str, tuple[Callable[[], Robot], Callable[[Robot], xr.Dataset]]] = {
     "the paper's arm": (lambda: ARM, moving),
     "an arm that stands still": (lambda: ARM, still),
     "a slide among hinges": (lambda: chain(5, 3.0), moving),
     "a small one": (lambda: chain(2, 0.3), moving),
     "fourteen joints": (lambda: chain(14, 2.0), made_up),
-    **{
-        name: (lambda name=name: Robot.load(name), moving)
-        for name in ("ur5", "kinova")
-        if name in robots.names()
-    },
+    **{name: (partial(Robot.load, name), moving) for name in ("ur5", "kinova") if name in robots.names()},
 }
 
 

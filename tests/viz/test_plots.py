@@ -184,7 +184,7 @@ def test_a_rollout_that_diverged_ends_with_a_cross() -> None:
     rollout["t_end"].data = np.float64(t_end)
     (axes, *_) = plots.positions(rollout).axes
     (cross,) = [one for one in axes.get_lines() if one.get_label() == "diverged"]
-    assert cross.get_xdata()[0] == pytest.approx(t_end, abs=1.5e-3)
+    assert np.asarray(cross.get_xdata())[0] == pytest.approx(t_end, abs=1.5e-3)
     assert np.isnan(line(axes, "actual")[rollout["time"] > t_end]).all()
 
 
