@@ -16,7 +16,7 @@ from armgpi.errors import ArmgpiError, RolloutError
 T, H = 4.0, 1e-3
 TIME = np.arange(round(T / H) + 1) * H
 #: How each figure grows when all errors and torques are multiplied by a factor.
-POWER = dict.fromkeys(metrics.ALL, 1) | {"ise": 2, "isci": 2, "saturated_time": 0}
+POWER = dict.fromkeys(metrics.ALL, 1) | {"ise": 2, "isci": 2, "saturated_time": 0, "effort_used": 0}
 
 
 def rollout(

@@ -33,7 +33,8 @@ def test_a_row_is_the_worst_joint_of_a_run_of_its_own() -> None:
     reference = config.build(config.check({"robot": {"name": ARM}}, config.Origin("x"))).reference
     for row, arm in ((empty, robot), (loaded, heavy)):
         plant = Delayed(Encoder(Saturated(RigidBodyPlant(arm)), 16), 1)
-        for scale, peak, final in zip(zoo.SCALES, row.peak_error, row.final_error, strict=True):
+        errors = (row.metrics["peak_error"], row.metrics["final_error"])
+        for scale, peak, final in zip(zoo.SCALES, *errors, strict=True):
             controller = GPI(heavy.scaled_inertia(scale), 1e-3, FixedGains(row.omega_c), delay=1e-3)
             rollout = simulate(plant, controller, reference, zoo.HORIZON, progress=False)
             np.testing.assert_allclose(float(metrics.peak_error(rollout).max()), peak, rtol=1e-9)

@@ -48,8 +48,7 @@ def zoo(
         except OSError as error:
             raise refusal("--out", f"{out} cannot be written: {error.strerror or error}") from None
     if as_json:
-        data = [{key: _plain(value) for key, value in row._asdict().items()} for row in rows]
-        typer.echo(json.dumps(data))
+        typer.echo(json.dumps([_plain(row._asdict()) for row in rows]))
     else:
         typer.echo(table, nl=False)
     if any(row.end.startswith("diverged") for row in rows):
@@ -58,6 +57,8 @@ def zoo(
 
 def _plain(value: object) -> object:
     """Return a value that JSON has: None for a number that there is not."""
+    if isinstance(value, dict):
+        return {key: _plain(x) for key, x in value.items()}
     if isinstance(value, tuple):
         return [_plain(x) for x in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

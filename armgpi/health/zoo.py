@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from armgpi import config
@@ -24,6 +24,8 @@ from armgpi.robot.robot import Robot, RobotBatch
 
 #: What every arm is run with.
 SCALES, DT, DELAY, BITS, HORIZON = (0.8, 1.0, 1.2), 1e-3, 1, 16, 8.0
+#: Significant digits in the table.
+_DIGITS = 2
 #: Largest load that is tried [kg], and the share of what the motors hold that is.
 _MOST, _SHARE = 0.5, 0.5
 
@@ -34,13 +36,10 @@ class Row(NamedTuple):
     Attributes:
         name: of the robot.
         n: number of joints, grippers locked; 0 when it could not be loaded.
-        payload: load at the tip that the controller believes in [kg].
-        loaded: whether it is there.
+        payload: load at the tip of the controller's nominal model [kg].
+        loaded: whether the arm carries it.
         omega_c: default bandwidth [rad/s].
-        peak_error: [rad or m], largest of the joints, for each of the factors.
-        final_error: likewise.
-        effort: largest share of an effort limit that was used.
-        saturated: longest time at a limit [s].
+        metrics: name -> value of the arm for each of the factors, of all metrics that the zoo shows.
         end: "finished", or why not.
     """
 
@@ -49,10 +48,7 @@ class Row(NamedTuple):
     payload: float
     loaded: bool
     omega_c: float
-    peak_error: tuple[float, ...]
-    final_error: tuple[float, ...]
-    effort: float
-    saturated: float
+    metrics: dict[str, tuple[float, ...]]
     end: str
 
 
@@ -63,21 +59,8 @@ def run(name: str) -> list[Row]:
             warnings.simplefilter("ignore", ArmgpiWarning)
             return _run(name)
     except ArmgpiError as error:
-        nothing = (float("nan"),) * len(SCALES)
-        return [
-            Row(
-                name,
-                0,
-                float("nan"),
-                False,
-                float("nan"),
-                nothing,
-                nothing,
-                float("nan"),
-                float("nan"),
-                str(error),
-            )
-        ]
+        nothing = {metric.name: (math.nan,) * len(SCALES) for metric in metrics.shown_in("zoo")}
+        return [Row(name, 0, math.nan, False, math.nan, nothing, str(error))]
 
 
 def _run(name: str) -> list[Row]:
@@ -107,22 +90,14 @@ def _row(name: str, robot: Robot, load: float, loaded: bool, omega_c: float, rol
     """Return what came out of three rollouts."""
     ends = describe_end(rollout)
     bad = [f"{end} (D x {scale:g})" for end, scale in zip(ends, SCALES, strict=True) if end != "finished"]
-    used = metrics.peak_torque(rollout).values / robot.limits.effort
     excess = float(metrics.limit_excess(rollout).max())
     if not bad and excess > 0.0:
         bad = [f"finished, outside its limits by {excess:.2g}"]
-    return Row(
-        name,
-        robot.n,
-        load,
-        loaded,
-        omega_c,
-        tuple(float(x) for x in metrics.peak_error(rollout).max("joint")),
-        tuple(float(x) for x in metrics.final_error(rollout).max("joint")),
-        float(np.max(used)),
-        float(metrics.saturated_time(rollout).max()),
-        "; ".join(bad) or "finished",
-    )
+    values = {
+        metric.name: tuple(metric.of_arm(metric(rollout).values).tolist())
+        for metric in metrics.shown_in("zoo")
+    }
+    return Row(name, robot.n, load, loaded, omega_c, values, "; ".join(bad) or "finished")
 
 
 def _fingers(name: str) -> list[str]:
@@ -135,38 +110,18 @@ def _fingers(name: str) -> list[str]:
 
 
 def markdown(rows: list[Row]) -> str:
-    """Return rows as a Markdown table."""
-    header = (
-        "robot",
-        "n",
-        "load believed in [kg]",
-        "there",
-        "ω_c [rad/s]",
-        *(f"peak error, D × {scale:g}" for scale in SCALES),
-        "final error, worst",
-        "effort used",
-        "saturated [s]",
-        "end",
-    )
+    """Return rows as a Markdown table; one value of a metric stands for all factors on D(q) where they agree."""
+    shown = metrics.shown_in("zoo")
+    factors = " / ".join(f"{scale:g}" for scale in SCALES)
+    units = [f" [{metric.unit}]" if any(metric.unit) else "" for metric in shown]
+    columns = [f"{m.heading}{unit}, D × {factors}" for m, unit in zip(shown, units, strict=True)]
+    header = ("robot", "n", "nominal load [kg]", "loaded", "ω_c [rad/s]", *columns, "end")
     lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
-    lines += [
-        (
-            row.name,
-            str(row.n or "-"),
-            _short(row.payload),
-            "yes" if row.loaded else "no",
-            _short(row.omega_c),
-            *map(_short, row.peak_error),
-            _short(max(row.final_error)),
-            f"{100.0 * row.effort:.0f} %" if np.isfinite(row.effort) else "-",
-            _short(row.saturated),
-            row.end,
+    for row in rows:
+        load, omega_c = (metrics.short(value, _DIGITS) for value in (row.payload, row.omega_c))
+        texts = [[metric.text(value, _DIGITS) for value in row.metrics[metric.name]] for metric in shown]
+        cells = (each[0] if len(set(each)) == 1 else " / ".join(each) for each in texts)
+        lines.append(
+            (row.name, str(row.n or "-"), load, "yes" if row.loaded else "no", omega_c, *cells, row.end)
         )
-        for row in rows
-    ]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
-
-
-def _short(value: float) -> str:
-    """Return a number with two significant digits; a dash when there is none."""
-    return f"{value:.2g}" if np.isfinite(value) else "-"

@@ -1,50 +1,149 @@
-"""Figures of merit of a rollout: pure functions, one number per joint (and rollout).
+"""Metrics of a rollout: pure functions, one number per joint (and rollout).
+
+Each is declared once, by :func:`metric` on its function. From that it is in :data:`ALL`, and so in the table
+on the terminal, the HTML report, ``metrics.json``, :func:`summary` with its attributes, the tables of the
+reproduction and of the zoo, and the documentation.
 
 Integrals run over the recorded samples: errors by the trapezoidal rule, torques as the steps they are.
 Of a rollout that was thinned (``record_every`` above 1) they are those of the samples kept; total variation
 and saturated time then miss what lay between. A rollout that diverged has infinite cost; of one that was
-interrupted the figures are those until then.
+interrupted the metrics are those until then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import wraps
+from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
 
+from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Status
+from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
 
-Metric = Callable[[xr.Dataset], xr.DataArray]
+#: A function of a rollout, dimensions ([rollout], time, joint), to numbers ([rollout], joint).
+Function = Callable[[xr.Dataset], xr.DataArray]
+#: What a metric is about; a table that is too wide is split by it.
+Group = Literal["errors", "torques"]
+GROUPS: tuple[Group, ...] = get_args(Group)
+#: The tables that show metrics; the files have them all.
+Table = Literal["terminal", "report", "reproduction", "zoo"]
+_PAPER: tuple[Table, ...] = ("terminal", "report", "reproduction")
+_RUNS: tuple[Table, ...] = ("terminal", "report", "zoo")
+#: Less than this is no more than rounding [rad, m, N m, N, s].
+ROUNDING = 1e-12
 
 
-def _figure(name: str, units: str, *needs: str) -> Callable[[Metric], Metric]:
-    """Make a figure of merit: check the rollout, label the result, and make it infinite for a diverged one.
+@dataclass(frozen=True)
+class Metric:
+    """A metric as it was declared; called with a rollout it returns its values.
 
-    Args:
-        name: what it is called.
-        units: its units, of a revolute joint.
-        needs: the variables that it is made from.
+    Attributes:
+        name: in files.
+        heading: in tables, short.
+        long_name: what it is, in words.
+        unit: of its values.
+        group: what it is about.
+        tables: where it is shown.
+        total: whether the value of an arm is the sum of those of its joints; else it is the largest.
+        digits: significant digits that are shown.
+        function: what computes it.
     """
 
-    def decorate(metric: Metric) -> Metric:
-        @wraps(metric)
-        def figure(rollout: xr.Dataset) -> xr.DataArray:
-            for variable in (*needs, "time", "status"):
-                if variable not in rollout:
-                    raise RolloutError(f"{name} needs the variable {variable!r}, which the rollout lacks")
-            if rollout.sizes["time"] < 2:
-                raise RolloutError(
-                    f"{name} needs at least two samples, the rollout has {rollout.sizes['time']}"
-                )
-            values = metric(rollout).where(rollout["status"] != Status.DIVERGED, np.inf)
-            return values.rename(name.replace(" ", "_")).assign_attrs(long_name=name, units=units)
+    name: str
+    heading: str
+    long_name: str
+    unit: Unit
+    group: Group
+    tables: tuple[Table, ...]
+    total: bool
+    digits: int
+    function: Function
 
-        return figure
+    def __call__(self, rollout: xr.Dataset) -> xr.DataArray:
+        """Return the metric of a rollout, dimensions ([rollout], joint); infinite where it diverged.
 
-    return decorate
+        Its attribute ``units`` is that of prismatic joints where all are.
+
+        Raises:
+            RolloutError: when the rollout lacks a variable or has fewer than two samples.
+        """
+        try:
+            if (count := rollout.sizes["time"]) < 2:
+                raise RolloutError(f"{self.long_name} needs at least two samples, the rollout has {count}")
+            values = self.function(rollout).where(rollout["status"] != Status.DIVERGED, np.inf)
+        except KeyError as error:
+            raise RolloutError(
+                f"{self.long_name}: the rollout lacks a variable that it needs: {error}"
+            ) from None
+        units = self.unit.symbol(bool(prismatic(rollout).all()), ascii=True)
+        return values.rename(self.name).assign_attrs(long_name=self.long_name, units=units)
+
+    def of_arm(self, values: Array) -> Array:
+        """Return one value for the arm, shape (...), of those of its joints, shape (..., n)."""
+        return np.asarray(values.sum(axis=-1) if self.total else values.max(axis=-1))
+
+    def text(self, value: float | None, most: int = 16) -> str:
+        """Return a value as text, with at most so many significant digits."""
+        return short(value, min(self.digits, most))
+
+
+#: Every metric, by the name that it has in files.
+ALL: dict[str, Metric] = {}
+
+
+def metric(
+    heading: str,
+    unit: Unit,
+    group: Group,
+    *,
+    long_name: str = "",
+    tables: tuple[Table, ...] = get_args(Table),
+    total: bool = False,
+    digits: int = 4,
+) -> Callable[[Function], Function]:
+    """Declare a metric: its name is that of the function, the rest is what :class:`Metric` says.
+
+    Args:
+        heading: in tables, short.
+        unit: of its values.
+        group: what it is about.
+        long_name: what it is, in words; the heading where that says it.
+        tables: where it is shown; everywhere when not given.
+        total: whether the value of an arm is the sum of those of its joints.
+        digits: significant digits that are shown.
+    """
+
+    def declare(function: Function) -> Function:
+        name = function.__name__
+        declared = Metric(name, heading, long_name or heading, unit, group, tables, total, digits, function)
+        ALL[name] = declared
+
+        @wraps(function)
+        def checked(rollout: xr.Dataset) -> xr.DataArray:
+            return declared(rollout)
+
+        checked.__doc__ = f"{function.__doc__}\n\nUnit: {str(unit) or 'none'}."
+        return checked
+
+    return declare
+
+
+def shown_in(table: Table) -> list[Metric]:
+    """Return the metrics that a table shows: those of errors first, as they were declared."""
+    shown = [metric for metric in ALL.values() if table in metric.tables]
+    return sorted(shown, key=lambda metric: GROUPS.index(metric.group))
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """Return a number with some significant digits, rounding errors as 0; a dash when there is none."""
+    if value is None or not np.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}" if abs(value) > ROUNDING else "0"
 
 
 def error(rollout: xr.Dataset) -> xr.DataArray:
@@ -52,98 +151,111 @@ def error(rollout: xr.Dataset) -> xr.DataArray:
     return rollout["q"] - rollout["q_ref"]
 
 
-@_figure("ITAE", "rad s^2", "q", "q_ref")
+@metric(
+    "ITAE",
+    Unit(position=1, time=2),
+    "errors",
+    long_name="integral of time times absolute error",
+    tables=_PAPER,
+    total=True,
+)
 def itae(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the integral of time times absolute error, ``int t |e| dt`` [rad s^2], eq. 34."""
+    """Return the integral of time times absolute error, ``∫ t |e| dt`` (eq. 34)."""
     return _integral(rollout["time"] * abs(error(rollout)))
 
 
-@_figure("IAE", "rad s", "q", "q_ref")
+@metric(
+    "IAE", Unit(position=1, time=1), "errors", long_name="integral of absolute error", tables=(), total=True
+)
 def iae(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the integral of absolute error, ``int |e| dt`` [rad s]."""
+    """Return the integral of absolute error, ``∫ |e| dt``."""
     return _integral(abs(error(rollout)))
 
 
-@_figure("ISE", "rad^2 s", "q", "q_ref")
+@metric(
+    "ISE", Unit(position=2, time=1), "errors", long_name="integral of squared error", tables=(), total=True
+)
 def ise(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the integral of squared error, int e^2 dt [rad^2 s]."""
+    """Return the integral of squared error, ``∫ e² dt``."""
     return _integral(error(rollout) ** 2)
 
 
-@_figure("RMS error", "rad", "q", "q_ref")
+@metric("RMS error", POSITION, "errors", tables=("report",))
 def rms(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the root of the mean squared error [rad]."""
+    """Return the root of the mean squared error."""
     e = error(rollout)
     time = e["time"].where(e.notnull())
     return (_integral(e**2) / (time.max("time") - time.min("time"))) ** 0.5
 
 
-@_figure("peak error", "rad", "q", "q_ref")
+@metric("peak error", POSITION, "errors", tables=_RUNS)
 def peak_error(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the largest absolute error [rad]."""
+    """Return the largest absolute error."""
     return abs(error(rollout)).max("time")
 
 
-@_figure("final error", "rad", "q", "q_ref")
+@metric("final error", POSITION, "errors", tables=_RUNS)
 def final_error(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the absolute error of the last sample [rad]."""
+    """Return the absolute error of the last sample."""
     e = abs(error(rollout))
     return e.isel(time=e.notnull().sum("time") - 1).drop_vars("time")
 
 
-@_figure("ISCI", "(N m)^2 s", "tau")
+@metric(
+    "ISCI",
+    Unit(torque=2, time=1),
+    "torques",
+    long_name="integral of squared control input",
+    tables=_PAPER,
+    total=True,
+)
 def isci(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the integral of squared control input, int tau^2 dt [(N m)^2 s], eq. 35."""
+    """Return the integral of squared control input, ``∫ τ² dt`` (eq. 35)."""
     return _held_integral(rollout["tau"] ** 2)
 
 
-@_figure("total variation of torque", "N m", "tau")
+@metric("variation", TORQUE, "torques", long_name="total variation of torque", tables=_PAPER, total=True)
 def total_variation(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the total variation of torque, ``sum |tau_k+1 - tau_k|`` [N m]: how much it chatters."""
+    """Return the total variation of torque, ``Σ |τₖ₊₁ - τₖ|``: how much it chatters."""
     return abs(rollout["tau"].diff("time")).sum("time")
 
 
-@_figure("peak torque", "N m", "tau")
+@metric("peak", TORQUE, "torques", long_name="peak torque", tables=("terminal", "report"))
 def peak_torque(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the largest absolute torque [N m]."""
+    """Return the largest absolute torque."""
     return abs(rollout["tau"]).max("time")
 
 
-@_figure("saturated time", "s", "tau", "effort")
+@metric("effort used", Unit(), "torques", tables=("zoo",))
+def effort_used(rollout: xr.Dataset) -> xr.DataArray:
+    """Return the largest share of the effort limit that was used; 0 where there is no limit."""
+    peak = abs(rollout["tau"]).max("time")
+    return (peak / rollout["effort"]).where(peak > 0.0, 0.0)
+
+
+@metric("saturated", Unit(time=1), "torques", long_name="saturated time", tables=_RUNS)
 def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
-    """Return how long the applied torque stood at its limit [s]."""
+    """Return how long the applied torque stood at its limit."""
     tau = rollout["tau"]
     at_limit = abs(tau) >= rollout["effort"] * (1.0 - 1e-9)
     return _held_integral(at_limit.astype(float).where(tau.notnull()))
 
 
-@_figure("beyond position limits", "rad", "q", "lower", "upper")
+@metric("beyond position limits", POSITION, "errors", tables=())
 def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
-    """Return how far the joint went beyond its position limits [rad]; 0 when it stayed inside."""
+    """Return how far the joint went beyond its position limits; 0 when it stayed inside."""
     lowest, highest = rollout["q"].min("time"), rollout["q"].max("time")
     below, above = -(lowest - rollout["lower"]), highest - rollout["upper"]
     return below.where(below > above, above).clip(min=0.0)
 
 
-#: Every figure of merit, by the name it has in tables and files.
-ALL = {
-    "itae": itae,
-    "iae": iae,
-    "ise": ise,
-    "rms": rms,
-    "peak_error": peak_error,
-    "final_error": final_error,
-    "isci": isci,
-    "total_variation": total_variation,
-    "peak_torque": peak_torque,
-    "saturated_time": saturated_time,
-    "limit_excess": limit_excess,
-}
-
-
 def summary(rollout: xr.Dataset) -> xr.Dataset:
-    """Return every figure of merit in one dataset, dimensions ([rollout], joint)."""
-    return xr.Dataset({name: metric(rollout) for name, metric in ALL.items()})
+    """Return every metric in one dataset, dimensions ([rollout], joint).
+
+    Raises:
+        RolloutError: when the rollout lacks a variable or has fewer than two samples.
+    """
+    return xr.Dataset({name: declared(rollout) for name, declared in ALL.items()})
 
 
 def _integral(values: xr.DataArray) -> xr.DataArray:

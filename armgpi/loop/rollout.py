@@ -233,6 +233,11 @@ def describe_end(rollout: xr.Dataset) -> list[str]:
     return words
 
 
+def describe_measurement(name: str) -> str:
+    """Return in words what a controller measures, by the name of its measurement type."""
+    return {"Measurement": "positions only", "FullState": "positions and velocities"}.get(name, name)
+
+
 def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
     """Write a rollout as NetCDF; the file appears whole or not at all.
 

@@ -9,6 +9,7 @@ from os import PathLike
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
@@ -82,6 +83,11 @@ class _Checked:
     def n(self) -> int:
         """Number of joints, coordinates and velocities."""
         return len(self.joint_names)
+
+    @property
+    def prismatic(self) -> npt.NDArray[np.bool_]:
+        """Which joints are prismatic, shape (n,): their units are m and N, not rad and N m."""
+        return np.array([kind == "prismatic" for kind in self.joint_types])
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Return the inertia matrix D(q), by CRBA.
@@ -588,8 +594,7 @@ class Robot(_Checked):
             seed: the same seed gives the same configurations.
         """
         lower, upper, middle = self.limits.lower, self.limits.upper, self.middle()
-        turns = np.array([kind != "prismatic" for kind in self.joint_types])
-        half = 0.5 * np.where(turns, _WIDEST_TURN, _WIDEST_SLIDE)
+        half = 0.5 * np.where(self.prismatic, _WIDEST_SLIDE, _WIDEST_TURN)
         lower, upper = np.maximum(lower, middle - half), np.minimum(upper, middle + half)
         # Adding 0 makes -0 to 0: NumPy takes a range from 0 to -0 for a negative one.
         return np.random.default_rng(seed).uniform(lower + 0.0, upper + 0.0, (count, self.n))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
+from armgpi.viz import page
 
 #: Elements listed in a line of text, at most.
 _LISTED = 8
@@ -142,11 +142,7 @@ class DynamicsReport:
                 lines += _told(cause)
         if self.laws:
             lines += ["", "Laws"]
-            checked = [
-                (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
-                for law in self.laws
-            ]
-            lines += _table(("", "", "error", ""), checked)[1:]
+            lines += _table(("", "", "error", ""), self._checked_laws())[1:]
         if self.notes:
             lines += ["", *(f"note: {note}" for note in self.notes)]
         lines += ["", self.verdict()]
@@ -163,8 +159,7 @@ class DynamicsReport:
 
     def html(self) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
-        title = html.escape(f"{self.model} beside {self.robot}" if self.robot else self.model)
-        parts = [f"<h1>{title}</h1>", f"<p class='{_class(self.agrees)}'>{html.escape(self.verdict())}</p>"]
+        sections = {}
         if self.terms:
             rows = [
                 (
@@ -177,22 +172,28 @@ class DynamicsReport:
                 )
                 for t in self.terms
             ]
-            head = ("function", "", "largest error", "relative", "where", "worst at")
-            parts += ["<h2>Terms</h2>", _html_table(head, rows)]
+            terms = ("function", "", "largest error", "relative", "where", "worst at")
+            sections["Terms"] = _html_table("terms", terms, rows, words=(1, 4, 5))
         if self.causes:
-            parts.append("<h2>What is wrong</h2>")
-            for cause in self.causes:
-                first, *rest = _told(cause)
-                items = "".join(f"<li>{html.escape(line.strip())}</li>" for line in rest)
-                parts.append(f"<p>{html.escape(first)}</p><ul>{items}</ul>")
+            told = [_told(cause) for cause in self.causes]
+            sections["What is wrong"] = "".join(
+                f"<p>{page.text(first.removeprefix('- '))}</p>{page.bullets(line.strip() for line in rest)}"
+                for first, *rest in told
+            )
         if self.laws:
-            checked = [
-                (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
-                for law in self.laws
-            ]
-            parts += ["<h2>Laws</h2>", _html_table(("law", "", "error", ""), checked)]
-        parts += [f"<p>Note: {html.escape(note)}</p>" for note in self.notes]
-        return _PAGE.format(title=title, body="\n".join(parts))
+            laws = ("law", "", "error", "")
+            sections["Laws"] = _html_table("laws", laws, self._checked_laws(), words=(1, 3))
+        if self.notes:
+            sections["Notes"] = page.bullets(self.notes)
+        verdict = f"<p class={'good' if self.agrees else 'bad'}>{page.text(self.verdict())}</p>"
+        title = f"{self.model} beside {self.robot}" if self.robot else self.model
+        return page.document(title, verdict, sections)
+
+    def _checked_laws(self) -> list[tuple[str, ...]]:
+        return [
+            (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
+            for law in self.laws
+        ]
 
 
 def _told(cause: Cause) -> list[str]:
@@ -250,30 +251,9 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     return ["  ".join(x.ljust(w) for x, w in zip(row, widths, strict=True)).rstrip() for row in [head, *rows]]
 
 
-def _class(good: bool) -> str:
-    return "good" if good else "bad"
-
-
-def _html_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    """Return a table, every cell escaped."""
-    bad = ("differs", "fails")
-    lines = ["<tr>" + "".join(f"<th>{html.escape(x)}</th>" for x in head) + "</tr>"]
-    for row in rows:
-        mark = " class='bad'" if row[1] in bad else ""
-        lines.append(f"<tr{mark}>" + "".join(f"<td>{html.escape(x)}</td>" for x in row) + "</tr>")
-    return "<table>" + "".join(lines) + "</table>"
-
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<style>
-body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }}
-table {{ border-collapse: collapse; }}
-th, td {{ text-align: left; padding: .25rem .75rem; border-bottom: 1px solid #ccc; vertical-align: top; }}
-.bad {{ color: #a00; }} p.good {{ color: #060; }} p.good, p.bad {{ font-weight: 600; }}
-@media (prefers-color-scheme: dark) {{ body {{ background: #111; color: #ddd; }} .bad {{ color: #f88; }}
-p.good {{ color: #8d8; }} }}
-</style></head><body>
-{body}
-</body></html>
-"""
+def _html_table(
+    label: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], words: tuple[int, ...]
+) -> str:
+    """Return a table whose rows are marked where the second cell says that something is wrong."""
+    classes = ["bad" if row[1] in ("differs", "fails") else "" for row in rows]
+    return page.table(head, rows, label=label, classes=classes, words=words)

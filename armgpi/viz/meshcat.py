@@ -131,9 +131,7 @@ class Server:
         """
         if port is not None and (isinstance(port, bool) or not 0 <= port <= 65535):
             raise ParameterError("port", port, "a number from 0 (any) to 65535")
-        self._page = html.encode()
-        self._listeners: list[queue.Queue[str | None]] = []
-        self._server = self._bound(port)
+        self._server = _bound(port, html.encode())
         self.port = int(self._server.server_address[1])
         self.url = f"http://{LOOPBACK}:{self.port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="armgpi view")
@@ -142,7 +140,7 @@ class Server:
     def show(self, q: ArrayLike, robot: Robot) -> None:
         """Move the arm of a live page to joint positions (n,) [rad or m]."""
         configuration = json.dumps(as_joint_array(q, "q", robot.joint_names).tolist())
-        for listener in list(self._listeners):
+        for listener in list(self._server.listeners):
             listener.put(configuration)
 
     def open(self) -> bool:
@@ -159,7 +157,7 @@ class Server:
 
     def close(self) -> None:
         """Stop serving."""
-        for listener in list(self._listeners):
+        for listener in list(self._server.listeners):
             listener.put(None)
         self._server.shutdown()
         self._server.server_close()
@@ -175,88 +173,95 @@ class Server:
         """Stop serving."""
         self.close()
 
-    def _bound(self, port: int | None) -> ThreadingHTTPServer:
-        """Return a server on the port asked for, or on the first free one."""
-        handler = _handler(self)
-        ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
-        for candidate in ports:
-            try:
-                return _Loopback((LOOPBACK, candidate), handler)
-            except OSError as error:
-                reason = error.strerror or str(error)
-        raise ServerError(ports[-1], reason)
+
+def _bound(port: int | None, page: bytes) -> _Loopback:
+    """Return a server on the port asked for, or on the first free one."""
+    ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
+    for candidate in ports:
+        try:
+            return _Loopback(candidate, page)
+        except OSError as error:
+            reason = error.strerror or str(error)
+    raise ServerError(ports[-1], reason)
 
 
 class _Loopback(ThreadingHTTPServer):
-    """A server whose requests end with the program."""
+    """A server of one page, whose requests end with the program.
+
+    Attributes:
+        page: what it hands out.
+        listeners: a queue of configurations for every page that is open.
+    """
 
     daemon_threads = True
     # On Windows this would let two programs share a port.
     allow_reuse_address = os.name == "posix"
 
+    def __init__(self, port: int, page: bytes) -> None:
+        self.page = page
+        self.listeners: list[queue.Queue[str | None]] = []
+        super().__init__((LOOPBACK, port), _Handler)
 
-def _handler(server: Server) -> type[BaseHTTPRequestHandler]:
-    """Return the class that answers requests for a server's page."""
 
-    class Handler(BaseHTTPRequestHandler):
-        """Answers GET for the page and for what moves it."""
+class _Handler(BaseHTTPRequestHandler):
+    """Answers GET for a server's page and for what moves it."""
 
-        def do_GET(self) -> None:
-            """Answer."""
-            host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
-            if host not in (LOOPBACK, "localhost"):
-                self.send_error(403, "only for this machine")
-            elif self.path == "/":
-                self._answer("text/html; charset=utf-8", server._page)
-            elif self.path == "/live":
-                self._stream()
-            else:
-                self.send_error(404)
+    server: _Loopback
 
-        def _answer(self, kind: str, content: bytes) -> None:
-            self.send_response(200)
-            self._headers(kind)
-            self.send_header("Content-Length", str(len(content)))
-            self.end_headers()
-            self.wfile.write(content)
+    def do_GET(self) -> None:
+        """Answer."""
+        host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
+        if host not in (LOOPBACK, "localhost"):
+            self.send_error(403, "only for this machine")
+        elif self.path == "/":
+            self._answer("text/html; charset=utf-8", self.server.page)
+        elif self.path == "/live":
+            self._stream()
+        else:
+            self.send_error(404)
 
-        def _headers(self, kind: str) -> None:
-            self.send_header("Content-Type", kind)
-            self.send_header("Cache-Control", "no-store")
-            self.send_header("X-Content-Type-Options", "nosniff")
-            self.send_header("X-Frame-Options", "DENY")
+    def _answer(self, kind: str, content: bytes) -> None:
+        self.send_response(200)
+        self._headers(kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
 
-        def _stream(self) -> None:
-            """Send configurations as they come, until the page goes away or the server is closed."""
-            listener: queue.Queue[str | None] = queue.Queue()
-            self.send_response(200)
-            self._headers("text/event-stream")
-            self.end_headers()
-            server._listeners.append(listener)
-            try:
-                while (configuration := listener.get()) is not None:
-                    self.wfile.write(f"data: {configuration}\n\n".encode())
-                    self.wfile.flush()
-            except OSError:
-                pass
-            finally:
-                server._listeners.remove(listener)
+    def _headers(self, kind: str) -> None:
+        self.send_header("Content-Type", kind)
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("X-Frame-Options", "DENY")
 
-        def log_message(self, format: str, *args: Any) -> None:
-            """Say nothing."""
+    def _stream(self) -> None:
+        """Send configurations as they come, until the page goes away or the server is closed."""
+        listener: queue.Queue[str | None] = queue.Queue()
+        self.send_response(200)
+        self._headers("text/event-stream")
+        self.end_headers()
+        self.server.listeners.append(listener)
+        try:
+            while (configuration := listener.get()) is not None:
+                self.wfile.write(f"data: {configuration}\n\n".encode())
+                self.wfile.flush()
+        except OSError:
+            pass
+        finally:
+            self.server.listeners.remove(listener)
 
-        def handle(self) -> None:
-            """Answer; a browser that goes away is no error."""
-            try:
-                super().handle()
-            except ConnectionError:
-                self.close_connection = True
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing."""
 
-    return Handler
+    def handle(self) -> None:
+        """Answer; a browser that goes away is no error."""
+        try:
+            super().handle()
+        except ConnectionError:
+            self.close_connection = True
 
 
 def _filled(data: dict[str, Any], arrays: page.Arrays, title: str, findings: Any) -> str:
     """Return the page that shows a scene alone."""
-    values = {"title": page.text(title), "findings": page.findings_list(findings)}
+    values = {"title": page.text(title), "findings": page.bullets(findings, "findings")}
     scripts = [page.meshcat_script(), page.asset("scene.js"), page.asset("view.js")]
     return page.fill("view.html", values, data, arrays, scripts)

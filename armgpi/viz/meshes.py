@@ -38,6 +38,8 @@ MAX_BYTES, MAX_TRIANGLES = 64 * 1024 * 1024, 2_000_000
 _FARTHEST = 1e3
 #: How often a Collada file may draw its parts: files can hold parts within parts within parts.
 _MAX_INSTANCES = 20_000
+#: And how deep it may nest them.
+_MAX_DEPTH = 60
 #: Faces that meet at a smaller angle than this are shaded as one surface [rad]; in meshes of more triangles
 #: than this every corner is, as finding its surfaces would take long.
 _CREASE, _FINE = 0.6, 200_000
@@ -339,24 +341,41 @@ def _check_collada(content: bytes, filename: str) -> None:
         raise MeshError(filename, f"is no well-formed XML: {error}") from None
     nodes = {e.get("id"): e for e in root.iter() if e.tag.endswith("}node") and e.get("id")}
     counted: dict[int, int] = {}
-
-    def drawn(node: ElementTree.Element, depth: int) -> int:
-        """Count what a node draws, its parts' parts included."""
-        if depth > 60:
-            raise MeshError(filename, "has parts nested more than 60 deep")
-        if id(node) not in counted:
-            total = 0
-            for child in node:
-                if child.tag.endswith("}node"):
-                    total += drawn(child, depth + 1)
-                elif child.tag.endswith("}instance_node"):
-                    part = nodes.get((child.get("url") or "").removeprefix("#"))
-                    total += 0 if part is None else drawn(part, depth + 1)
-                elif child.tag.endswith("}instance_geometry"):
-                    total += 1
-            counted[id(node)] = total
-        return counted[id(node)]
-
     scenes = [e for e in root.iter() if e.tag.endswith("}visual_scene")]
-    if sum(drawn(scene, 0) for scene in scenes) > _MAX_INSTANCES:
+    if sum(_instances(scene, nodes, counted, filename) for scene in scenes) > _MAX_INSTANCES:
         raise MeshError(filename, f"draws its parts more than {_MAX_INSTANCES} times")
+
+
+def _instances(
+    node: ElementTree.Element,
+    nodes: dict[str | None, ElementTree.Element],
+    counted: dict[int, int],
+    filename: str,
+    depth: int = 0,
+) -> int:
+    """Return how many meshes a node of a Collada file draws, its parts' parts included.
+
+    Args:
+        node: the node.
+        nodes: by their ids, for those that a node draws by reference.
+        counted: what is known already; each node is counted once.
+        filename: for the message.
+        depth: how deep it is nested.
+    """
+    if depth > _MAX_DEPTH:
+        raise MeshError(filename, f"has parts nested more than {_MAX_DEPTH} deep")
+    if id(node) in counted:
+        return counted[id(node)]
+    total = 0
+    for child in node:
+        part: ElementTree.Element | None = None
+        if child.tag.endswith("}node"):
+            part = child
+        elif child.tag.endswith("}instance_node"):
+            part = nodes.get((child.get("url") or "").removeprefix("#"))
+        elif child.tag.endswith("}instance_geometry"):
+            total += 1
+        if part is not None:
+            total += _instances(part, nodes, counted, filename, depth + 1)
+    counted[id(node)] = total
+    return total

@@ -1,4 +1,4 @@
-"""Pages that hold everything they need: one HTML file with the viewer, the arm, the motion and the data.
+"""Pages that hold everything they need: one HTML file with its text, and the viewer, the motion and the data.
 
 What a page shows is JSON and arrays. Text from files gets into it in two ways only: as JSON, in which no
 character can end the element that holds it, and as HTML, escaped. A content security policy in the page lets
@@ -13,7 +13,7 @@ import hashlib
 import html
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
 from importlib.util import find_spec
@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.loop import rollout as rollouts
+from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz.meshes import MissingPackage, Triangles
 from armgpi.viz.scene import Body, Clip, Scene
 
@@ -58,7 +60,7 @@ class Arrays:
 def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
     """Return what the page knows of an arm."""
     robot = scene.robot
-    limits = robot.limits
+    limits, prismatic = robot.limits, robot.prismatic.tolist()
     joints = []
     for j, name in enumerate(robot.joint_names):
         bounded = math.isfinite(limits.lower[j]) and math.isfinite(limits.upper[j])
@@ -70,7 +72,8 @@ def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
                 "effort": effort if math.isfinite(effort) and effort < 1e300 else 0.0,
                 "lower": float(limits.lower[j]) if bounded else -_UNLIMITED,
                 "upper": float(limits.upper[j]) if bounded else _UNLIMITED,
-                "unit": "m" if robot.joint_types[j] == "prismatic" else "rad",
+                "unit": POSITION.symbol(prismatic[j]),
+                "torque_unit": TORQUE.symbol(prismatic[j]),
             }
         )
     return {
@@ -105,7 +108,13 @@ def clip_data(clip: Clip, arrays: Arrays) -> dict[str, Any]:
     }
 
 
-def fill(template: str, values: Mapping[str, str], data: Any, arrays: Arrays, scripts: Sequence[str]) -> str:
+def fill(
+    template: str,
+    values: Mapping[str, str],
+    data: Any = None,
+    arrays: Arrays | None = None,
+    scripts: Sequence[str] = (),
+) -> str:
     """Return a page made from a template.
 
     Args:
@@ -116,7 +125,7 @@ def fill(template: str, values: Mapping[str, str], data: Any, arrays: Arrays, sc
         scripts: JavaScript, in its order.
     """
     safe = [_safe_script(script) for script in scripts]
-    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in safe)
+    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in safe) or "'none'"
     places = {
         # What a page may do: its own scripts and styles, pictures within it, and nothing else. 'self' is the
         # server that a live page came from; a file has none.
@@ -124,7 +133,8 @@ def fill(template: str, values: Mapping[str, str], data: Any, arrays: Arrays, sc
         "img-src data: blob:; font-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'",
         "style": asset("page.css"),
         "data": json_text(data),
-        "arrays": arrays.text(),
+        "arrays": "" if arrays is None else arrays.text(),
+        "footer": f"Made by armgpi {text(rollouts.versions()['armgpi'])}. This file needs no network.",
         "scripts": "\n".join(f"<script>{script}</script>" for script in safe),
         **values,
     }
@@ -147,11 +157,60 @@ def text(value: object) -> str:
     return html.escape(str(value), quote=True)
 
 
-def findings_list(findings: Sequence[str]) -> str:
-    """Return findings as an HTML list; nothing when there are none."""
-    if not findings:
-        return ""
-    return '<ul class="findings">' + "".join(f"<li>{text(finding)}</li>" for finding in findings) + "</ul>"
+def document(title: str, summary: str, sections: Mapping[str, str]) -> str:
+    """Return a page of text alone, without scripts.
+
+    Args:
+        title: plain text.
+        summary: HTML that stands under the title.
+        sections: heading, plain text -> content, HTML.
+    """
+    parts = (f"<section><h2>{text(heading)}</h2>{content}</section>" for heading, content in sections.items())
+    return fill("document.html", {"title": text(title), "summary": summary, "sections": "\n".join(parts)})
+
+
+def table(
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    label: str,
+    names: int = 1,
+    classes: Sequence[str] = (),
+    words: Sequence[int] = (),
+) -> str:
+    """Return an HTML table of plain text, which scrolls sideways where it is too wide.
+
+    Args:
+        head: headings; a line break stays one.
+        rows: the cells.
+        label: what it shows, for those who cannot see it.
+        names: how many columns at the left name the row.
+        classes: CSS class of each row; none when not given.
+        words: indices of the other columns that are not numbers.
+    """
+    titles = (text(title).replace("\n", "<br>") for title in head)
+    headings = (
+        f"<th scope=col{' class=name' if k < names or k in words else ''}>{title}</th>"
+        for k, title in enumerate(titles)
+    )
+    lines = []
+    for row, kind in zip(rows, classes or [""] * len(rows), strict=True):
+        cells = [f"<th scope=row class=name title='{text(cell)}'>{text(cell)}</th>" for cell in row[:names]]
+        cells += [
+            f"<td{' class=words' if k in words else ''}>{text(cell)}</td>"
+            for k, cell in enumerate(row[names:], start=names)
+        ]
+        lines.append(f"<tr{f' class={kind}' if kind else ''}>{''.join(cells)}</tr>")
+    return (
+        f"<div class=scroll tabindex=0 role=region aria-label='{text(label)}'><table class=data>"
+        f"<thead><tr>{''.join(headings)}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def bullets(items: Iterable[object], kind: str = "") -> str:
+    """Return an HTML list of plain text with a CSS class; nothing when there are no items."""
+    entries = "".join(f"<li>{text(item)}</li>" for item in items)
+    return f"<ul{f' class={kind}' if kind else ''}>{entries}</ul>" if entries else ""
 
 
 @lru_cache(maxsize=8)

@@ -56,6 +56,7 @@ from matplotlib.ticker import MaxNLocator
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
+from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
 from armgpi.robot.robot import Robot
 from armgpi.viz import style
 from armgpi.viz.tracks import (
@@ -232,12 +233,12 @@ def plot_torque(
     """
     drawn = _traces(rollout, joint)
     _draw(axes, drawn, lambda data: data["tau"], steps=True)
-    unit = _unit(rollout, joint, "N m")
+    unit = _unit(rollout, joint, TORQUE)
     if limits:
         _show_effort(axes, drawn, _number(rollout, "effort", joint), unit)
     if onset:
         _mark_onset(axes, rollout, joint)
-    _label(axes, f"torque [{unit}]" if unit == "N m" else f"force [{unit}]", joint)
+    _label(axes, f"torque [{unit}]" if unit == TORQUE.symbol() else f"force [{unit}]", joint)
     if axes.texts and len(joint) > 28:
         axes.set_title(text(joint), pad=11.0)  # clear of the note on the limit
 
@@ -252,7 +253,7 @@ def plot_disturbance(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
             values["time"], values, color=style.DISTURBANCE, label="disturbance" if index == 0 else None
         )
     axes.margins(x=0.0)
-    _label(axes, f"disturbance [{_unit(rollout, joint, 'N m')}]", joint)
+    _label(axes, f"disturbance [{_unit(rollout, joint, TORQUE)}]", joint)
 
 
 def plot_signal(
@@ -647,12 +648,10 @@ def _label(axes: Axes, quantity: str, joint: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
 
-def _unit(rollout: xr.Dataset, joint: str, revolute: str = "rad") -> str:
-    """Return the unit of a joint's position, or of its torque."""
+def _unit(rollout: xr.Dataset, joint: str, unit: Unit = POSITION) -> str:
+    """Return a unit as it is of a joint."""
     names = [str(name) for name in rollout["joint"].values]
-    kinds = rollout["joint_type"].values if "joint_type" in rollout.coords else ["revolute"] * len(names)
-    linear = {"rad": "m", "N m": "N"}
-    return linear[revolute] if str(kinds[names.index(joint)]) == "prismatic" else revolute
+    return unit.symbol(bool(prismatic(rollout)[names.index(joint)]))
 
 
 def _number(rollout: xr.Dataset, name: str, joint: str) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -20,9 +20,12 @@ import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.config import experiment
+from armgpi.control.gains import Tuning
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.health import report as health
+from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
+from armgpi.loop.units import POSITION, TORQUE
 from armgpi.robot.robot import Robot
 from armgpi.viz import meshcat, page, scene, tracks
 
@@ -32,18 +35,6 @@ POINTS, MOST_RUNS = 2400, 6
 _MOST_ROWS = 400
 #: Largest file of data that is put into the report [B]; beyond it the data are thinned.
 DATA_BYTES = 8_000_000
-#: Columns of the table: figure of merit, heading, unit for revolute joints.
-_COLUMNS = (
-    ("itae", "ITAE", "rad s²"),
-    ("rms", "RMS error", "rad"),
-    ("peak_error", "peak error", "rad"),
-    ("final_error", "final error", "rad"),
-    ("isci", "ISCI", "(N m)² s"),
-    ("total_variation", "variation", "N m"),
-    ("peak_torque", "peak", "N m"),
-    ("saturated_time", "saturated", "s"),
-)
-_SEES = {"Measurement": "positions only", "FullState": "positions and velocities"}
 
 
 def build(
@@ -78,43 +69,42 @@ def build(
             label=("rollout", [str(rollout["label"].values)])
         )
     arrays = page.Arrays()
-    said = list(findings)
-    notes: list[str] = []
-    data: dict[str, Any] = {"arm": None, "clip": None, "no_arm": "", "file": "rollout.nc"}
+    data, said, notes = _arm(rollout, robot, frame, folder, arrays)
+    records = _records(rollout)
+    findings = [*findings, *said, *_found_in(rollout, records)]
+    content, every = _netcdf(rollout)
+    values = {
+        "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
+        "summary": _summary(rollout, records),
+        "tables": _tables(rollout, records),
+        "findings": (page.bullets(findings, "findings") or "<p>None.</p>")
+        + ("<h3>Notes on the model</h3>" + page.bullets(notes) if notes else ""),
+        "configuration": _configuration(rollout, configuration),
+        "download": _download(content, every),
+        "file": base64.b64encode(content).decode(),
+    }
+    data = {**data, "plots": _plots_data(rollout, arrays), "file": "rollout.nc"}
+    scripts = [page.plotly_script(), page.meshcat_script(), page.asset("scene.js"), page.asset("report.js")]
+    return page.fill("report.html", values, data, arrays, scripts)
+
+
+def _arm(
+    rollout: xr.Dataset, robot: Robot | None, frame: str | None, folder: Path | None, arrays: page.Arrays
+) -> tuple[dict[str, Any], list[str], list[str]]:
+    """Return what the page knows of the arm and its motion, what is wrong with the arm, and notes on it."""
     if robot is None:
         try:
             robot = scene.robot_of(rollout, folder)
         except RolloutError as error:
-            data["no_arm"] = f"No animation: {error}"
-            said.append(str(error))
-    if robot is not None:
-        arm = scene.build(robot, frame)
-        clip = scene.clip(rollout, robot)
-        data["arm"], data["clip"] = page.arm_data(arm, arrays), page.clip_data(clip, arrays)
-        said += arm.findings
-        troubles, notes = _health(robot)
-        said += troubles
-        if clip.left_out:
-            said.append(f"{clip.left_out} more rollouts are not in the animation and the plots")
-    data["plots"] = _plots_data(rollout, arrays)
-    records = _records(rollout)
-    said += _found_in(rollout, records)
-    content, every = _netcdf(rollout)
-    name = str(rollout.attrs.get("robot", "rollout"))
-    values = {
-        "title": page.text(title or name),
-        "summary": _summary(rollout, records),
-        "tables": _tables(rollout, records),
-        "findings": (page.findings_list(said) or "<p>None.</p>") + _notes(notes),
-        "configuration": _configuration(rollout, configuration),
-        "download": _download(content, every),
-        "footer": "Made by armgpi "
-        + page.text(rollouts.versions()["armgpi"])
-        + ". This file needs no network.",
-        "file": base64.b64encode(content).decode(),
-    }
-    scripts = [page.plotly_script(), page.meshcat_script(), page.asset("scene.js"), page.asset("report.js")]
-    return page.fill("report.html", values, data, arrays, scripts)
+            return {"arm": None, "clip": None, "no_arm": f"No animation: {error}"}, [str(error)], []
+    arm = scene.build(robot, frame)
+    clip = scene.clip(rollout, robot)
+    data = {"arm": page.arm_data(arm, arrays), "clip": page.clip_data(clip, arrays), "no_arm": ""}
+    troubles, notes = _health(robot)
+    said = [*arm.findings, *troubles]
+    if clip.left_out:
+        said.append(f"{clip.left_out} more rollouts are not in the animation and the plots")
+    return data, said, notes
 
 
 def write(html: str, path: str | PathLike[str]) -> Path:
@@ -175,97 +165,93 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     """Return what the page plots."""
     traces = tracks.traces(rollout, most=None)[:MOST_RUNS]
     joints = [str(name) for name in rollout["joint"].values]
-    kinds = [str(kind) for kind in rollout["joint_type"].values] if "joint_type" in rollout.coords else []
-    linear = [kind == "prismatic" for kind in kinds] or [False] * len(joints)
-    length = ["m" if is_linear else "rad" for is_linear in linear]
-    force = ["N" if is_linear else "N m" for is_linear in linear]
     time = np.asarray(rollout["time"].values, dtype=float)
-    efforts = traces[0].data["effort"].values
-    levels = []
-    for j in range(len(joints)):
-        peak = max(_peak(trace.data["tau"].isel(joint=j).values) for trace in traces)
-        effort = float(efforts[j])
-        near = np.isfinite(effort) and effort < 1e300 and peak >= 0.4 * effort
-        levels.append([-effort, effort] if near else [])
+    labels = [trace.label or "actual" for trace in traces]
+    prismatic = units.prismatic(rollout)
+    lengths, forces = ([unit.symbol(slides) for slides in prismatic] for unit in (POSITION, TORQUE))
     onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
-    nothing: list[Any] = [None] * len(joints)
+    nothing = [None] * len(joints)
 
-    def lines(
-        values: Mapping[int, Array], names: Mapping[int, str], dash: str = "solid"
-    ) -> list[dict[str, Any]]:
-        """Return the lines of a quantity: run -> (time, joint); run -1 belongs to no rollout."""
-        found = []
-        for run, table in values.items():
-            color = "#000000" if run < 0 else traces[run].look.color
-            for j in range(len(joints)):
-                x, y = _thinned(time, table[:, j])
-                found.append(
-                    {
-                        "joint": j,
-                        "run": run,
-                        "name": names[run],
-                        "color": color,
-                        "dash": dash,
-                        "x": arrays.add(x, "float32"),
-                        "y": arrays.add(y, "float32"),
-                    }
-                )
-        return found
+    def each(values: Callable[[xr.Dataset], xr.DataArray]) -> list[dict[str, Any]]:
+        """Return the lines of a quantity of every rollout."""
+        return [
+            line
+            for run, trace in enumerate(traces)
+            for line in _lines(time, values(trace.data), arrays, run, labels[run], trace.look.color)
+        ]
 
-    def table(trace: tracks.Trace, name: str) -> Array:
-        return np.asarray(trace.data[name].transpose("time", "joint").values, dtype=float)
+    def common(name: str, label: str, dash: str) -> list[dict[str, Any]]:
+        """Return the lines of a quantity that belongs to no rollout."""
+        return _lines(time, _longest(traces).data[name], arrays, -1, label, "#000000", dash)
 
-    labels = {i: trace.label or "actual" for i, trace in enumerate(traces)}
+    def quantity(
+        name: str,
+        units: list[str],
+        traces: list[dict[str, Any]],
+        levels: Any = nothing,
+        onsets: Any = nothing,
+    ) -> dict[str, Any]:
+        return {"name": name, "units": units, "traces": traces, "levels": levels, "onsets": onsets}
+
+    position = each(lambda data: data["q"]) + common("q_ref", "reference", "dash")
     quantities = [
-        {
-            "name": "Position",
-            "units": length,
-            "traces": lines({i: table(t, "q") for i, t in enumerate(traces)}, labels)
-            + lines({-1: table(_longest(traces), "q_ref")}, {-1: "reference"}, "dash"),
-            "levels": nothing,
-            "onsets": nothing,
-        },
-        {
-            "name": "Error",
-            "units": length,
-            "traces": lines({i: table(t, "q") - table(t, "q_ref") for i, t in enumerate(traces)}, labels),
-            "levels": nothing,
-            "onsets": onsets,
-        },
-        {
-            "name": "Torque",
-            "units": force,
-            "traces": lines({i: table(t, "tau") for i, t in enumerate(traces)}, labels),
-            "levels": levels,
-            "onsets": onsets,
-        },
+        quantity("Position", lengths, position),
+        quantity("Error", lengths, each(metrics.error), onsets=onsets),
+        quantity("Torque", forces, each(lambda data: data["tau"]), _levels(traces), onsets),
     ]
     if any(onset is not None for onset in onsets):
-        pushed = lines({-1: table(_longest(traces), "disturbance")}, {-1: "disturbance"})
-        quantities.append(
-            {"name": "Disturbance", "units": force, "traces": pushed, "levels": nothing, "onsets": nothing}
-        )
-    for name in [n for n in tracks.signal_names(rollout) if n in ("omega_c", "zeta_c", "p_c")]:
-        values = {i: table(t, name) for i, t in enumerate(traces)}
-        if any(np.nanmax(np.ptp(np.nan_to_num(v), axis=0)) > 0.0 for v in values.values()):
-            units = [""] * len(joints) if name == "zeta_c" else ["rad/s"] * len(joints)
-            quantities.append(
-                {
-                    "name": f"Gain {name}",
-                    "units": units,
-                    "traces": lines(values, labels),
-                    "levels": nothing,
-                    "onsets": onsets,
-                }
-            )
+        quantities.append(quantity("Disturbance", forces, common("disturbance", "disturbance", "solid")))
+    for name in _adapted(rollout, traces):
+        unit = "" if name == "zeta_c" else "rad/s"
+        lines = each(lambda data, name=name: data[name])  # type: ignore[misc]
+        quantities.append(quantity(f"Gain {name}", [unit] * len(joints), lines, onsets=onsets))
+    first, last = float(time[0]), float(time[-1])
     return {
         "joints": joints,
         "runs": [{"label": labels[i], "color": trace.look.color} for i, trace in enumerate(traces)],
-        "span": [float(time[0]), float(time[-1])]
-        if time[-1] > time[0]
-        else [float(time[0]), float(time[0]) + 1.0],
+        "span": [first, last if last > first else first + 1.0],
         "quantities": quantities,
     }
+
+
+def _lines(
+    time: Array,
+    values: xr.DataArray,
+    arrays: page.Arrays,
+    run: int,
+    name: str,
+    color: str,
+    dash: str = "solid",
+) -> list[dict[str, Any]]:
+    """Return a line for every joint of a quantity over time and joints; run -1 is no rollout."""
+    found = []
+    for joint, column in enumerate(np.asarray(values.transpose("joint", "time").values, dtype=float)):
+        x, y = (arrays.add(axis, "float32") for axis in _thinned(time, column))
+        found.append({"joint": joint, "run": run, "name": name, "color": color, "dash": dash, "x": x, "y": y})
+    return found
+
+
+def _levels(traces: Sequence[tracks.Trace]) -> list[list[float]]:
+    """Return, for every joint, the effort limits that its torque comes near to."""
+    levels = []
+    for j, effort in enumerate(traces[0].data["effort"].values.tolist()):
+        peak = max(_peak(trace.data["tau"].isel(joint=j).values) for trace in traces)
+        near = np.isfinite(effort) and effort < 1e300 and peak >= 0.4 * effort
+        levels.append([-effort, effort] if near else [])
+    return levels
+
+
+def _adapted(rollout: xr.Dataset, traces: Sequence[tracks.Trace]) -> list[str]:
+    """Return the recorded parameters of the tuning that change over time."""
+    names = [name for name in tracks.signal_names(rollout) if name in Tuning._fields]
+    return [
+        name
+        for name in names
+        if any(
+            np.nanmax(np.ptp(np.nan_to_num(trace.data[name].transpose("time", "joint").values), axis=0)) > 0.0
+            for trace in traces
+        )
+    ]
 
 
 def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
@@ -310,8 +296,8 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         ("time", f"{float(time[-1]):.6g} s in {len(time)} samples of {step:.6g} s"),
     ]
     for record in records[:20]:
-        sees = _SEES.get(record["measurement"], record["measurement"])
-        rows.append((f"{record['label']}", f"{record['end']}; measures {sees}"))
+        measured = rollouts.describe_measurement(record["measurement"])
+        rows.append((f"{record['label']}", f"{record['end']}; measures {measured}"))
     if len(records) > 20:
         rows.append(("...", f"{len(records) - 20} more rollouts"))
     # Its name alone: a report is passed on, and need not say whose folders it was made in.
@@ -327,38 +313,25 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
-    """Return the figures of merit as an HTML table."""
-    slides = (
-        rollout["joint_type"].values == "prismatic" if "joint_type" in rollout.coords else np.zeros(1, bool)
-    )
-    units = [unit for *_, unit in _COLUMNS]
-    if slides.all():
-        units = [unit.replace("N m", "N").replace("rad", "m") for unit in units]
-    head = "".join(
-        f"<th scope=col>{page.text(title)}<br>{page.text(unit)}</th>"
-        for (_, title, _), unit in zip(_COLUMNS, units, strict=True)
-    )
-    rows = []
+    """Return the metrics as an HTML table."""
+    shown, prismatic = metrics.shown_in("report"), units.prismatic(rollout)
+    headings = [f"{metric.heading}\n{metric.unit.symbol(bool(prismatic.all()))}" for metric in shown]
+    rows, classes = [], []
     for record in records:
         for j, joint in enumerate(record["joints"]):
-            label = page.text(record["label"]) if j == 0 else ""
-            cells = "".join(f"<td>{_short(record['metrics'][name][j])}</td>" for name, *_ in _COLUMNS)
-            first = " class=first" if j == 0 else ""
-            name = (
-                f"<th class=name>{label}</th><th scope=row title='{page.text(joint)}'>{page.text(joint)}</th>"
-            )
-            rows.append(f"<tr{first}>{name}{cells}</tr>")
-    note = ""
-    if len(rows) > _MOST_ROWS:
-        note = f"<p>{len(rows) - _MOST_ROWS} more rows are left out.</p>"
-    if slides.any() and not slides.all():
-        note += "<p>Prismatic joints: m for rad, N for N m.</p>"
-    return (
-        "<div class=scroll tabindex=0 role=region aria-label='figures of merit'>"
-        "<table class=figures><thead><tr>"
-        f"<th class=name>controller</th><th class=name>joint</th>{head}</tr></thead>"
-        f"<tbody>{''.join(rows[:_MOST_ROWS])}</tbody></table></div>{note}"
+            values = (metric.text(record["metrics"][metric.name][j]) for metric in shown)
+            rows.append((record["label"] if j == 0 else "", joint, *values))
+            classes.append("first" if j == 0 else "")
+    notes = [f"{len(rows) - _MOST_ROWS} more rows are left out."] if len(rows) > _MOST_ROWS else []
+    notes += filter(None, [units.note([str(name) for name in rollout["joint"].values], prismatic)])
+    table = page.table(
+        ("controller", "joint", *headings),
+        rows[:_MOST_ROWS],
+        label="metrics",
+        names=2,
+        classes=classes[:_MOST_ROWS],
     )
+    return table + "".join(f"<p>{page.text(note)}</p>" for note in notes)
 
 
 def _health(robot: Robot) -> tuple[list[str], list[str]]:
@@ -377,14 +350,8 @@ def _health(robot: Robot) -> tuple[list[str], list[str]]:
     return wrong, [str(finding) for finding in found if finding.level == "note"]
 
 
-def _notes(notes: Sequence[str]) -> str:
-    """Return what is good to know as an HTML list; nothing when there is none."""
-    items = "".join(f"<li>{page.text(note)}</li>" for note in notes)
-    return f"<h3>Notes on the model</h3><ul>{items}</ul>" if notes else ""
-
-
 def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the figures of every rollout."""
+    """Return the metrics of every rollout."""
     try:
         return experiment.records(rollout)
     except (KeyError, TypeError, ValueError, AttributeError):
@@ -465,10 +432,3 @@ def _at(data: Any, *path: str | int, default: Any) -> Any:
         except (KeyError, IndexError, TypeError):
             return default
     return data
-
-
-def _short(value: float | None) -> str:
-    """Return a number with four significant digits, rounding errors as 0; a dash when there is none."""
-    if value is None:
-        return "–"
-    return f"{value:.4g}" if abs(value) > 1e-12 else "0"

@@ -168,30 +168,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         for index, part in enumerate(_simplified(merged, TRIANGLES))
     ]
     coarse = _simplified(fine, COARSE, sharp=False)
-    bodies = []
-    for index in range(model.njoints):
-        kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index)
-        coordinate, ratio, offset = _driven_by(robot, index - 1)
-        parent = int(model.parents[index]) if index else -1
-        placement = np.array(model.jointPlacements[index].homogeneous)
-        bodies.append(
-            Body(
-                parent=parent,
-                joint=str(model.names[index]) if index else "",
-                kind=kind,
-                coordinate=coordinate,
-                ratio=ratio,
-                offset=offset,
-                placement=placement,
-                axis=axis,
-                links=tuple(links[index]),
-                triangles=fine[index],
-                coarse=coarse[index],
-                ring=_ring(
-                    coarse[index], coarse[max(parent, 0)], placement, axis, size, _spacing(model, index, size)
-                ),
-            )
-        )
+    bodies = [_body(robot, model, index, links[index], fine, coarse, size) for index in range(model.njoints)]
     return Scene(
         robot=robot,
         bodies=tuple(bodies),
@@ -200,6 +177,37 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         size=size,
         drawn_as="meshes" if any(part is not None for part in drawn) else "sticks",
         findings=tuple(findings),
+    )
+
+
+def _body(
+    robot: Robot,
+    model: Any,
+    index: int,
+    links: Sequence[str],
+    fine: Sequence[Triangles],
+    coarse: Sequence[Triangles],
+    size: float,
+) -> Body:
+    """Return a body of an arm of some size [m], its triangles from those of all bodies."""
+    kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index)
+    coordinate, ratio, offset = _driven_by(robot, index - 1)
+    parent = int(model.parents[index]) if index else -1
+    placement = np.array(model.jointPlacements[index].homogeneous)
+    room = _spacing(model, index, size)
+    return Body(
+        parent=parent,
+        joint=str(model.names[index]) if index else "",
+        kind=kind,
+        coordinate=coordinate,
+        ratio=ratio,
+        offset=offset,
+        placement=placement,
+        axis=axis,
+        links=tuple(links),
+        triangles=fine[index],
+        coarse=coarse[index],
+        ring=_ring(coarse[index], coarse[max(parent, 0)], placement, axis, size, room),
     )
 
 

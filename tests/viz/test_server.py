@@ -219,7 +219,7 @@ def test_a_live_page_is_moved_by_a_program() -> None:
         received = connection.makefile()
         while received.readline().strip():
             pass
-        while not server._listeners:
+        while not server._server.listeners:
             pass
         server.show([0.1, 0.2, 0.3], robot)
         assert received.readline() == "data: [0.1, 0.2, 0.3]\n"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +13,15 @@ import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.loop import metrics
-from armgpi.loop.rollout import describe_end
+from armgpi.loop.rollout import describe_end, describe_measurement
 from armgpi.paper import published
 from armgpi.paper.reproduction import runs
 
 JOINTS = ("q1", "q2", "q3")
-_SEEN = {"Measurement": "positions", "FullState": "positions, velocities"}
+#: Metrics that the paper publishes, for every joint; the others are shown for the arm.
+_PUBLISHED = published.Cells._fields
+#: Significant digits of our numbers.
+_DIGITS = 3
 
 
 class Sheet(NamedTuple):
@@ -68,21 +72,18 @@ class Contender(NamedTuple):
         name: who.
         sensors: "ideal" or "real".
         scale: factor on D(q).
-        itae: [rad s^2], shape (3,); infinite when it diverged.
-        isci: [(N m)^2 s], likewise.
-        variation: of torque, all joints [N m].
+        metrics: name -> value of each joint, shape (3,), for all that the tables show; infinite when it
+            diverged.
         end: how it ended, in words.
-        sees: what it was given, in words.
+        measures: what it was given, in words.
     """
 
     name: str
     sensors: str
     scale: float
-    itae: Array
-    isci: Array
-    variation: float
+    metrics: dict[str, Array]
     end: str
-    sees: str
+    measures: str
 
 
 def contenders(results: Sequence[tuple[str, xr.Dataset]]) -> list[Contender]:
@@ -90,33 +91,53 @@ def contenders(results: Sequence[tuple[str, xr.Dataset]]) -> list[Contender]:
     figure_only = (runs.SCENARIO_1, runs.SCENARIO_2, runs.UNDISTURBED)
     found = []
     for sensors, result in results:
-        itae, isci = metrics.itae(result).values, metrics.isci(result).values
-        chatter, ends = runs.variation(result).values, describe_end(result)
+        values = {metric.name: metric(result).values for metric in metrics.shown_in("reproduction")}
+        ends = describe_end(result)
         for row, name in enumerate(result["label"].values):
             if name not in figure_only:
-                sees = _SEEN[str(result["measurement"].values[row])]
+                measures = describe_measurement(str(result["measurement"].values[row]))
                 scale = float(result["scale"].values[row])
-                figures = (itae[row], isci[row], float(chatter[row]))
-                found.append(Contender(str(name), sensors, scale, *figures, ends[row], sees))
+                own = {metric: table[row] for metric, table in values.items()}
+                found.append(Contender(str(name), sensors, scale, own, ends[row], measures))
     return found
+
+
+def _heading(name: str, metric: metrics.Metric) -> str:
+    """Return the heading of a column with its unit, where it has one."""
+    return f"{name} [{unit}]" if (unit := metric.unit.symbol()) else name
+
+
+def _per_joint(metric: metrics.Metric) -> list[str]:
+    """Return the headings of a metric's columns, one for each joint."""
+    return [_heading(f"{metric.heading} {joint}", metric) for joint in JOINTS]
+
+
+def _texts(values: Iterable[float]) -> tuple[str, ...]:
+    """Return numbers as text."""
+    return tuple(metrics.short(float(value), _DIGITS) for value in values)
 
 
 def comparison(table: published.Table, sensors: str, found: Sequence[Contender], holding: Array) -> Sheet:
     """Return Table 2, 3 or 4: published beside ours."""
+    shown = [metrics.ALL[name] for name in _PUBLISHED]
+    others = [metric for metric in metrics.shown_in("reproduction") if metric not in shown]
     rows: list[tuple[str, ...]] = []
     for name, cells in (("published PID-like", table.pid), ("published proposal", table.proposal)):
-        rows.append((name, "", *map(_printed, (*cells.itae, *cells.isci)), "not stated", ""))
-    rows.append(("holding against gravity and load alone", "", "", "", "", *map(_short, holding), "", ""))
+        printed = (_printed(value) for joints in cells for value in joints)
+        rows.append((name, "", *printed, *("not stated" for _ in others), ""))
+    least = (_texts(holding) if name == "isci" else ("",) * len(JOINTS) for name in _PUBLISHED)
+    rows.append(("holding against gravity and load alone", "", *chain(*least), *("" for _ in others), ""))
     for one in found:
         if (one.sensors, one.scale) != (sensors, table.inertia_scale):
             continue
-        figures = map(_short, (*one.itae, *one.isci, one.variation))
-        rows.append((one.name, one.sees, *figures, one.end))
+        ours = [value for metric in shown for value in one.metrics[metric.name]]
+        of_arm = [float(metric.of_arm(one.metrics[metric.name])) for metric in others]
+        rows.append((one.name, one.measures, *_texts([*ours, *of_arm]), one.end))
         if one.name in (runs.NETWORK, runs.NEAR_PID):
             against = _published(table, one.name)
             words = (cell.status for cell in _cells(table, one))
             whom = "PID-like" if against is table.pid else "proposal"
-            rows.append((f"... against the published {whom}", "", *words, "", ""))
+            rows.append((f"... against the published {whom}", "", *words, *("" for _ in others), ""))
     change = {1.0: "", 1.2: " plus 20 %", 0.8: " minus 20 %"}[table.inertia_scale]
     where = {
         "ideal": "ideal sensors",
@@ -125,9 +146,8 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
     header = (
         "controller",
         "measurement",
-        *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
-        *(f"ISCI {joint} [(N m)² s]" for joint in JOINTS),
-        "torque variation [N m]",
+        *chain(*map(_per_joint, shown)),
+        *(_heading(metric.long_name, metric) for metric in others),
         "end",
     )
     return Sheet(
@@ -141,19 +161,19 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
 
 class _Cell(NamedTuple):
     joint: str
-    figure: str
+    metric: str
     ours: float
     published: float
     status: str
 
 
 def _cells(table: published.Table, one: Contender) -> Iterator[_Cell]:
-    """Return the published cells that a contender is held against, with its own figures."""
+    """Return the published cells that a contender is held against, with its own values."""
     theirs = _published(table, one.name)
-    for figure in ("itae", "isci"):
-        for joint, ours, cell in zip(JOINTS, getattr(one, figure), getattr(theirs, figure), strict=True):
-            status = published.status(float(ours) if np.isfinite(ours) else None, cell)
-            yield _Cell(joint, figure.upper(), float(ours), cell, status)
+    for name, cells in theirs._asdict().items():
+        for joint, ours, cell in zip(JOINTS, one.metrics[name].tolist(), cells, strict=True):
+            status = published.status(ours if np.isfinite(ours) else None, cell)
+            yield _Cell(joint, metrics.ALL[name].heading, ours, cell, status)
 
 
 def _published(table: published.Table, name: str) -> published.Cells:
@@ -169,14 +189,14 @@ def statuses(found: Sequence[Contender]) -> Sheet:
             if one.scale != table.inertia_scale:
                 continue
             for cell in _cells(table, one):
-                where = (str(table.number), one.sensors, one.name, cell.figure, cell.joint)
-                rows.append((*where, _short(cell.ours), _printed(cell.published), cell.status))
+                where = (str(table.number), one.sensors, one.name, cell.metric, cell.joint)
+                rows.append((*where, *_texts([cell.ours]), _printed(cell.published), cell.status))
     return Sheet(
         "statuses",
         "Every cell of Tables 2 to 4",
         "GPI is held against the published proposal, PID + inversion against the published PID-like "
         "controller: better (or equal), same order (less than ten times it), worse, diverged.",
-        ("table", "sensors", "controller", "figure", "joint", "ours", "published", "status"),
+        ("table", "sensors", "controller", "metric", "joint", "ours", "published", "status"),
         rows,
     )
 
@@ -192,8 +212,7 @@ def sensitivity(result: xr.Dataset, horizon: float) -> Sheet:
     rows = []
     for label, rollout in cases:
         itae, isci = metrics.itae(rollout).values, metrics.isci(rollout).values
-        figures = (*map(_short, itae), *(f"{ratio:.2f}" for ratio in itae / base), *map(_short, isci))
-        rows.append((label, *figures))
+        rows.append((label, *_texts(itae), *(f"{ratio:.2f}" for ratio in itae / base), *_texts(isci)))
     return Sheet(
         "sensitivity",
         "Sensitivity to what the paper does not give",
@@ -201,9 +220,9 @@ def sensitivity(result: xr.Dataset, horizon: float) -> Sheet:
         "has no half and no double: it is raised and lowered instead.",
         (
             "value",
-            *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
+            *_per_joint(metrics.ALL["itae"]),
             *(f"ITAE {joint}, ratio" for joint in JOINTS),
-            *(f"ISCI {joint} [(N m)² s]" for joint in JOINTS),
+            *_per_joint(metrics.ALL["isci"]),
         ),
         rows,
     )
@@ -211,14 +230,14 @@ def sensitivity(result: xr.Dataset, horizon: float) -> Sheet:
 
 def ablation(result: xr.Dataset) -> Sheet:
     """Return networks against fixed gains over encoder resolutions, with who wins in words."""
+    itae, variation = metrics.ALL["itae"], metrics.ALL["total_variation"]
     rows = []
     for bits in runs.ABLATION_BITS:
         costs = ablation_costs(result, bits)
         network = costs[runs.NETWORK]
         for label, cost in costs.items():
-            itae = metrics.itae(_at(result, label, bits)).values
-            row = (str(bits), label, *map(_short, (*itae, *cost)), _verdict(network, cost))
-            rows.append(row)
+            values = itae(_at(result, label, bits)).values
+            rows.append((str(bits), label, *_texts([*values, *cost]), _verdict(network, cost)))
     return Sheet(
         "ablation",
         "Networks against fixed gains",
@@ -226,9 +245,9 @@ def ablation(result: xr.Dataset) -> Sheet:
         (
             "encoder bits",
             "gains",
-            *(f"ITAE {joint} [rad s²]" for joint in JOINTS),
-            "ITAE, sum [rad s²]",
-            "torque variation [N m]",
+            *_per_joint(itae),
+            _heading(f"{itae.heading}, sum", itae),
+            _heading(variation.long_name, variation),
             "networks against it",
         ),
         rows,
@@ -279,8 +298,10 @@ def sweep(results: dict[str, xr.Dataset]) -> Sheet:
             for scale in runs.SCALES:
                 here = (result["learning_rate"].values == rate) & (result["scale"].values == scale)
                 row = int(np.flatnonzero(here)[0])
-                cells.append(f"ITAE {_short(itae[row])}" if ends[row] == "finished" else ends[row])
-            rows.append((realisation, _short(rate), *cells))
+                cells.append(
+                    f"ITAE {metrics.short(itae[row], _DIGITS)}" if ends[row] == "finished" else ends[row]
+                )
+            rows.append((realisation, *_texts([rate]), *cells))
     return Sheet(
         "literal-law",
         "The adaptive law to the letter (eq. 23 with e_n = e)",
@@ -307,11 +328,6 @@ def _at(result: xr.Dataset, label: str, bits: int) -> xr.Dataset:
     return result.isel(rollout=int(np.flatnonzero(here)[0]))
 
 
-def _short(value: float) -> str:
-    """Return a number with three significant digits; a dash when there is none."""
-    return f"{value:.3g}" if np.isfinite(value) else "-"
-
-
 def _printed(value: float) -> str:
     """Return a published number with all the digits that the paper prints."""
     return f"{value:.7g}"
@@ -336,12 +352,12 @@ def count_statuses(sheet: Sheet, name: str, sensors: str) -> dict[str, int]:
 def not_better(sheet: Sheet, name: str, sensors: str, holding: Array) -> list[str]:
     """Return in words every published cell that a contender does not reach."""
     words = []
-    for table, where, who, figure, joint, ours, theirs, status in sheet.rows:
+    for table, where, who, metric, joint, ours, theirs, status in sheet.rows:
         if (where, who) != (sensors, name) or status == "better":
             continue
-        text = f"Table {table}, {figure} of {joint}: {ours}, published {theirs} ({status})."
-        if figure == "ISCI":
-            least = _short(float(holding[JOINTS.index(joint)]))
+        text = f"Table {table}, {metric} of {joint}: {ours}, published {theirs} ({status})."
+        if metric == metrics.ALL["isci"].heading:
+            least = metrics.short(float(holding[JOINTS.index(joint)]), _DIGITS)
             text += f" Holding against gravity and load alone costs {least} on our references."
         words.append(text)
     return words

@@ -679,7 +679,7 @@ const Armgpi = (() => {
       const { frame } = scene.place(scene.time);
       scene.clip.actors.forEach((actor, i) => {
         for (let j = 0; j < n; j++) {
-          const { effort, unit } = scene.meta.arm.joints[j];
+          const { effort, torque_unit: unit } = scene.meta.arm.joints[j];
           const tau = actor.tau[frame * n + j];
           const used = effort > 0 ? clamp(tau / effort, -1, 1) : 0;
           const cell = cells[j][i];
@@ -688,7 +688,7 @@ const Armgpi = (() => {
           const saturated = actor.saturated[frame * n + j] > 0;
           const pushed = scene.clip.disturbance[frame * n + j];
           cell.bar.className = saturated ? "saturated" : "";
-          cell.text.textContent = `${short(tau)} ${unit === "m" ? "N" : "N m"}`;
+          cell.text.textContent = `${short(tau)} ${unit}`;
           cell.flag.textContent = saturated ? " at its limit" : pushed !== 0 ? ` pushed ${short(pushed, 2)}` : "";
           cell.flag.className = saturated ? "saturated" : "pushed";
         }
