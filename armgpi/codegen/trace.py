@@ -24,6 +24,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
+from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.splines import BSplineBasis
 from armgpi.plants.loads import Load
@@ -363,27 +364,18 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     tracer = Tracer(result, *rollouts or (1,))
 
     def place(value: Any) -> Any:
-        """Return symbols for a part of the state."""
-        if isinstance(value, tuple):
-            return tuple.__new__(type(value), [place(part) for part in value])
-        if isinstance(value, int) and not isinstance(value, bool):
+        """Return symbols for a leaf of the state."""
+        if isinstance(value, int):
+            # Counts stay integers: the random numbers of a sample are drawn by its number, to the last bit.
             return Counter(result.k, value, result.draws)
-        if isinstance(value, np.ndarray | float):
-            values = np.asarray(value)
-            if values.dtype != np.float64:  # its sums, quotients and bits are other ones
-                raise NotElementwise(f"its state holds an array of {values.dtype}")
-            # One array for all rollouts, or a row for each.
-            shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
-            symbols = Symbols.new(f"s{len(result.state)}", shape)
-            result.state.extend(flat(symbols))
-            result.joints.extend(i % n for i in range(symbols.size))
-            return symbols
-        if value is None:
-            return None
-        raise NotElementwise(f"its state holds a {type(value).__name__}")
+        symbols = Symbols.new(f"s{len(result.state)}", _one_shape(value, rollouts))
+        result.state.extend(flat(symbols))
+        result.joints.extend(i % n for i in range(symbols.size))
+        return symbols
 
-    before = place(tuple(state[1:]))
-    result.start = columns(state[1:], rollouts)
+    parts = tuple(state[1:])  # of plant and controller: the loop's own count is k
+    before = unflatten(parts, [place(leaf.value) for leaf in numbers(parts)])
+    result.start = columns(parts, rollouts)
     with tracer.unchanged():
         result.recorded = _sampled(loop, before, tracer, result, signals)
     return result
@@ -391,14 +383,19 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
 
 def columns(state: Any, rollouts: tuple[int, ...]) -> Array:
     """Return the numbers of a state in the order of its symbols, shape (s, rollouts or 1)."""
-    if isinstance(state, tuple):
-        parts = [columns(part, rollouts) for part in state]
-        return np.concatenate([np.empty((0, *(rollouts or (1,)))), *parts])
-    if not isinstance(state, np.ndarray | float):
-        return np.empty((0, *(rollouts or (1,))))
-    values = np.asarray(state)
-    shape = values.shape[1:] if rollouts and values.ndim > 1 else values.shape
-    return np.broadcast_to(values, (*rollouts, *shape)).reshape(*(rollouts or (1,)), -1).T
+    width = rollouts or (1,)
+    rows = [np.empty((0, *width))]
+    for _, value in flatten(state):
+        if isinstance(value, np.ndarray | float):
+            shape = _one_shape(value, rollouts)
+            rows.append(np.broadcast_to(value, (*rollouts, *shape)).reshape(*width, -1).T)
+    return np.concatenate(rows)
+
+
+def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the shape that a leaf has in one rollout: it is an array for all of them, or a row for each."""
+    shape = np.shape(value)
+    return shape[1:] if rollouts and len(shape) > 1 else shape
 
 
 def _sampled(loop: Any, before: Any, tracer: Tracer, result: Trace, signals: bool) -> dict[str, list[Any]]:
@@ -409,7 +406,7 @@ def _sampled(loop: Any, before: Any, tracer: Tracer, result: Trace, signals: boo
     target = _target(loop, tracer, result)
     plant, controller, measured, tau = looked._sample(*before, target)
     truth, moved = looked.plant.true_state(before[0]), looked.plant.true_state(plant)
-    _collect((plant, controller), before, result.after)
+    result.after = _after((plant, controller), before)
     recorded = {
         "q": truth.q,
         "v": truth.v,
@@ -448,17 +445,12 @@ def _target(loop: Any, tracer: Tracer, result: Trace) -> Target:
     return Target(*parts)
 
 
-def _collect(after: Any, before: Any, expressions: list[Any]) -> None:
-    """Append the expressions of a state after a sample, in the order of the state's symbols."""
-    if isinstance(before, Counter):
-        if not isinstance(after, Counter) or after.offset != before.offset + 1:
+def _after(after: Any, before: Any) -> list[Any]:
+    """Return the expressions of a state after a sample, in the order of the state's symbols."""
+    expressions: list[Any] = []
+    for new, old in zip(leaves_like(after, before), flatten(before), strict=True):
+        if isinstance(old.value, Symbols):
+            expressions += flat(state_part(new, old.value.shape))
+        elif not isinstance(new, Counter) or new.offset != old.value.offset + 1:
             raise NotElementwise("its state counts by other than one a sample")
-    elif isinstance(before, Symbols):
-        expressions += flat(state_part(after, before.shape))
-    elif isinstance(before, tuple):
-        if not isinstance(after, tuple) or len(after) != len(before):
-            raise NotElementwise("its state has another form after a sample than before")
-        for new, old in zip(after, before, strict=True):
-            _collect(new, old, expressions)
-    elif before is not None or after is not None:
-        raise NotElementwise("its state has another form after a sample than before")
+    return expressions

@@ -17,6 +17,7 @@ from armgpi.arrays import Array
 from armgpi.codegen import build
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.kernels import Kernel
+from armgpi.codegen.state import map_leaves
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import Trace, check_repeatable, columns, trace, tracing
 from armgpi.errors import BackendError
@@ -387,11 +388,13 @@ class CompiledRun:
 
 def _moved(state: Any, random: np.random.Generator | None, k: int = 0, size: float = 0.0) -> Any:
     """Return a copy of a state, `k` samples later and with its numbers moved by some `size` at random."""
-    if isinstance(state, tuple):
-        return tuple.__new__(type(state), [_moved(part, random, k, size) for part in state])
-    if isinstance(state, np.ndarray):
-        return state.copy() if random is None else state + size * random.normal(size=state.shape)
-    return state + k if isinstance(state, int) else state
+
+    def moved(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.copy() if random is None else value + size * random.normal(size=value.shape)
+        return value + k if isinstance(value, int) else value
+
+    return map_leaves(moved, state)
 
 
 def _aligned(values: Array) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.codegen.kernels import Call
-from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.codegen.state import children, flatten, join, leaves_like, numbers, unflatten
+from armgpi.codegen.symbols import NotElementwise, Symbols, flat
 from armgpi.codegen.trace import Trace, Tracer, state_part, tracing
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import ParameterError
@@ -140,20 +141,22 @@ def _written(controller: Controller, trace: Trace, tracer: _ControllerTracer) ->
     middle = np.ascontiguousarray(controller.robot.middle())
     rest = np.zeros(n)
     seen: Any = FullState(middle, rest) if measures_velocity else Measurement(middle)
-    state = list(_leaves(controller.init(seen, Target(middle, rest, rest))))
-    started = _matched(law.init(measured, target), state)
+    first = controller.init(seen, Target(middle, rest, rest))
+    state = numbers(first)
+    started = _matched(law.init(measured, target), first)
     init = Routine(taken(), started)
 
     parts: list[Table] = []
+    given: list[Symbols] = []
     names = _Names()
     for path, value in state:
         shape = np.shape(value)
         symbols = Symbols.new(f"s{len(parts)}", shape)
+        given.append(symbols)
+        path = path or "value"  # of a state that is one array
         parts.append(Table(names(path, str.lower), path, shape, flat(symbols), []))
-    places = iter(parts)
-    given = _filled(controller.init(seen, Target(middle, rest, rest)), places)
-    tau, after = law.step(measured, target, given)
-    step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, state)])
+    tau, after = law.step(measured, target, unflatten(first, given))
+    step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, first)])
     step.calls.extend(taken())
 
     holding = getattr(law, "bias_robot", law.robot)
@@ -169,7 +172,7 @@ def _written(controller: Controller, trace: Trace, tracer: _ControllerTracer) ->
         if name in wanted or used & {x.element_hash() for x in row}
     }
     tables = [table for table in tracer.tables if used & {x.element_hash() for x in table.symbols}]
-    whole = [path for path, value in state if isinstance(value, int)]
+    whole = [part.path for part, (_, value) in zip(parts, state, strict=True) if isinstance(value, int)]
     return Law(controller, kept, tables, parts, init, step, hold, trace.user_defined, whole)
 
 
@@ -206,16 +209,16 @@ class _ControllerTracer(Tracer):
         if id(value) in seen or isinstance(value, str | bytes | Robot | type):
             return
         seen.add(id(value))
-        if isinstance(value, tuple) and hasattr(value, "_fields"):
-            items: Iterator[tuple[Any, Any]] = iter(zip(value._fields, value, strict=True))
-        elif isinstance(value, tuple | list):
+        if isinstance(value, tuple):
+            items: Iterator[tuple[Any, Any]] = children(value)
+        elif isinstance(value, list):
             items = enumerate(value)
         elif isinstance(value, dict):
             items = iter(value.items())
         else:
             items = iter(getattr(value, "__dict__", {}).items())
         for key, item in items:
-            self._find(item, f"{path}.{key}" if path else str(key), seen)
+            self._find(item, join(path, str(key)), seen)
 
 
 class _Names:
@@ -237,51 +240,10 @@ class _Names:
         return unique
 
 
-def _leaves(state: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the arrays and numbers of a state with their paths."""
-    if isinstance(state, tuple):
-        keys = getattr(state, "_fields", range(len(state)))
-        for key, part in zip(keys, state, strict=True):
-            yield from _leaves(part, f"{path}.{key}" if path else str(key))
-    elif isinstance(state, np.ndarray) and state.dtype != np.float64:
-        raise NotElementwise(f"its state holds an array of {state.dtype}")
-    elif isinstance(state, np.ndarray | float | int) and not isinstance(state, bool):
-        yield path or "value", state
-    elif state is not None:
-        raise NotElementwise(f"its state holds a {type(state).__name__}")
-
-
-def _filled(state: Any, parts: Iterator[Table]) -> Any:
-    """Return a state of the same form with symbols in it."""
-    if isinstance(state, tuple):
-        return tuple.__new__(type(state), [_filled(part, parts) for part in state])
-    if state is None:
-        return None
-    part = next(parts)
-    entries = np.empty(len(part.symbols), dtype=object)
-    entries[:] = [Scalar(x) for x in part.symbols]
-    return Symbols(entries.reshape(part.shape))
-
-
-def _matched(state: Any, expected: list[tuple[str, Any]]) -> list[Any]:
-    """Return the expressions of a state, which must have the parts that are expected."""
-    found = list(_symbolic_leaves(state))
-    if len(found) != len(expected):
-        raise NotElementwise("its state has another form in one step than in another")
-    return [
-        x
-        for part, (_, like) in zip(found, expected, strict=True)
-        for x in flat(state_part(part, np.shape(like)))
-    ]
-
-
-def _symbolic_leaves(state: Any) -> Iterator[Any]:
-    """Yield the parts of a state."""
-    if isinstance(state, tuple):
-        for part in state:
-            yield from _symbolic_leaves(part)
-    elif state is not None:
-        yield state
+def _matched(state: Any, like: Any) -> list[Any]:
+    """Return the expressions of a state, which must have the parts of another."""
+    found = zip(leaves_like(state, like), flatten(like), strict=True)
+    return [x for part, leaf in found for x in flat(state_part(part, np.shape(leaf.value)))]
 
 
 def _used(*routines: Routine) -> set[int]:
