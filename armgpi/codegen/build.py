@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import hashlib
 import os
 import platform
+import re
 import shlex
 import shutil
 import signal
+import stat
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from armgpi.errors import BackendError
+from armgpi.errors import ArmgpiWarning, BackendError
 
 #: Strict arithmetic: no reordering and no fused multiply-add, so every machine and number of lanes gives the
 #: same bits. What is left out is errno and traps, which nothing here looks at.
@@ -40,6 +42,8 @@ FLAGS = (
 SCALAR = ("-fschedule-insns",)
 #: Libraries kept at most; the ones used least recently go.
 _KEPT = 256
+#: What they are called.
+_ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.so")
 #: Longest time that a compiler may take [s].
 _PATIENCE = 300.0
 
@@ -162,22 +166,28 @@ def widest() -> int:
 def cache_folder() -> Path:
     """Return where libraries are kept: ARMGPI_CACHE, or armgpi in the user's cache folder."""
     if asked := os.environ.get("ARMGPI_CACHE"):
-        return Path(asked).absolute()  # a library without a folder in its name is looked for elsewhere
+        return Path(asked).absolute()
     try:
         base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    except RuntimeError:  # a user without a home, as in some containers
-        base = Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"
-    return base / "armgpi"
+    except RuntimeError:  # a user without a home, as in some containers: nothing can be kept
+        base = Path(os.devnull)
+    return base.absolute() / "armgpi"
 
 
 _loaded: dict[str, ctypes.CDLL] = {}
+
+
+class _Untrusted(OSError):
+    """A folder to which somebody else can write."""
 
 
 def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
     """Return the library of a C source, compiled now or before.
 
     An entry is named by a hash of the source, the compiler, its flags and the CPU, and by one of its own
-    content, so that a damaged one is not taken. It appears whole or not at all.
+    content, so that a damaged one is not taken. It appears whole or not at all. What is loaded runs, so the
+    cache is used only where nobody else can write; otherwise a warning says why, and the library is compiled
+    for this process alone.
 
     Raises:
         BackendError: when there is no compiler, or it fails.
@@ -187,52 +197,122 @@ def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
         "\0".join([source, found.version, *found.command, *flags, cpu()]).encode()
     ).hexdigest()[:32]
     if key not in _loaded:
-        path = _cached(key) or _compiled(source, key, found, flags)
         try:
-            _loaded[key] = ctypes.CDLL(str(path))
+            _loaded[key] = _from(cache_folder(), source, key, found, flags)
+        except _Untrusted as error:
+            message = f"compiled code is not kept: {error}; ARMGPI_CACHE names another folder"
+            warnings.warn(ArmgpiWarning(message), stacklevel=2)
+        except OSError:  # a home that cannot be written
+            pass
+    if key not in _loaded:
+        try:
+            with tempfile.TemporaryDirectory(prefix="armgpi-", ignore_cleanup_errors=True) as private:
+                _loaded[key] = _from(Path(private), source, key, found, flags)
         except OSError as error:
-            with suppress(OSError):  # the next one makes it anew
-                path.unlink()
-            raise BackendError(f"{path}: cannot be loaded: {error}") from None
+            raise BackendError(f"no folder to compile in: {error}") from None
     return _loaded[key]
 
 
-def _cached(key: str) -> Path | None:
-    """Return a whole entry of the cache."""
-    for path in _entries(cache_folder(), f"{key}-*.so"):
-        with suppress(OSError):  # a folder, or one that is not ours to read or to remove
-            if path.stem.rpartition("-")[2] == _digest(path):
-                with suppress(OSError):  # of a cache that can only be read
-                    os.utime(path)
-                return path
-            path.unlink()
+def _from(folder: Path, source: str, key: str, found: Compiler, flags: tuple[str, ...]) -> ctypes.CDLL:
+    """Return a library that is kept in a folder, or that is compiled there.
+
+    Raises:
+        OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
+    """
+    place = Path(os.path.realpath(folder.parent), folder.name)
+    _check_above(place)
+    place.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        opened = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError as error:
+        if place.is_symlink():
+            raise _Untrusted(f"{place} is a link") from None
+        raise error
+    try:
+        if reason := _shared(os.fstat(opened)):
+            raise _Untrusted(f"{place} {reason}")
+        kept = _kept(place, opened, key)
+        if kept is None:
+            _compiled(source, key, found, flags, place)
+            kept = _kept(place, opened, key)
+        if kept is None:
+            raise BackendError(f"{place}: what was compiled cannot be read back")
+        return kept
+    finally:
+        os.close(opened)
+
+
+def _shared(info: os.stat_result) -> str:
+    """Return why somebody else can write to a file or folder, empty when nobody can."""
+    if info.st_uid != os.geteuid():
+        return f"belongs to the user {info.st_uid}, not to {os.geteuid()}"
+    return f"can be written by others (mode {stat.S_IMODE(info.st_mode):o})" if info.st_mode & 0o022 else ""
+
+
+def _check_above(place: Path) -> None:
+    """Refuse a folder that somebody else could move away and replace.
+
+    Raises:
+        _Untrusted: when a folder above it belongs to another user but root, or others can write to it,
+            and it is not sticky, as /tmp is.
+    """
+    for folder in place.parents:
+        try:
+            info = folder.stat()
+        except FileNotFoundError:
+            continue
+        # Where every user has a group of their own, of the same number, that group is nobody else.
+        others = stat.S_IWOTH if info.st_gid == info.st_uid else stat.S_IWOTH | stat.S_IWGRP
+        writable = info.st_mode & others and not info.st_mode & stat.S_ISVTX
+        if stat.S_ISDIR(info.st_mode) and (writable or info.st_uid not in (0, os.geteuid())):
+            raise _Untrusted(f"{folder}, above {place.name}, can be written by others than you and root")
+
+
+def _kept(folder: Path, opened: int, key: str) -> ctypes.CDLL | None:
+    """Return a whole library of ours from an opened folder; what is damaged or not ours is removed."""
+    # By the descriptor, so that it comes from the folder that was looked at.
+    base = Path(f"/proc/self/fd/{opened}")
+    base = base if base.is_dir() else folder
+    for name in sorted(os.listdir(opened)):
+        if not (name.startswith(f"{key}-") and name.endswith(".so")):
+            continue
+        with suppress(OSError):  # a folder, or what cannot be removed
+            if _is_whole(name, opened):
+                try:
+                    return ctypes.CDLL(str(base / name))
+                except OSError as error:
+                    with suppress(OSError):  # the next one makes it anew
+                        os.unlink(name, dir_fd=opened)
+                    raise BackendError(f"{folder / name}: cannot be loaded: {error}") from None
+            os.unlink(name, dir_fd=opened)
     return None
 
 
-def _entries(folder: Path, pattern: str) -> list[Path]:
-    """Return the entries of a cache, none when it cannot be read."""
-    with suppress(OSError):
-        return list(folder.glob(pattern))
-    return []
-
-
-def _digest(path: Path) -> str:
-    """Return a hash of a file's content."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-
-
-def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) -> Path:
-    """Compile, and move the library to its place in the cache."""
-    folder = cache_folder()
+def _is_whole(name: str, folder: int) -> bool:
+    """Tell whether an entry is a file of ours with the content that its name says."""
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
-    except OSError:  # a home that cannot be written: compile for this process alone
-        try:
-            folder = work = Path(tempfile.mkdtemp(prefix="armgpi-"))
-        except OSError as error:
-            raise BackendError(f"{folder}: cannot be written, nor can a temporary folder: {error}") from None
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        opened = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+    except OSError:  # a link
+        return False
+    with open(opened, "rb") as file:
+        info = os.fstat(opened)
+        if not stat.S_ISREG(info.st_mode) or _shared(info):
+            return False
+        if hashlib.sha256(file.read()).hexdigest()[:16] != name[:-3].rpartition("-")[2]:
+            return False
+        with suppress(OSError):  # of a cache that can only be read
+            os.utime(opened)
+    return True
+
+
+def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...], folder: Path) -> None:
+    """Compile, and move the library to its place in a folder.
+
+    Raises:
+        OSError: when nothing can be made in the folder.
+        BackendError: when the compiler fails.
+    """
+    work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
     try:
         (work / "loop.c").write_text(source, encoding="utf-8")
         built = work / "loop.so"
@@ -243,23 +323,23 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...]) ->
             # "final link failed: No space left on device" comes before the error that tells nothing.
             lines = [line for line in text.splitlines() if "error" in line or "failed" in line]
             raise BackendError(f"{' '.join(found.command)} failed: {[*lines, 'it said nothing'][0]}")
-        target = folder / f"{key}-{_digest(built)}.so"
-        built.replace(target)
+        built.chmod(0o700)  # whatever the umask
+        digest = hashlib.sha256(built.read_bytes()).hexdigest()[:16]
+        built.replace(folder / f"{key}-{digest}.so")
     except subprocess.TimeoutExpired:
         raise BackendError(f"{' '.join(found.command)} took longer than {_PATIENCE:g} s") from None
     except OSError as error:
         raise BackendError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:
-        if work != folder:
-            shutil.rmtree(work, ignore_errors=True)
+        shutil.rmtree(work, ignore_errors=True)
     _prune(folder)
-    return target
 
 
 def _prune(folder: Path) -> None:
     """Remove the libraries used least recently, beyond so many."""
     with suppress(OSError):
-        old = sorted(_entries(folder, "*-*.so"), key=lambda path: path.stat().st_mtime)[:-_KEPT]
+        entries = (path for path in folder.iterdir() if _ENTRY.fullmatch(path.name))
+        old = sorted(entries, key=lambda path: path.stat().st_mtime)[:-_KEPT]
         for path in old:
             with suppress(OSError):
                 path.unlink()

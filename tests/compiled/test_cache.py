@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import os
 import signal
 import stat
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -320,3 +322,179 @@ def test_ctrl_c_ends_the_children_of_a_compiler(tmp_path: Path, cache: Path) -> 
         assert b"KeyboardInterrupt" in process.communicate(timeout=30)[1]
     assert gone(pid)
     assert list(cache.iterdir()) == []
+
+
+# What is loaded runs: only what nobody else can have written.
+
+#: Another user than the one who runs the tests.
+NOBODY = 65534
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files to another user")
+
+
+def plant(folder: Path, tmp_path: Path) -> Path:
+    """Put an entry into a folder that answers 666 in place of 42, its name as it should be."""
+    key = entry_of(tmp_path / "elsewhere").name.partition("-")[0]
+    code, built = tmp_path / "planted.c", tmp_path / "planted.so"
+    code.write_text(SOURCE.replace("42", "666"))
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", built, code], check=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()[:16]}.so"
+    path.write_bytes(built.read_bytes())
+    path.chmod(0o700)
+    return path
+
+
+def entry_of(folder: Path) -> Path:
+    """Return the entry that a folder gets."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ARMGPI_CACHE", str(folder))
+        answer()
+    return entry(folder)
+
+
+def test_the_planted_entry_would_be_loaded(cache: Path, tmp_path: Path) -> None:
+    plant(cache, tmp_path).parent.chmod(0o700)  # ours in every respect: the tests below test something
+    assert answer() == 666
+
+
+@pytest.mark.parametrize("mode", [0o1777, 0o777, 0o770, 0o702])
+def test_a_folder_that_others_can_write_to_is_not_used(cache: Path, tmp_path: Path, mode: int) -> None:
+    planted = plant(cache, tmp_path)
+    cache.chmod(mode)
+    with pytest.warns(ArmgpiWarning, match=rf"not kept: .*cache can be written by others \(mode {mode:o}\)"):
+        assert answer() == 42
+    assert list(cache.iterdir()) == [planted]  # it is not ours: left as it is
+
+
+@as_root
+def test_a_folder_of_another_user_is_not_used(cache: Path, tmp_path: Path) -> None:
+    plant(cache, tmp_path)
+    cache.chmod(0o700)
+    os.chown(cache, NOBODY, NOBODY)
+    with pytest.warns(ArmgpiWarning, match=f"belongs to the user {NOBODY}, not to 0"):
+        assert answer() == 42
+
+
+@as_root
+def test_root_with_the_home_of_another_user_leaves_nothing_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (home := tmp_path / "home").mkdir()
+    os.chown(home, NOBODY, NOBODY)
+    monkeypatch.delenv("ARMGPI_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(home))
+    with pytest.warns(ArmgpiWarning, match="home, above armgpi, can be written by others"):
+        assert answer() == 42
+    assert list(home.iterdir()) == []
+
+
+def test_a_folder_that_others_can_move_away_is_not_used(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARMGPI_CACHE", str(cache / "below"))
+    cache.mkdir()
+    cache.chmod(0o777)
+    with pytest.warns(ArmgpiWarning, match="cache, above below, can be written by others"):
+        assert answer() == 42
+    cache.chmod(0o1777)  # in a sticky folder nobody moves what is another's
+    assert answer() == 42
+    assert len(list((cache / "below").iterdir())) == 1
+
+
+def test_a_link_is_no_cache(cache: Path, tmp_path: Path) -> None:
+    planted = plant(tmp_path / "planted", tmp_path)
+    planted.parent.chmod(0o700)
+    cache.symlink_to(planted.parent)
+    with pytest.warns(ArmgpiWarning, match="cache is a link"):
+        assert answer() == 42
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o720, 0o702])
+def test_a_file_that_others_can_write_to_is_not_loaded(cache: Path, tmp_path: Path, mode: int) -> None:
+    planted = plant(cache, tmp_path)
+    cache.chmod(0o700)
+    planted.chmod(mode)
+    assert answer() == 42
+    assert not planted.exists()
+
+
+@as_root
+def test_a_file_of_another_user_is_not_loaded(cache: Path, tmp_path: Path) -> None:
+    planted = plant(cache, tmp_path)
+    cache.chmod(0o700)
+    os.chown(planted, NOBODY, NOBODY)
+    assert answer() == 42
+
+
+def test_a_link_is_not_loaded(cache: Path, tmp_path: Path) -> None:
+    planted = plant(cache, tmp_path)
+    cache.chmod(0o700)
+    planted.rename(tmp_path / "there.so")
+    planted.symlink_to(tmp_path / "there.so")
+    assert answer() == 42
+
+
+def test_a_pipe_among_the_entries_does_not_stop_it(cache: Path, tmp_path: Path) -> None:
+    planted = plant(cache, tmp_path)
+    cache.chmod(0o700)
+    planted.unlink()
+    os.mkfifo(planted, 0o600)
+    assert answer() == 42
+
+
+def test_a_user_without_a_home_has_no_folder_that_others_can_foresee(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(path: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    (shared := tmp_path / "tmp").mkdir()
+    shared.chmod(0o1777)
+    monkeypatch.setattr(tempfile, "tempdir", str(shared))
+    planted = plant(shared / f"cache-{os.getuid()}" / "armgpi", tmp_path)
+    monkeypatch.delenv("ARMGPI_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "expanduser", nobody)
+    assert answer() == 42
+    assert list(shared.iterdir()) == [planted.parent.parent]  # nothing is left there either
+
+
+def test_without_any_folder_of_its_own_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (shared := tmp_path / "shared").mkdir()
+    shared.chmod(0o777)  # not sticky
+    monkeypatch.setattr(tempfile, "tempdir", str(shared))
+    monkeypatch.setenv("ARMGPI_CACHE", str(shared))
+    with (
+        pytest.warns(ArmgpiWarning, match="not kept"),
+        pytest.raises(BackendError, match=r"no folder to compile in: .*shared, above armgpi-"),
+    ):
+        answer()
+
+
+def test_what_is_kept_is_ours_whatever_the_umask(cache: Path, compilations: list[Any]) -> None:
+    before = os.umask(0o000)
+    try:
+        assert [answer(), answer()] == [42, 42]
+    finally:
+        os.umask(before)
+    assert len(compilations) == 1
+    assert stat.S_IMODE(entry(cache).stat().st_mode) == 0o700
+
+
+def test_pruning_removes_nothing_but_libraries_of_ours(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build, "_KEPT", 1)
+    cache.mkdir(mode=0o700)
+    (other := cache / "somebody-else.so").write_text("")
+    assert [answer(SOURCE.replace("42", str(i))) for i in range(3)] == [0, 1, 2]
+    assert other.exists()
+    assert len(list(cache.iterdir())) == 2
+
+
+def test_looking_at_who_can_write_takes_no_time(cache: Path) -> None:
+    answer()
+    times = []
+    for _ in range(20):
+        build._loaded.clear()
+        start = time.perf_counter()
+        build.library(SOURCE)
+        times.append(time.perf_counter() - start)
+    assert min(times) < 2e-3
