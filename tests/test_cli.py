@@ -323,7 +323,7 @@ def test_options_mean_what_they_say(cli: Callable[..., Answer], tmp_path: Path) 
     assert made["controller"]["delay"] == 4e-3
     assert made["controller"]["effort"] == [30.0, 30.0, 7.0]
     assert made["plant"]["robot"]["changes"][-1]["payload"]["mass"] == 0.1
-    wires = {wire.pop("type"): wire for wire in made["plant"]["wires"]}
+    wires = {wire.pop("type"): wire for wire in made["plant"]["io"]}
     assert wires["Encoder"]["bits"] == 14
     assert wires["Delayed"]["samples"] == 2
     assert made["plant"]["friction"] is not None

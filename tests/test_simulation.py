@@ -364,7 +364,7 @@ def test_a_rollout_carries_what_it_was_made_from() -> None:
     assert made["plant"]["loads"] == [
         {"type": "Step", "amplitude": [0.0, 0.1, 0.0], "onset": 0.0, "end": "inf"}
     ]
-    (encoder,) = made["plant"]["wires"]
+    (encoder,) = made["plant"]["io"]
     assert (encoder["type"], encoder["bits"]) == ("Encoder", 14)
     assert made["controller"]["robot"]["changes"] == [{"inertia_scale": 0.8}]
     assert made["controller"]["gains"]["omega_c"] == [25.0] * 3

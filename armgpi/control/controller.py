@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_number, per_joint, positive
+from armgpi.arrays import Array, PerJointInput
 from armgpi.errors import EffortError, ParameterError
+from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
-from armgpi.robot.robot import AnyRobot
+from armgpi.robot.robot import AnyRobot, Robot, RobotBatch
 
 
 class Measurement(NamedTuple):
@@ -48,27 +50,45 @@ class ControlStep(NamedTuple):
     state: Any
 
 
-class Controller(ABC):
+@with_parameters
+class Controller(Parametrised, ABC):
     """A sampled torque controller.
 
     Its parameters do not change; what changes is its state, which goes in and out of :meth:`step`. Steps
-    are elementwise in the joints except for D(q) x and D(q)^-1 x of the robot it believes in.
+    are elementwise in the joints except for D(q) x and D(q)^-1 x of its nominal model.
 
     Attributes:
-        robot: the robot that the controller believes in.
+        robot: nominal model.
         dt: its sample time [s].
         effort: torque that it never exceeds [N m or N], shape (n,) or (batch, n).
         batch: number of rollouts that its parameters are for, None when they fit any.
-        sees: :class:`Measurement` or :class:`FullState`: what `step` is given.
+        measurement_type: :class:`Measurement` or :class:`FullState`: what `step` is given.
+        config_name: its `type` in experiment files and name on the command line; None for one that has none.
     """
 
     measurement_type: ClassVar[type[Measurement] | type[FullState]] = Measurement
+    config_name: ClassVar[str | None] = None
+
+    robot: AnyRobot = field()
+    dt: float = parameter("sample time", unit="s", least=1e-9, in_file=False, structural=True)
+    effort: PerJoint = parameter(
+        "torque limits",
+        unit="N m or N",
+        default=None,
+        none="the robot's",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        in_file=False,
+        log=True,
+        kw_only=True,
+    )
 
     def __init__(self, robot: AnyRobot, dt: float, effort: PerJointInput | None = None) -> None:
-        """Check and keep what all controllers share.
+        """Check and keep what all controllers share: for a controller with an ``__init__`` of its own.
 
         Args:
-            robot: the robot that the controller believes in.
+            robot: nominal model.
             dt: sample time [s].
             effort: torque limits [N m or N], a number, (n,) or (batch, n); the robot's when not given.
 
@@ -76,18 +96,21 @@ class Controller(ABC):
             ParameterError: when dt is not positive.
             EffortError: when a joint's limit leaves no torque.
         """
-        self.robot = robot
-        self.dt = check_number(dt, "dt", "a positive sample time of at least 1e-9 [s]", lowest=1e-9)
-        if effort is None:
-            self.effort = robot.limits.effort
-        else:
-            self.effort = per_joint(effort, "effort", robot.joint_names, "positive", positive)
+        self.keep("robot", robot)
+        self.keep("dt", dt)
+        self.keep("effort", effort)
+        Controller.__post_init__(self)
+
+    def __post_init__(self) -> None:
+        """Check the parameters; the effort limits are the robot's when none are given."""
+        self.check_parameters(self.robot.joint_names)
+        self.fill("effort", self.robot.limits.effort)
         powerless = np.argwhere(~(self.effort > 0.0))
         if powerless.size:
             index = tuple(int(i) for i in powerless[0])
-            raise EffortError(robot.joint_names[index[-1]], self.effort[index])
+            raise EffortError(self.robot.joint_names[index[-1]], self.effort[index])
         self._floor = -self.effort
-        self.batch = common_batch(robot.batch, self.effort)
+        self.batch = common_batch(*batches(self))
 
     @abstractmethod
     def init(self, measurement: Any, target: Target) -> Any:
@@ -119,7 +142,27 @@ class Controller(ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data, for a rollout's provenance."""
-        return {"controller": type(self).__name__, "dt": self.dt, "effort": self.effort.tolist()}
+        models = {
+            key: value.provenance
+            for key, value in vars(self).items()
+            if isinstance(value, Robot | RobotBatch)
+        }
+        return {"controller": type(self).__name__, **self.values(), **models}
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"{type(self).__name__}({self.robot.name!r}, dt={self.dt:g})"
+
+
+def batches(made: object) -> Iterator[int | Array | None]:
+    """Yield what says, in a controller or wrapper, for how many rollouts it is: arrays, and other parts."""
+    for value in vars(made).values():
+        if isinstance(value, np.ndarray):
+            yield value
+        elif isinstance(value, tuple):
+            yield from (part for part in value if isinstance(part, np.ndarray))
+        elif not isinstance(value, type):
+            yield getattr(value, "batch", None)
 
 
 def common_batch(*sources: int | Array | None) -> int | None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import field
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, not_negative, per_joint
-from armgpi.control.controller import Controller, ControlStep, FullState, common_batch
+from armgpi.arrays import Array
+from armgpi.control.controller import Controller, ControlStep, FullState
 from armgpi.errors import ParameterError
+from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.robot.robot import AnyRobot
 
@@ -23,6 +25,7 @@ class PIDState(NamedTuple):
     integral: Array
 
 
+@with_parameters
 class PIDInversion(Controller):
     """tau = D(q) (a* - u) + C(q, v) v + G(q), u = Kp e + Ki int(e) + Kd e' (eqs. 32-33).
 
@@ -32,48 +35,58 @@ class PIDInversion(Controller):
         kp: proportional gains [1/s^2], shape (n,) or (batch, n).
         ki: integral gains [1/s^3], likewise.
         kd: derivative gains [1/s], likewise.
-        bias_robot: the robot whose C(q, v) v + G(q) is cancelled.
+        bias_robot: the robot whose C(q, v) v + G(q) is cancelled, `robot` when not given: the paper varies D
+            alone, ``PIDInversion(robot.scaled_inertia(0.8), dt, bias_robot=robot)``.
     """
 
     measurement_type: ClassVar[type[FullState]] = FullState
+    config_name: ClassVar[str | None] = "pid"
 
-    def __init__(
-        self,
-        robot: AnyRobot,
-        dt: float,
-        kp: PerJointInput = 400.0,
-        ki: PerJointInput = 500.0,
-        kd: PerJointInput = 40.0,
-        effort: PerJointInput | None = None,
-        bias_robot: AnyRobot | None = None,
-    ) -> None:
-        """Define the controller.
+    kp: PerJoint = parameter(
+        "proportional gain",
+        unit="1/s^2",
+        default=400.0,
+        least=0.0,
+        per_joint=True,
+        log=True,
+        search=(1.0, 1e5),
+        slider=(10.0, 1e4),
+    )
+    ki: PerJoint = parameter(
+        "integral gain",
+        unit="1/s^3",
+        default=500.0,
+        least=0.0,
+        per_joint=True,
+        log=True,
+        search=(1.0, 1e6),
+        slider=(10.0, 1e5),
+    )
+    kd: PerJoint = parameter(
+        "derivative gain",
+        unit="1/s",
+        default=40.0,
+        least=0.0,
+        per_joint=True,
+        log=True,
+        search=(0.1, 1e3),
+        slider=(1.0, 200.0),
+    )
+    bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
 
-        Args:
-            robot: the robot that it believes in.
-            dt: sample time [s].
-            kp: proportional gains [1/s^2], a number, (n,) or (batch, n).
-            ki: integral gains [1/s^3], likewise.
-            kd: derivative gains [1/s], likewise.
-            effort: torque limits [N m or N]; the robot's when not given.
-            bias_robot: robot whose C and G are cancelled, `robot` when not given: the paper varies D alone,
-                ``PIDInversion(robot.scaled_inertia(0.8), dt, bias_robot=robot)``.
+    def __post_init__(self) -> None:
+        """Check the parameters and work out what `step` needs of them.
 
         Raises:
             ParameterError: when dt is not positive.
             ArrayError: when a gain is negative or does not fit the joints.
             EffortError: when a joint has no torque.
         """
-        super().__init__(robot, dt, effort)
-        self.kp, self.ki, self.kd = (
-            per_joint(gain, name, robot.joint_names, "zero or positive", not_negative)
-            for name, gain in (("kp", kp), ("ki", ki), ("kd", kd))
-        )
-        self.bias_robot = robot if bias_robot is None else bias_robot
-        if self.bias_robot.joint_names != robot.joint_names:
-            joints = ", ".join(robot.joint_names)
+        self.fill("bias_robot", self.robot)
+        if self.bias_robot.joint_names != self.robot.joint_names:
+            joints = ", ".join(self.robot.joint_names)
             raise ParameterError("bias_robot", self.bias_robot, f"a robot with the joints {joints}")
-        self.batch = common_batch(self.batch, self.bias_robot.batch, self.kp, self.ki, self.kd)
+        super().__post_init__()
         self._ki_dt = self.dt * self.ki
         self._kp_now = self.kp + 0.5 * self._ki_dt
         # Anti-windup by back-calculation with the tracking time Kp / Ki, but no less than a sample.
@@ -98,18 +111,3 @@ class PIDInversion(Controller):
         tau = self.limited(asked)
         missing = self.robot.dynamics.inertia_solve(q, tau - asked)
         return ControlStep(tau, PIDState(state.integral + self._ki_dt * e - self._back * missing))
-
-    def describe(self) -> dict[str, Any]:
-        """Return the parameters as plain data."""
-        return {
-            **super().describe(),
-            "kp": self.kp.tolist(),
-            "ki": self.ki.tolist(),
-            "kd": self.kd.tolist(),
-            "robot": self.robot.provenance,
-            "bias_robot": self.bias_robot.provenance,
-        }
-
-    def __repr__(self) -> str:
-        """Return a one-line description."""
-        return f"PIDInversion({self.robot.name!r}, dt={self.dt:g})"

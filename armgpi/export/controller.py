@@ -133,7 +133,7 @@ class ExportedController(Controller):
         limits = np.frombuffer(effort, self._dtype).astype(np.float64)
         largest = float(np.finfo(self._dtype).max)
         super().__init__(robot, float(info.dt), limits)
-        self.effort = np.where(limits < largest, limits, np.inf)
+        self.keep("effort", np.where(limits < largest, limits, np.inf))
         self._given = [name for name, bit in _ARGUMENTS if bit & info.inputs == bit]
         # An attribute of the object, as it is the library that says what it needs.
         self.measurement_type = FullState if info.inputs & 1 else Measurement  # type: ignore[misc]

@@ -10,6 +10,7 @@ import numpy as np
 from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_joint, positive
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
+from armgpi.plants.sensors import encoder_count
 
 if TYPE_CHECKING:
     from armgpi.config.schema import PlantSection
@@ -121,8 +122,4 @@ def _samples(dt: float) -> int:
 
 def default_resolution(controller: Controller, bits: int = _BITS) -> Array:
     """Return a count of an encoder of so many bits [rad or m], shape (n,)."""
-    robot = controller.robot
-    travel = robot.limits.upper - robot.limits.lower
-    linear = np.array([kind == "prismatic" for kind in robot.joint_types])
-    span = np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0)
-    return np.asarray(np.where(linear, span, 2.0 * math.pi) / 2.0**bits)
+    return encoder_count(controller.robot, bits)

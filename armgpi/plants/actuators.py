@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, per_joint, positive
-from armgpi.control.controller import FullState, common_batch
-from armgpi.plants.plant import Plant, Wrapper
+from armgpi.arrays import Array
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
 
 
+@with_parameters
 class Saturated(Wrapper):
     """Torque cut to the actuators' limits.
 
@@ -18,61 +19,57 @@ class Saturated(Wrapper):
         effort: highest torque [N m or N], shape (n,) or (batch, n).
     """
 
-    def __init__(self, plant: Plant, effort: PerJointInput | None = None) -> None:
-        """Limit the torque of `plant` to `effort` [N m or N]; its robot's limits when not given."""
-        super().__init__(plant)
-        if effort is None:
-            self.effort = plant.robot.limits.effort
-        else:
-            self.effort = per_joint(effort, "effort", plant.robot.joint_names, "positive", positive)
-        self.batch = common_batch(plant.batch, self.effort)
+    order: ClassVar[float] = 20.0
+
+    effort: PerJoint = parameter(
+        "highest torque",
+        unit="N m or N",
+        default=None,
+        none="the robot's effort limits",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the limits; the robot's when none are given."""
+        super().__post_init__()
+        self.fill("effort", self.robot.limits.effort)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:
         """Return the next state under the limited torque."""
         limited = np.minimum(np.maximum(tau, -self.effort), self.effort)
         return self.plant.step(limited, state, dt)
 
-    def parameters(self) -> dict[str, Any]:
-        """Return the limits."""
-        return {"effort": self.effort.tolist()}
 
-
-class _Slew(NamedTuple):
-    plant: Any
-    tau: Array
-
-
-class RateLimited(Wrapper):
-    """Torque that changes no faster than a rate.
+@with_parameters
+class RateLimited(StatefulWrapper):
+    """Torque that changes no faster than a rate; it starts at what holds the arm still.
 
     Attributes:
         rate: highest rate of change [N m/s or N/s], shape (n,) or (batch, n).
     """
 
-    def __init__(self, plant: Plant, rate: PerJointInput) -> None:
-        """Limit how fast the torque of `plant` changes; it starts at what holds the arm still."""
-        super().__init__(plant)
-        self.rate = per_joint(rate, "rate", plant.robot.joint_names, "positive", positive)
-        self.batch = common_batch(plant.batch, self.rate)
+    config_name: ClassVar[str | None] = "torque_rate"
+    order: ClassVar[float] = 10.0
 
-    def init(self, q: Array, v: Array) -> _Slew:
-        """Return the state, the actuators holding the arm."""
-        return _Slew(self.plant.init(q, v), self.robot.dynamics.gravity(q))
+    rate: PerJoint = parameter(
+        "highest rate of change of torque",
+        unit="N m/s or N/s",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        slider=(1.0, 1e4),
+    )
 
-    def step(self, tau: Array, state: _Slew, dt: float) -> _Slew:
+    def start(self, plant: Any, q: Array) -> Array:
+        """Return the torque of actuators that hold the arm."""
+        return self.robot.dynamics.gravity(q)
+
+    def step(self, tau: Array, state: Wrapped, dt: float) -> Wrapped:
         """Return the next state under the torque that the actuators get to."""
         most = self.rate * dt
-        reached = state.tau + np.minimum(np.maximum(tau - state.tau, -most), most)
-        return _Slew(self.plant.step(reached, state.plant, dt), reached)
-
-    def measure(self, state: _Slew) -> FullState:
-        """Return what the sensors say."""
-        return self.plant.measure(state.plant)
-
-    def true_state(self, state: _Slew) -> Any:
-        """Return the true state."""
-        return self.plant.true_state(state.plant)
-
-    def parameters(self) -> dict[str, Any]:
-        """Return the rate."""
-        return {"rate": self.rate.tolist()}
+        reached = state.own + np.minimum(np.maximum(tau - state.own, -most), most)
+        return Wrapped(self.plant.step(reached, state.plant, dt), reached)

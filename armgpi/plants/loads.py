@@ -9,17 +9,24 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any, cast
+from dataclasses import fields
+from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, as_float_array, check_number
+from armgpi.arrays import Array, PerJointInput
 from armgpi.errors import ParameterError
+from armgpi.parameter import Parametrised, PerJoint, parameter, plain, with_parameters
 
 
-class Load(ABC):
-    """A disturbance torque that depends on time."""
+class Load(Parametrised, ABC):
+    """A disturbance torque that depends on time.
+
+    Attributes:
+        config_name: its `type` in experiment files; None for one that has none there.
+    """
+
+    config_name: ClassVar[str | None] = None
 
     @abstractmethod
     def torque(self, t: Array) -> Array:
@@ -32,11 +39,18 @@ class Load(ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the load as plain data."""
-        values = {f.name: _plain(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
+        values = {f.name: plain(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
         return {"type": type(self).__name__, **values}
 
+    def __post_init__(self) -> None:
+        """Check the values, and that an end comes after the onset."""
+        super().__post_init__()
+        onset, end = getattr(self, "onset", 0.0), getattr(self, "end", math.inf)
+        if end < onset:
+            raise ParameterError("end", end, f"a time after the onset {onset:g} [s]")
 
-@dataclass(frozen=True)
+
+@with_parameters
 class Step(Load):
     """A constant torque from an onset on.
 
@@ -46,20 +60,18 @@ class Step(Load):
         end: when it is over [s].
     """
 
-    amplitude: PerJointInput
-    onset: float = 0.0
-    end: float = math.inf
+    config_name: ClassVar[str | None] = "step"
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        _check(self, arrays=("amplitude",))
+    amplitude: PerJoint = parameter("torque", unit="N m or N", per_joint=True)
+    onset: float = parameter("time at which it begins", unit="s", default=0.0)
+    end: float = parameter("time at which it is over", unit="s", default=math.inf, unlimited="never")
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
-        return _gate(t, self.onset, self.end) * _array(self.amplitude)
+        return _gate(t, self.onset, self.end) * self.amplitude
 
 
-@dataclass(frozen=True)
+@with_parameters
 class Ramp(Load):
     """A torque that grows from zero at its onset, and stays where it is after its end.
 
@@ -69,20 +81,18 @@ class Ramp(Load):
         end: when it stops growing [s].
     """
 
-    slope: PerJointInput
-    onset: float = 0.0
-    end: float = math.inf
+    config_name: ClassVar[str | None] = "ramp"
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        _check(self, arrays=("slope",))
+    slope: PerJoint = parameter("growth of the torque", unit="N m/s or N/s", per_joint=True)
+    onset: float = parameter("time at which it begins", unit="s", default=0.0)
+    end: float = parameter("time at which it is over", unit="s", default=math.inf, unlimited="never")
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
-        return (np.minimum(np.maximum(t, self.onset), self.end) - self.onset) * _array(self.slope)
+        return (np.minimum(np.maximum(t, self.onset), self.end) - self.onset) * self.slope
 
 
-@dataclass(frozen=True)
+@with_parameters
 class Sine(Load):
     """A torque amplitude sin(omega t + phase), with t the time since 0, from an onset on.
 
@@ -94,23 +104,21 @@ class Sine(Load):
         end: when it is over [s].
     """
 
-    amplitude: PerJointInput
-    omega: PerJointInput
-    phase: PerJointInput = 0.0
-    onset: float = 0.0
-    end: float = math.inf
+    config_name: ClassVar[str | None] = "sine"
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        _check(self, arrays=("amplitude", "omega", "phase"))
+    amplitude: PerJoint = parameter("torque", unit="N m or N", per_joint=True)
+    omega: PerJoint = parameter("angular frequency", unit="rad/s", per_joint=True)
+    phase: PerJoint = parameter("phase at t = 0", unit="rad", default=0.0, per_joint=True)
+    onset: float = parameter("time at which it begins", unit="s", default=0.0)
+    end: float = parameter("time at which it is over", unit="s", default=math.inf, unlimited="never")
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
-        wave = np.sin(_array(self.omega) * t + _array(self.phase))
-        return _gate(t, self.onset, self.end) * _array(self.amplitude) * wave
+        wave = np.sin(self.omega * t + self.phase)
+        return _gate(t, self.onset, self.end) * self.amplitude * wave
 
 
-@dataclass(frozen=True)
+@with_parameters
 class Pulse(Load):
     """A smooth push and release: amplitude sin^2 over its duration.
 
@@ -120,19 +128,16 @@ class Pulse(Load):
         duration: how long it lasts [s].
     """
 
-    amplitude: PerJointInput
-    onset: float
-    duration: float
+    config_name: ClassVar[str | None] = "pulse"
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        _check(self, arrays=("amplitude",))
-        check_number(self.duration, "duration", "positive [s]", open_=True)
+    amplitude: PerJoint = parameter("torque", unit="N m or N", per_joint=True)
+    onset: float = parameter("time at which it begins", unit="s")
+    duration: float = parameter("how long it lasts", unit="s", least=0.0, above=True, log=True)
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
         x = np.minimum(np.maximum((t - self.onset) / self.duration, 0.0), 1.0)
-        push: Array = np.sin(np.pi * x) ** 2 * _array(self.amplitude)
+        push: Array = np.sin(np.pi * x) ** 2 * self.amplitude
         return push
 
 
@@ -171,25 +176,6 @@ def paper_disturbances() -> list[Sine]:
     ]
 
 
-def _array(value: PerJointInput) -> Array:
-    """Return a field of a load, which its check has made an array already."""
-    return cast(Array, value)
-
-
 def _gate(t: Array, onset: float, end: float) -> Array:
     """Return 1 where onset <= t < end, else 0."""
     return np.where((t >= onset) & (t < end), 1.0, 0.0)
-
-
-def _check(load: Any, arrays: Sequence[str]) -> None:
-    """Check a load's numbers and make arrays of its per-joint ones."""
-    for name in arrays:
-        object.__setattr__(load, name, as_float_array(getattr(load, name), name))
-    onset = check_number(load.onset, "onset", "a finite time [s]", lowest=-math.inf)
-    if getattr(load, "end", math.inf) != math.inf:
-        check_number(load.end, "end", f"a time after the onset {onset:g} [s]", lowest=onset)
-
-
-def _plain(value: Any) -> Any:
-    """Return an array as a list, another value as it is."""
-    return value.tolist() if isinstance(value, np.ndarray) else value

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from dataclasses import field
+from typing import Any, ClassVar, NamedTuple
 
 from armgpi.arrays import Array
-from armgpi.control.controller import FullState
+from armgpi.control.controller import FullState, batches, common_batch
+from armgpi.parameter import Parametrised, with_parameters
 from armgpi.robot.robot import AnyRobot
 
 
@@ -62,18 +64,30 @@ class Plant(ABC):
         """Return the parameters as plain data, for a rollout's provenance."""
 
 
-class Wrapper(Plant):
-    """A plant seen through something on its wires; varies a plant by wrapping it.
+@with_parameters
+class Wrapper(Parametrised, Plant):
+    """A plant behind a sensor or an actuator; varies a plant by wrapping it.
+
+    One with a ``config_name`` is a key of ``plant:`` in experiment files.
 
     Attributes:
         plant: the wrapped plant.
+        config_name: its key in experiment files; None for one that has none there.
+        order: its place among other wrappers there: a smaller number is nearer to the arm.
+        off: what an experiment file says to leave it out.
     """
 
-    def __init__(self, plant: Plant) -> None:
-        """Wrap `plant`."""
-        self.plant = plant
-        self.robot = plant.robot
-        self.batch = plant.batch
+    config_name: ClassVar[str | None] = None
+    order: ClassVar[float] = 0.0
+    off: ClassVar[Any] = None
+
+    plant: Plant = field()
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        self.robot = self.plant.robot
+        self.check_parameters(self.robot.joint_names)
+        self.batch = common_batch(*batches(self))
 
     def init(self, q: Array, v: Array) -> Any:
         """Return the wrapped plant's state."""
@@ -96,11 +110,48 @@ class Wrapper(Plant):
         return self.plant.disturbance(t)
 
     def describe(self) -> dict[str, Any]:
-        """Return the wrapped plant's parameters, and under "wires" those of all wrappers, inner first."""
+        """Return the wrapped plant's parameters, and under "io" those of all wrappers, inner first."""
         inner = self.plant.describe()
-        wires = [*inner.get("wires", []), {"type": type(self).__name__, **self.parameters()}]
-        return {**inner, "wires": wires}
+        return {**inner, "io": [*inner.get("io", []), {"type": type(self).__name__, **self.values()}]}
 
-    def parameters(self) -> dict[str, Any]:
-        """Return this wrapper's own parameters as plain data."""
-        return {}
+
+class Wrapped(NamedTuple):
+    """State of a wrapper that has one of its own.
+
+    Attributes:
+        plant: state of the wrapped plant.
+        own: state of the wrapper.
+    """
+
+    plant: Any
+    own: Any
+
+
+class StatefulWrapper(Wrapper):
+    """A wrapper with a state of its own: how it begins (`start`) and goes on (`follow`) is all it needs."""
+
+    @abstractmethod
+    def start(self, plant: Any, q: Array) -> Any:
+        """Return its own state at time 0, for the wrapped plant's state and the true positions `q`."""
+
+    def follow(self, plant: Any, own: Any, dt: float) -> Any:
+        """Return its own next state, for the wrapped plant's next one."""
+        return own
+
+    def init(self, q: Array, v: Array) -> Wrapped:
+        """Return the state at time 0."""
+        plant = self.plant.init(q, v)
+        return Wrapped(plant, self.start(plant, q))
+
+    def step(self, tau: Array, state: Wrapped, dt: float) -> Wrapped:
+        """Return the next state."""
+        plant = self.plant.step(tau, state.plant, dt)
+        return Wrapped(plant, self.follow(plant, state.own, dt))
+
+    def measure(self, state: Wrapped) -> FullState:
+        """Return what the wrapped plant's sensors say."""
+        return self.plant.measure(state.plant)
+
+    def true_state(self, state: Wrapped) -> PlantState:
+        """Return the true state."""
+        return self.plant.true_state(state.plant)

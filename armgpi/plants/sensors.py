@@ -2,53 +2,69 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from armgpi.arrays import Array, PerJointInput, check_number, check_whole, not_negative, per_joint, positive
-from armgpi.control.controller import FullState, common_batch
+from armgpi.arrays import Array
+from armgpi.control.controller import FullState
+from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants import noise
-from armgpi.plants.plant import Plant, Wrapper
+from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
+from armgpi.robot.robot import AnyRobot
 
 
+def encoder_count(robot: AnyRobot, bits: Array | int) -> Array:
+    """Return one count of encoders [rad or m], shape (n,) or (batch, n).
+
+    It is a turn / 2^bits, for a prismatic joint its travel / 2^bits (1 m where it has no limits).
+    """
+    travel = robot.limits.upper - robot.limits.lower
+    linear = np.array([kind == "prismatic" for kind in robot.joint_types])
+    span = np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0)
+    return np.asarray(np.where(linear, span, 2.0 * np.pi) / 2.0**bits)
+
+
+@with_parameters
 class Encoder(Wrapper):
     """Positions in steps of an encoder; velocities stay as they are.
 
     Attributes:
         bits: resolution, shape (n,) or (batch, n).
-        step_size: one count [rad or m], likewise: a turn / 2^bits, for a prismatic joint its
-            travel / 2^bits (1 m where it has no limits).
+        step_size: one count [rad or m], likewise; see :func:`encoder_count`.
     """
 
-    def __init__(self, plant: Plant, bits: PerJointInput = 16) -> None:
-        """Put an encoder of `bits` bits (whole numbers from 1 to 52) on every joint of `plant`."""
-        super().__init__(plant)
-        names = plant.robot.joint_names
-        if np.ndim(bits) == 0:
-            bits = check_whole(bits, "bits", 1, 52)
-        self.bits = per_joint(bits, "bits", names, "whole numbers from 1 to 52 as", _are_bits)
-        self.batch = common_batch(plant.batch, self.bits)
-        travel = plant.robot.limits.upper - plant.robot.limits.lower
-        linear = np.array([kind == "prismatic" for kind in plant.robot.joint_types])
-        self.step_size = (
-            np.where(linear, np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0), 2.0 * math.pi)
-            / 2.0**self.bits
-        )
+    config_name: ClassVar[str | None] = "encoder_bits"
+    order: ClassVar[float] = 40.0
+
+    bits: PerJoint = parameter(
+        "encoder resolution",
+        unit="bits",
+        kind="integer",
+        default=16,
+        least=1,
+        most=52,
+        per_joint=True,
+        slider=(8, 24),
+    )
+
+    def __post_init__(self) -> None:
+        """Check the resolution and work out a count."""
+        super().__post_init__()
+        self.step_size = encoder_count(self.robot, self.bits)
 
     def measure(self, state: Any) -> FullState:
         """Return positions rounded to the nearest count."""
         q, v = self.plant.measure(state)
         return FullState(np.rint(q / self.step_size) * self.step_size, v)
 
-    def parameters(self) -> dict[str, Any]:
-        """Return the resolution."""
+    def values(self) -> dict[str, Any]:
+        """Return the resolution: one number where all joints have the same."""
         whole = self.bits.astype(int)
         return {"bits": int(whole.flat[0]) if (whole == whole.flat[0]).all() else whole.tolist()}
 
 
+@with_parameters
 class Noisy(Wrapper):
     """White Gaussian noise on the measurements.
 
@@ -58,14 +74,28 @@ class Noisy(Wrapper):
         seed: seed of rollout 0; rollout i of a batch uses seed + i.
     """
 
-    def __init__(self, plant: Plant, std_q: PerJointInput, std_v: PerJointInput = 0.0, seed: int = 0) -> None:
-        """Put noise on the measurements of `plant`."""
-        super().__init__(plant)
-        names = plant.robot.joint_names
-        self.std_q = per_joint(std_q, "std_q", names, "zero or positive", not_negative)
-        self.std_v = per_joint(std_v, "std_v", names, "zero or positive", not_negative)
-        self.batch = common_batch(plant.batch, self.std_q, self.std_v)
-        self.seed = check_whole(seed, "seed", 0)
+    config_name: ClassVar[str | None] = "noise"
+    order: ClassVar[float] = 30.0
+
+    std_q: PerJoint = parameter(
+        "standard deviation of measured positions",
+        unit="rad or m",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        key="position",
+        log=True,
+    )
+    std_v: PerJoint = parameter(
+        "standard deviation of measured velocities",
+        unit="rad/s or m/s",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        key="velocity",
+        log=True,
+    )
+    seed: int = parameter("seed of rollout 0", kind="integer", default=0, least=0, in_file=False)
 
     def measure(self, state: Any) -> FullState:
         """Return the measurements with the noise of this sample."""
@@ -76,144 +106,115 @@ class Noisy(Wrapper):
             v + self.std_v * noise.normal(self.seed, k, v.shape, 1),
         )
 
-    def parameters(self) -> dict[str, Any]:
-        """Return deviations and seed."""
-        return {"std_q": self.std_q.tolist(), "std_v": self.std_v.tolist(), "seed": self.seed}
 
-
-class _Late(NamedTuple):
-    plant: Any
-    waiting: tuple[FullState, ...]
-
-
-class Delayed(Wrapper):
-    """Measurements that arrive some samples late.
+@with_parameters
+class Delayed(StatefulWrapper):
+    """Measurements that arrive some samples late; before time 0 the arm stood at its start.
 
     Attributes:
         samples: how many.
     """
 
-    def __init__(self, plant: Plant, samples: int = 1) -> None:
-        """Delay the measurements of `plant` by `samples` (0 or more)."""
-        super().__init__(plant)
-        self.samples = check_whole(samples, "samples", 0)
+    config_name: ClassVar[str | None] = "delay"
+    order: ClassVar[float] = 70.0
+    off: ClassVar[Any] = 0
 
-    def init(self, q: Array, v: Array) -> _Late:
-        """Return the state; before time 0 the arm stood at its start."""
-        state = self.plant.init(q, v)
-        return _Late(state, (self.plant.measure(state),) * (self.samples + 1))
+    samples: int = parameter(
+        "samples by which measurements are late",
+        unit="samples",
+        kind="integer",
+        default=1,
+        least=0,
+        most=10_000,
+        structural=True,
+        slider=(0, 20),
+    )
 
-    def step(self, tau: Array, state: _Late, dt: float) -> _Late:
-        """Return the next state with its measurement at the end of the queue."""
-        plant = self.plant.step(tau, state.plant, dt)
-        return _Late(plant, (*state.waiting[1:], self.plant.measure(plant)))
+    def start(self, plant: Any, q: Array) -> tuple[FullState, ...]:
+        """Return the queue of measurements."""
+        return (self.plant.measure(plant),) * (self.samples + 1)
 
-    def measure(self, state: _Late) -> FullState:
+    def follow(self, plant: Any, own: tuple[FullState, ...], dt: float) -> tuple[FullState, ...]:
+        """Return the queue with the newest measurement at its end."""
+        return (*own[1:], self.plant.measure(plant))
+
+    def measure(self, state: Wrapped) -> FullState:
         """Return the measurement that arrives now."""
-        return state.waiting[0]
-
-    def true_state(self, state: _Late) -> Any:
-        """Return the true state."""
-        return self.plant.true_state(state.plant)
-
-    def parameters(self) -> dict[str, Any]:
-        """Return the delay."""
-        return {"samples": self.samples}
+        arrived: FullState = state.own[0]
+        return arrived
 
 
-class _Differences(NamedTuple):
-    plant: Any
-    seen: FullState
-
-
-class Differentiated(Wrapper):
+@with_parameters
+class Differentiated(StatefulWrapper):
     """Velocities from filtered differences of the measured positions: what a drive without a tachometer has.
 
-    The filter is bandwidth s / (s + bandwidth), by the trapezoidal rule.
+    The filter is bandwidth s / (s + bandwidth), by the trapezoidal rule. Before time 0 the arm stood still.
 
     Attributes:
         bandwidth: of the filter [rad/s], shape (n,) or (batch, n).
     """
 
-    def __init__(self, plant: Plant, bandwidth: PerJointInput = 200.0) -> None:
-        """Differentiate what the sensors of `plant` say, with a filter of `bandwidth` [rad/s]."""
-        super().__init__(plant)
-        names = plant.robot.joint_names
-        self.bandwidth = per_joint(bandwidth, "bandwidth", names, "positive [rad/s]", positive)
-        self.batch = common_batch(plant.batch, self.bandwidth)
+    config_name: ClassVar[str | None] = "velocity_bandwidth"
+    order: ClassVar[float] = 50.0
 
-    def init(self, q: Array, v: Array) -> _Differences:
-        """Return the state; before time 0 the arm stood still."""
-        state = self.plant.init(q, v)
-        measured = self.plant.measure(state)
-        return _Differences(state, FullState(measured.q, np.zeros_like(measured.v)))
+    bandwidth: PerJoint = parameter(
+        "velocities are differences of measured positions, filtered with this bandwidth",
+        unit="rad/s",
+        default=200.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        slider=(10.0, 1000.0),
+    )
 
-    def step(self, tau: Array, state: _Differences, dt: float) -> _Differences:
-        """Return the next state with its velocities."""
-        plant = self.plant.step(tau, state.plant, dt)
+    def start(self, plant: Any, q: Array) -> FullState:
+        """Return the first measurement, at rest."""
+        measured = self.plant.measure(plant)
+        return FullState(measured.q, np.zeros_like(measured.v))
+
+    def follow(self, plant: Any, own: FullState, dt: float) -> FullState:
+        """Return the positions as they are measured, and the velocities."""
         q = self.plant.measure(plant).q
         half = 0.5 * self.bandwidth * dt
         decay = (1.0 - half) / (1.0 + half)
-        v = decay * state.seen.v + self.bandwidth / (1.0 + half) * (q - state.seen.q)
-        return _Differences(plant, FullState(q, v))
+        return FullState(q, decay * own.v + self.bandwidth / (1.0 + half) * (q - own.q))
 
-    def measure(self, state: _Differences) -> FullState:
+    def measure(self, state: Wrapped) -> FullState:
         """Return the positions as they are measured, and the velocities."""
-        return state.seen
-
-    def true_state(self, state: _Differences) -> Any:
-        """Return the true state."""
-        return self.plant.true_state(state.plant)
-
-    def parameters(self) -> dict[str, Any]:
-        """Return the bandwidth."""
-        return {"bandwidth": self.bandwidth.tolist()}
+        seen: FullState = state.own
+        return seen
 
 
-class _Held(NamedTuple):
-    plant: Any
-    last: FullState
-
-
-class DropOut(Wrapper):
-    """Measurements that are lost at random; the last one that arrived stands in.
+@with_parameters
+class DropOut(StatefulWrapper):
+    """Measurements that are lost at random; the last one that arrived stands in. The first one arrives.
 
     Attributes:
         probability: share of samples lost, joint by joint.
         seed: seed of rollout 0; rollout i of a batch uses seed + i.
     """
 
-    def __init__(self, plant: Plant, probability: float, seed: int = 0) -> None:
-        """Lose measurements of `plant` with `probability` (0 to below 1)."""
-        super().__init__(plant)
-        self.probability = check_number(probability, "probability", "in [0, 1)", highest=1.0 - 1e-12)
-        self.seed = check_whole(seed, "seed", 0)
+    config_name: ClassVar[str | None] = "drop_out"
+    order: ClassVar[float] = 60.0
+    off: ClassVar[Any] = 0.0
 
-    def init(self, q: Array, v: Array) -> _Held:
-        """Return the state; the first measurement arrives."""
-        state = self.plant.init(q, v)
-        return _Held(state, self.plant.measure(state))
+    probability: float = parameter(
+        "share of measurements lost", least=0.0, most=1.0, below=True, slider=(0.0, 0.9)
+    )
+    seed: int = parameter("seed of rollout 0", kind="integer", default=0, least=0, in_file=False)
 
-    def step(self, tau: Array, state: _Held, dt: float) -> _Held:
-        """Return the next state with what arrived."""
-        plant = self.plant.step(tau, state.plant, dt)
+    def start(self, plant: Any, q: Array) -> FullState:
+        """Return the first measurement."""
+        return self.plant.measure(plant)
+
+    def follow(self, plant: Any, own: FullState, dt: float) -> FullState:
+        """Return the last measurement that arrived."""
         q, v = self.plant.measure(plant)
         lost = noise.uniform(self.seed, self.plant.true_state(plant).k, q.shape, 4) < self.probability
-        return _Held(plant, FullState(np.where(lost, state.last.q, q), np.where(lost, state.last.v, v)))
+        return FullState(np.where(lost, own.q, q), np.where(lost, own.v, v))
 
-    def measure(self, state: _Held) -> FullState:
+    def measure(self, state: Wrapped) -> FullState:
         """Return the last measurement that arrived."""
-        return state.last
-
-    def true_state(self, state: _Held) -> Any:
-        """Return the true state."""
-        return self.plant.true_state(state.plant)
-
-    def parameters(self) -> dict[str, Any]:
-        """Return probability and seed."""
-        return {"probability": self.probability, "seed": self.seed}
-
-
-def _are_bits(bits: Array) -> npt.NDArray[np.bool_]:
-    """Tell which numbers of bits an encoder can have."""
-    return np.asarray((bits >= 1.0) & (bits <= 52.0) & (bits == np.rint(bits)))
+        seen: FullState = state.own
+        return seen

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState
-from armgpi.plants.plant import Plant, Wrapper
+from armgpi.plants.plant import Plant, StatefulWrapper, Wrapped, Wrapper
 
 _TURN = 2.0 * math.pi
 
@@ -28,35 +28,24 @@ class SingleTurn(Wrapper):
         return FullState(np.where(_continuous(self.plant), wrapped, q), v)
 
 
-class _Counted(NamedTuple):
-    plant: Any
-    q: Array
-
-
-class Unwrapped(Wrapper):
+class Unwrapped(StatefulWrapper):
     """Positions of continuous joints with their turns counted.
 
     Between two samples a joint is taken to have moved less than half a turn. At time 0 it is taken to be
     within half a turn of where it is, so that a run starts where it was told to.
     """
 
-    def init(self, q: Array, v: Array) -> _Counted:
-        """Return the state; the turns at the start are known."""
-        state = self.plant.init(q, v)
-        return _Counted(state, self._near(self.plant.measure(state).q, q))
+    def start(self, plant: Any, q: Array) -> Array:
+        """Return the measured positions; the turns at the start are known."""
+        return self._near(self.plant.measure(plant).q, q)
 
-    def step(self, tau: Array, state: _Counted, dt: float) -> _Counted:
-        """Return the next state with the position nearest to the last one."""
-        plant = self.plant.step(tau, state.plant, dt)
-        return _Counted(plant, self._near(self.plant.measure(plant).q, state.q))
+    def follow(self, plant: Any, own: Array, dt: float) -> Array:
+        """Return the measured positions nearest to the last ones."""
+        return self._near(self.plant.measure(plant).q, own)
 
-    def measure(self, state: _Counted) -> FullState:
+    def measure(self, state: Wrapped) -> FullState:
         """Return the measurement with its turns."""
-        return FullState(state.q, self.plant.measure(state.plant).v)
-
-    def true_state(self, state: _Counted) -> Any:
-        """Return the true state."""
-        return self.plant.true_state(state.plant)
+        return FullState(state.own, self.plant.measure(state.plant).v)
 
     def _near(self, measured: Array, last: Array) -> Array:
         """Return measured positions, continuous joints moved by whole turns to be nearest to `last`."""

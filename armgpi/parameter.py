@@ -1,0 +1,290 @@
+"""A parameter is declared once: its sentence, unit, default, bounds, and how it may be given.
+
+A class lists its parameters as fields::
+
+    @with_parameters
+    class PIDInversion(Controller):
+        kp: PerJoint = parameter("proportional gain", unit="1/s^2", default=400.0, least=0.0, per_joint=True)
+
+From that come its ``__init__`` with the checks, ``describe()``, the section of the experiment file, the
+option of the command line with its help, the comment in exported C, and the row of the documentation's table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields, is_dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+from typing_extensions import dataclass_transform
+
+from armgpi.arrays import Array, PerJointInput, as_float_array, check_number, check_whole, per_joint
+from armgpi.errors import ArrayError, ParameterError
+
+#: What a parameter's value is. A box is (lower, upper), or one value that does not vary.
+Kind = Literal["number", "integer", "choice", "flag", "box", "vector", "numbers", "group", "other"]
+#: Stands for the default of a parameter that must be given.
+REQUIRED: Any = Enum("Required", "REQUIRED").REQUIRED
+
+_Class = TypeVar("_Class", bound=type)
+
+if TYPE_CHECKING:
+
+    class PerJoint:
+        """Type of a per-joint field: given as numbers, lists or arrays; an array once it is checked."""
+
+        def __get__(self, instance: object, owner: type) -> Array:
+            """Return the checked array."""
+
+        def __set__(self, instance: object, value: PerJointInput) -> None:
+            """Take what the constructor takes."""
+
+else:
+    PerJoint = PerJointInput
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of a parameter.
+
+    Attributes:
+        text: what it is, in one sentence or less.
+        unit: its unit; empty for none.
+        kind: what its value is.
+        default: its default, `REQUIRED` when it must be given.
+        least: lower bound.
+        most: upper bound.
+        above: whether the lower bound itself is too small.
+        below: whether the upper bound itself is too large.
+        per_joint: whether it may differ from joint to joint.
+        choices: what a choice may be.
+        none: what None means, which is then allowed.
+        unlimited: what infinity means, which is then allowed; None (null) in an experiment file.
+        chosen: what an experiment takes when its file says nothing; the class works it out.
+        key: its name in an experiment file and on the command line; its own name when empty.
+        in_file: whether it is there at all. What is not comes from the experiment: robot, dt, seed.
+        group: for kind "group", the class whose parameters stand below it.
+        short: its option of the command line in few words; `text` when empty.
+        log: whether it is to be varied by factors, not by differences.
+        structural: whether it decides the form of the generated code, so that it cannot vary by rollout.
+        search: from where to where a search varies it.
+        slider: from where to where a slider moves it.
+        name: name of the field.
+    """
+
+    text: str
+    unit: str = ""
+    kind: Kind = "number"
+    default: Any = REQUIRED
+    least: float = -math.inf
+    most: float = math.inf
+    above: bool = False
+    below: bool = False
+    per_joint: bool = False
+    choices: tuple[str, ...] = ()
+    none: str = ""
+    unlimited: str = ""
+    chosen: str = ""
+    key: str = ""
+    in_file: bool = True
+    group: type | None = None
+    short: str = ""
+    log: bool = False
+    structural: bool = False
+    search: tuple[float, float] | None = None
+    slider: tuple[float, float] | None = None
+    name: str = ""
+
+    @property
+    def bounds(self) -> str:
+        """What its values have to be, in words, with their unit."""
+        if self.kind == "integer":
+            limit = (
+                f"from {self.least:g} to {self.most:g}" if self.most < math.inf else f"{self.least:g} or more"
+            )
+            return f"a whole number, {limit}"
+        unit = f" [{self.unit}]" if self.unit else ""
+        if math.isfinite(self.most):
+            ends = f"{'(' if self.above else '['}{self.least:g}, {self.most:g}{')' if self.below else ']'}"
+            return f"in {ends}{unit}"
+        if self.least == 0.0:
+            return f"{'positive' if self.above else 'zero or positive'}{unit}"
+        if math.isfinite(self.least):
+            return f"{'above' if self.above else 'at least'} {self.least:g}{unit}"
+        return f"finite{unit}"
+
+    @property
+    def meaning(self) -> str:
+        """Its sentence with its unit, as for a comment."""
+        return f"{self.text} [{self.unit or '-'}]" if self.numeric else self.text
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers with a unit."""
+        return self.kind in ("number", "box", "vector", "numbers")
+
+    def inside(self, values: Array) -> Any:
+        """Tell which values of an array are within the bounds, and whole where they have to be."""
+        low = values > self.least if self.above else values >= self.least
+        high = values < self.most if self.below else values <= self.most
+        return low & high & (values == np.rint(values)) if self.kind == "integer" else low & high
+
+    def checked(self, value: Any, joint_names: Sequence[str] | None = None) -> Any:
+        """Return a value as it is to be kept: a number, or for per-joint ones an array.
+
+        Args:
+            value: what was given.
+            joint_names: of the joints; when they are known, an array over them is returned.
+
+        Raises:
+            ParameterError: when a single value is not as declared.
+            ArrayError: when a per-joint value is not, or does not fit the joints; it names the joint.
+        """
+        if value is None and (self.none or self.chosen):
+            return None
+        if self.unlimited and np.ndim(value) == 0 and value == math.inf:
+            return math.inf
+        if self.kind == "choice" and value not in self.choices:
+            raise ParameterError(self.name, value, f"one of {', '.join(self.choices)}")
+        if self.kind == "flag" and not isinstance(value, bool):
+            raise ParameterError(self.name, value, "True or False")
+        if self.kind == "box":
+            return self._box(value, joint_names)
+        if self.kind in ("vector", "numbers"):
+            return self._numbers(value)
+        if self.kind in ("number", "integer"):
+            return self._per_joint(value, joint_names) if self.per_joint else self._number(value)
+        return value
+
+    def _number(self, value: Any) -> float | int:
+        """Return a single number."""
+        if self.kind == "integer":
+            return check_whole(value, self.name, int(self.least), int(min(self.most, 2**63 - 1)))
+        number = check_number(value, self.name, self.bounds, self.least, self.most, open_=self.above)
+        if self.below and number == self.most:
+            raise ParameterError(self.name, value, self.bounds)
+        return number
+
+    def _per_joint(self, value: Any, joint_names: Sequence[str] | None) -> Array:
+        """Return an array, over the joints where they are known."""
+        if self.kind == "integer" and np.ndim(value) == 0:
+            value = self._number(value)
+        expected = "whole numbers as" if self.kind == "integer" else self.bounds
+        if joint_names is not None:
+            return per_joint(value, self.name, joint_names, expected, self.inside)
+        array = as_float_array(value, self.name)
+        if not self.inside(array).all():
+            wrong = array[~self.inside(array)].flat[0]
+            raise ArrayError(self.name, f"expected {expected} values, got {wrong:g}")
+        return array
+
+    def _numbers(self, value: Any) -> Array:
+        """Return a vector of three numbers, or a list of any length."""
+        array = as_float_array(value, self.name)
+        if self.kind == "vector" and array.shape != (3,):
+            raise ArrayError(self.name, f"expected three numbers, got shape {array.shape}")
+        return array
+
+    def _box(self, value: Any, joint_names: Sequence[str] | None) -> tuple[Array, Array]:
+        """Return the lower and upper end, which are the same for one value."""
+        ends = value if isinstance(value, tuple) else (value, value)
+        if len(ends) != 2:
+            raise ParameterError(self.name, value, "a number or (lower, upper)")
+        low, high = (self._per_joint(end, joint_names) for end in ends)
+        if np.any(low > high):
+            raise ArrayError(self.name, f"expected lower <= upper, got {low.tolist()} above {high.tolist()}")
+        return low, high
+
+
+def parameter(text: str, *, default: Any = REQUIRED, kw_only: bool = False, **facts: Any) -> Any:
+    """Declare a field as a parameter.
+
+    Args:
+        text: what it is, in one sentence or less, without its unit.
+        default: its default; it must be given when there is none.
+        kw_only: whether the constructor takes it by its name alone.
+        **facts: further attributes of :class:`Parameter`.
+    """
+    return field(
+        default=MISSING if default is REQUIRED else default,
+        kw_only=kw_only,
+        metadata={"parameter": Parameter(text, default=default, **facts)},
+    )
+
+
+def parameters(cls: type) -> Mapping[str, Parameter]:
+    """Return the declared parameters of a class, name -> parameter."""
+    declared = fields(cls) if is_dataclass(cls) else ()
+    return {
+        f.name: replace(f.metadata["parameter"], name=f.name) for f in declared if "parameter" in f.metadata
+    }
+
+
+@dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(parameter, field))
+def with_parameters(cls: _Class) -> _Class:
+    """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
+    dataclass(eq=False, repr=False)(cls)
+    return cls
+
+
+class Parametrised:
+    """Something that is defined by parameters, which are checked when it is made and do not change."""
+
+    def __post_init__(self) -> None:
+        """Check all parameters; what is derived from them comes after this."""
+        self.check_parameters()
+
+    def check_parameters(
+        self, joint_names: Sequence[str] | None = None, only: Callable[[Parameter], bool] | None = None
+    ) -> None:
+        """Check the declared values and keep them in their form.
+
+        Args:
+            joint_names: of the joints that per-joint values are for, if these are known.
+            only: which parameters; all when not given.
+
+        Raises:
+            ParameterError: when a value is not as declared.
+            ArrayError: when a per-joint value is not; it names the joint.
+        """
+        for name, declared in parameters(type(self)).items():
+            if only is None or only(declared):
+                self.keep(name, declared.checked(getattr(self, name), joint_names))
+
+    def keep(self, name: str, value: Any) -> None:
+        """Put a checked value in the place of what the constructor was given: for ``__post_init__`` alone."""
+        object.__setattr__(self, name, value)
+
+    def fill(self, name: str, value: Any) -> None:
+        """Put a value in the place of a parameter that was not given: for ``__post_init__`` alone."""
+        if getattr(self, name) is None:
+            self.keep(name, value)
+
+    def values(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        return {name: plain(getattr(self, name)) for name in parameters(type(self))}
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to set a field again."""
+        if name in self.__dict__ and name in getattr(type(self), "__dataclass_fields__", ()):
+            raise FrozenInstanceError(
+                f"cannot assign to field {name!r} of {type(self).__name__}; make another one"
+            )
+        object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        """Return the class with its parameters."""
+        said = ", ".join(f"{name}={value!r}" for name, value in self.values().items())
+        return f"{type(self).__name__}({said})"
+
+
+def plain(value: Any) -> Any:
+    """Return a parameter's value as plain data: arrays as lists, boxes as [lower, upper]."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [plain(item) for item in value]
+    return value
