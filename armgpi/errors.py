@@ -9,10 +9,38 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from typing import NamedTuple, TypeVar
+
+_Error = TypeVar("_Error", bound="ArmgpiError")
+
+
+class Remedy(NamedTuple):
+    """A change that would help, as data; the command line offers it as one of its options.
+
+    Attributes:
+        kind: what to change: "effort", "lock", "keep", "mimic", "package_dir", "time_limit", "port", ...
+        joints: names of the joints concerned.
+        value: the value proposed, in the unit of what is changed; None where any other one may do.
+    """
+
+    kind: str
+    joints: tuple[str, ...] = ()
+    value: float | str | None = None
 
 
 class ArmgpiError(Exception):
-    """Root of all errors raised on purpose by armgpi."""
+    """Root of all errors raised on purpose by armgpi.
+
+    Attributes:
+        remedies: changes that would help, any one of them; the text says them in words.
+    """
+
+    remedies: tuple[Remedy, ...] = ()
+
+    def suggesting(self: _Error, *remedies: Remedy) -> _Error:
+        """Return this error with changes that would help: ``raise UrdfError(...).suggesting(...)``."""
+        self.remedies = remedies
+        return self
 
 
 class ArmgpiWarning(UserWarning):
@@ -120,9 +148,10 @@ class EffortError(ArmgpiError):
         """Describe the joint without torque and how to give it some."""
         self.joint = joint
         self.effort = float(effort)
+        self.remedies = (Remedy("effort", (joint,), 10.0), Remedy("lock", (joint,)))
         super().__init__(
             f"joint {joint!r} has effort limit {effort:g}, so no controller can move it; give it one "
-            f"with robot.with_limits(effort={{{joint!r}: 10.0}}) or --effort {joint}=10, or lock it"
+            f"with robot.with_limits(effort={{{joint!r}: 10.0}}), or lock it"
         )
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 
 import pytest
+import typer.main
 
-from armgpi import errors
+from armgpi import cli, errors
+from armgpi.cli.parsing import OPTIONS, as_option, with_options
 from armgpi.errors import (
     ArmgpiError,
     ConfigError,
@@ -14,10 +16,15 @@ from armgpi.errors import (
     LimitError,
     NameNotFound,
     ReachError,
+    Remedy,
     UrdfError,
 )
 
-CLASSES = [cls for _, cls in inspect.getmembers(errors, inspect.isclass) if cls.__module__ == errors.__name__]
+CLASSES = [
+    cls
+    for _, cls in inspect.getmembers(errors, inspect.isclass)
+    if cls.__module__ == errors.__name__ and issubclass(cls, BaseException)
+]
 
 
 def test_every_error_has_the_one_root_and_every_warning_the_other() -> None:
@@ -77,3 +84,45 @@ def test_an_error_of_a_file_points_at_its_line_and_key(key: str, line: int | Non
     error = ConfigError("run.yaml", key, "must be positive", line)
     assert str(error) == text
     assert (error.source, error.key, error.line) == ("run.yaml", key, line)
+
+
+# --- What would help -----------------------------------------------------------------------------
+
+
+def test_an_error_carries_what_would_help_as_data() -> None:
+    assert ArmgpiError("no").remedies == ()
+    error = UrdfError("arm.urdf", "moves nothing", "q2").suggesting(Remedy("lock", ("q2",)))
+    assert isinstance(error, UrdfError)
+    assert error.remedies == (Remedy("lock", ("q2",)),)
+    assert EffortError("q2", 0.0).remedies == (Remedy("effort", ("q2",), 10.0), Remedy("lock", ("q2",)))
+
+
+@pytest.mark.parametrize(
+    ("remedy", "text"),
+    [
+        (Remedy("effort", ("q2",), 10.0), "--effort q2=10"),
+        (Remedy("effort", ("q2", "q3"), 2.5), "--effort q2=2.5,q3=2.5"),
+        (Remedy("effort"), "--effort JOINT=EFFORT"),
+        (Remedy("lock", ("q2", "q3")), "--lock q2,q3"),
+        (Remedy("lock", ("q2",), 0.0), "--lock q2=0"),
+        (Remedy("mimic", value="follow"), "--mimic follow"),
+        (Remedy("omega", value=30.0), "--omega 30"),
+        (Remedy("friction"), "--friction"),
+    ],
+)
+def test_the_command_line_offers_a_remedy_as_its_option(remedy: Remedy, text: str) -> None:
+    assert as_option(remedy) == text
+    assert with_options(ArmgpiError("no").suggesting(remedy, Remedy("port"))) == f"no ({text} or --port PORT)"
+
+
+def test_an_error_made_from_another_one_offers_what_helps_that_one() -> None:
+    error = ConfigError("run.yaml", "robot.name", "no")
+    error.__cause__ = ArmgpiError("no").suggesting(Remedy("robot"))
+    assert with_options(error) == "run.yaml: robot.name: no (--robot ROBOT)"
+    assert with_options(ConfigError("run.yaml", "robot.name", "no")) == "run.yaml: robot.name: no"
+
+
+def test_every_option_that_is_offered_exists() -> None:
+    commands = typer.main.get_group(cli.app).commands.values()
+    known = {option for command in commands for parameter in command.params for option in parameter.opts}
+    assert {name for name, _ in OPTIONS.values()} <= known

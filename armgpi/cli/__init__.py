@@ -15,7 +15,7 @@ import typer
 
 from armgpi.cli import derive, doctor, experiment, export, inspect, paper, robots, validate, view, zoo
 from armgpi.cli.options import FLAG
-from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED
+from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
 
 app = typer.Typer(
     help="Torque control of any robot arm from its URDF and measured positions alone.",
@@ -85,7 +85,7 @@ def main() -> None:
         try:
             app()
         except ArmgpiError as error:
-            typer.secho(f"error: {error}", err=True, fg="red")
+            typer.secho(f"error: {with_options(error)}", err=True, fg="red")
             sys.exit(BAD_INPUT)
         except ImportError as error:  # a broken installation
             text = f"error: {error}; `armgpi doctor` looks at what is installed"

@@ -144,7 +144,7 @@ def _faults(options: dict[str, Any], experiment: Experiment) -> Any:
     except ParameterError as error:
         raise refusal(names.get(error.name, ""), str(error)) from None
     except ArmgpiError as error:
-        raise refusal("", str(error)) from None
+        raise refusal("", str(error)) from error
     return faults
 
 

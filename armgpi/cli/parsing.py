@@ -8,11 +8,27 @@ from typing import Any, TypeVar, cast
 
 import typer
 
-from armgpi.errors import ConfigError
+from armgpi.errors import ConfigError, Remedy
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+#: Kind of a remedy -> the option that does it, and how its value is shown where none is proposed.
+OPTIONS = {
+    "config": ("--config", "FILE"),
+    "effort": ("--effort", "JOINT=EFFORT"),
+    "friction": ("--friction", ""),
+    "keep": ("--keep", "JOINT,JOINT,..."),
+    "lock": ("--lock", "JOINT,JOINT,..."),
+    "mimic": ("--mimic", "follow"),
+    "omega": ("--omega", "BANDWIDTH"),
+    "package_dir": ("--package-dir", "FOLDER"),
+    "port": ("--port", "PORT"),
+    "robot": ("--robot", "ROBOT"),
+    "start": ("--from", "POSITIONS"),
+    "time_limit": ("--time-limit", "SECONDS"),
+}
 
 
 def stoppable(command: _Command) -> _Command:
@@ -27,6 +43,23 @@ def stoppable(command: _Command) -> _Command:
             raise typer.Exit(INTERRUPTED) from None
 
     return cast(_Command, run)
+
+
+def as_option(remedy: Remedy) -> str:
+    """Return the option that does what a remedy proposes, with its value ("--effort q2=10")."""
+    name, placeholder = OPTIONS[remedy.kind]
+    value = f"{remedy.value:g}" if isinstance(remedy.value, float) else remedy.value
+    joints = ",".join(joint if value is None else f"{joint}={value}" for joint in remedy.joints)
+    return f"{name} {joints or value or placeholder}".rstrip()
+
+
+def with_options(error: BaseException) -> str:
+    """Return the text of an error with the options that help, its own or those of the error it came from."""
+    cause: BaseException | None = error
+    while cause is not None and not getattr(cause, "remedies", ()):
+        cause = cause.__cause__
+    options = [as_option(remedy) for remedy in getattr(cause, "remedies", ())]
+    return f"{error} ({' or '.join(options)})" if options else str(error)
 
 
 def refusal(option: str, message: str) -> ConfigError:

@@ -168,7 +168,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         key = next((k for k in ("lock", "keep") if error.name in (getattr(section, k) or ())), "name")
         raise place.at(key).error(str(error)) from None
     except ArmgpiError as error:
-        raise place.at("name").error(str(error)) from None
+        raise place.at("name").error(str(error)) from error
     except OSError as error:  # a name too long for a file, for one
         raise place.at("name").error(f"cannot be read: {error.strerror or error}") from None
     if section.effort is not None:

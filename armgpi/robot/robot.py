@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, as_joint_array, as_number, frozen
-from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
+from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.robot import robots, urdf, urdf_model
 from armgpi.robot.dynamics import CoupledDynamics, Dynamics, PinocchioDynamics, ScaledDynamics, stacked
 
@@ -567,14 +567,16 @@ class Robot(_Checked):
         if beyond.size:
             row, j = (int(i) for i in beyond[0])
             name, effort = self.joint_names[j], float(self.limits.effort[j])
+            enough = float(f"{1.5 * abs(holding[row, j]):.3g}")
             raise LimitError(
                 f"the torque that holds the arm at {what}",
                 name,
                 holding[row, j],
                 -effort,
                 effort,
-                f"begin elsewhere, or give the joint more: --effort {name}={1.5 * abs(holding[row, j]):.3g}",
-            )
+                "begin elsewhere, or give the joint more with "
+                f"robot.with_limits(effort={{{name!r}: {enough:g}}})",
+            ).suggesting(Remedy("effort", (name,), enough))
 
     def random_positions(self, count: int, seed: int = 0) -> Array:
         """Return configurations drawn evenly from the joint ranges [rad or m], shape (count, n).
@@ -690,10 +692,9 @@ class Robot(_Checked):
         raise UrdfError(
             source,
             f"joint {joint!r} moves no inertia (links {', '.join(map(repr, links))}), so D(q) is "
-            f"singular{where}{alike}; give them mass and inertia, lock the joint (--lock "
-            f"{','.join([joint, *others[:5]])}), or check its axis",
+            f"singular{where}{alike}; give them mass and inertia, lock the joint, or check its axis",
             joint,
-        )
+        ).suggesting(Remedy("lock", (joint, *others[:5])))
 
     def _check_digits(self, configurations: Array, source: str) -> None:
         """Refuse a model whose accelerations lose their digits: lengths of 1e9 m beside others of 1 m."""

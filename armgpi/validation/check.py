@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array, check_number, check_whole
-from armgpi.errors import ModelError, ParameterError
+from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, samples
 from armgpi.validation.diagnose import Cause, Vary, diagnose
@@ -207,8 +207,8 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
         worker.name,
         "",
         f"has {n} joint{'s' if n > 1 else ''}, but the robot {robot.name} has {robot.n} ({joints}); "
-        "give the robot that the model is of, or lock joints of it (--lock, --keep)",
-    )
+        "give the robot that the model is of, or lock joints of it",
+    ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
 def _term(

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import ModelError
+from armgpi.errors import ModelError, Remedy
 from armgpi.validation import models
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
@@ -130,8 +130,10 @@ class Worker:
                 self.close()
                 doing = where if function else "to read"
                 raise ModelError(
-                    self.name, function, f"took longer than {limit:g} s {doing}; --time-limit allows more"
-                )
+                    self.name,
+                    function,
+                    f"took longer than {limit:g} s {doing}; allow more time",
+                ).suggesting(Remedy("time_limit"))
             good, answer = self._pipe.recv()
         except (EOFError, OSError):
             raise self._died(function) from None

@@ -20,7 +20,7 @@ from typing import Any
 import xarray as xr
 
 from armgpi.arrays import ArrayLike, as_joint_array
-from armgpi.errors import ArmgpiError, ParameterError, RolloutError
+from armgpi.errors import ArmgpiError, ParameterError, Remedy, RolloutError
 from armgpi.robot.robot import Robot
 from armgpi.viz import page, scene
 
@@ -40,7 +40,8 @@ class ServerError(ArmgpiError):
     def __init__(self, port: int, reason: str) -> None:
         """Say which port cannot be had and why."""
         self.port = port
-        super().__init__(f"port {port} of {LOOPBACK} cannot be used: {reason}; choose another with --port")
+        self.remedies = (Remedy("port"),)
+        super().__init__(f"port {port} of {LOOPBACK} cannot be used: {reason}; choose another port")
 
 
 def robot_page(robot: Robot, *, frame: str | None = None, live: bool = False) -> str:

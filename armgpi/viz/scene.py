@@ -20,7 +20,7 @@ import pinocchio as pin
 import xarray as xr
 
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, RolloutError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, RolloutError
 from armgpi.loop.rollout import Status, describe_end
 from armgpi.robot import urdf
 from armgpi.robot.robot import Robot
@@ -276,8 +276,8 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
             return robot
     raise RolloutError(
         f"the robot {name!r} that the rollout was made with ({source}) is not found any more, or has "
-        "changed; name a robot with the same joints (--robot)"
-    )
+        "changed; give a robot with the same joints"
+    ).suggesting(Remedy("robot"))
 
 
 # The arm -------------------------------------------------------------------------------------------------

@@ -136,8 +136,9 @@ def test_reading_a_model_has_a_limit_that_the_option_moves(
     path = tmp_path / "endless.py"
     path.write_text("while True:\n    pass\n", encoding="utf-8")
     monkeypatch.setattr(worker, "LOADING_LEAST", 0.1)
-    with pytest.raises(errors.ModelError, match=r"took longer than 0\.6 s to read; --time-limit allows more"):
+    with pytest.raises(errors.ModelError, match=r"took longer than 0\.6 s to read; allow more") as caught:
         validate(path, ARM, time_limit=0.05)
+    assert caught.value.remedies == (errors.Remedy("time_limit"),)
 
 
 def test_expressions_in_another_encoding_are_refused(tmp_path: Path) -> None:

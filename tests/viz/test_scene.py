@@ -19,7 +19,7 @@ from strategies import robots_and_states
 
 import armgpi
 from armgpi import ArmgpiWarning, Robot, robots
-from armgpi.errors import NameNotFound, RolloutError
+from armgpi.errors import NameNotFound, Remedy, RolloutError
 from armgpi.viz import meshes, scene
 from armgpi.viz.scene import Scene
 
@@ -337,8 +337,9 @@ def test_the_robot_of_a_rollout_is_found_again(tmp_path: Path) -> None:
     (tmp_path / "results").mkdir()
     urdf.rename(tmp_path / "results" / "arm.urdf")  # as when the results went to another machine
     assert scene.robot_of(rollout, tmp_path / "results").joint_names == ("to end",)
-    with pytest.raises(RolloutError, match=r"'mine'.*not found any more.*--robot"):
+    with pytest.raises(RolloutError, match=r"'mine'.*not found any more.*give a robot") as caught:
         scene.robot_of(rollout)
+    assert caught.value.remedies == (Remedy("robot"),)
     urdf.write_text(chain_text.replace("0.01", "0.02"))
     with pytest.raises(RolloutError, match="has changed"):
         scene.robot_of(rollout)

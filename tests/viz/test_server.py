@@ -17,7 +17,7 @@ from pictured import box_mesh, package, run
 import armgpi
 from armgpi import Robot
 from armgpi.cli import main, pictures
-from armgpi.errors import ParameterError
+from armgpi.errors import ParameterError, Remedy
 from armgpi.viz import meshcat
 from armgpi.viz.meshcat import Server, ServerError
 
@@ -72,8 +72,9 @@ def test_requests_by_another_name_are_refused(host: str) -> None:
 
 def test_a_port_that_is_taken() -> None:
     server = Server("page", port=0)
-    with server, pytest.raises(ServerError, match=f"port {server.port} .*--port"):
+    with server, pytest.raises(ServerError, match=f"port {server.port} .*choose another") as caught:
         Server("page", port=server.port)
+    assert caught.value.remedies == (Remedy("port"),)
     with Server("a") as first, Server("b") as second:
         assert first.port != second.port
     for port in (-1, 65536, True):
