@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hand_models import planar, scara
 
 from armgpi import GPI, Bezier, RigidBodyPlant, RobotBatch, simulate
 from armgpi.loop import units
 from armgpi.loop.units import Unit
-from tests.hand_models import planar, scara
 
 
 @pytest.mark.parametrize(

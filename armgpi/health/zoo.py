@@ -110,7 +110,7 @@ def _fingers(name: str) -> list[str]:
 
 
 def markdown(rows: list[Row]) -> str:
-    """Return rows as a Markdown table; one value of a metric stands for all factors on D(q) where they agree."""
+    """Return rows as a Markdown table; factors on D(q) that agree in a metric share one value."""
     shown = metrics.shown_in("zoo")
     factors = " / ".join(f"{scale:g}" for scale in SCALES)
     units = [f" [{metric.unit}]" if any(metric.unit) else "" for metric in shown]
