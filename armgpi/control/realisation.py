@@ -7,12 +7,16 @@ the same filter. They differ in their states, and therefore under gains that cha
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections import namedtuple
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array, new
+from armgpi.control.family import PRINTED, Member, partial_fractions
 from armgpi.control.gains import Tuning, betas
 
 
@@ -41,86 +45,154 @@ class Realisation(ABC):
         """Return the next state, after v was asked for and v + `a` applied (anti-windup); None means v."""
 
 
-class BumplessState(NamedTuple):
-    """State of the bumpless realisation.
-
-    Attributes:
-        lam: settles on the disturbance acceleration, whatever the gains [rad/s^2].
-        chi: settles on its slope [rad/s^3].
-        eta: filtered derivative of the error, times its gain [rad/s^2].
-    """
-
-    lam: Array
-    chi: Array
-    eta: Array
+def _record(kind: str, integrators: int, filtered: int, fields: Sequence[str]) -> type[Any]:
+    """Return a NamedTuple for one member of the family, which pickle finds by its name."""
+    name = f"{kind}{integrators}{filtered - 1}"
+    made: type[Any] = namedtuple(name, fields)  # type: ignore[misc]
+    globals()[name] = made
+    return made
 
 
-class _BumplessCoefficients(NamedTuple):
-    direct: Array  # from the error into v
-    lam: Array  # from the error into lam, by itself and by way of chi
-    chi: Array
-    eta: Array
-    decay: Array  # of eta over a sample
-    dt: Array  # sample time [s]
-    back_lam: Array  # anti-windup, times the sample time
-    back_chi: Array
+class _Records(NamedTuple):
+    state: type[Any]
+    coefficients: type[Any]
+
+
+def _records(integrators: int, filtered: int) -> _Records:
+    """Return the types of the state and of the coefficients with so many integrators and filter states."""
+    chain, filters = ("lam", "chi", "psi")[:integrators], ("eta", "eta_2", "eta_3")[:filtered]
+    leaks = ("decay", "leak_2", "leak_3")[:filtered]
+    fields = ("direct", *chain, *filters, *leaks, "dt", *(f"back_{name}" for name in chain))
+    return _Records(
+        _record("BumplessState", integrators, filtered, (*chain, *filters)),
+        _record("BumplessCoefficients", integrators, filtered, fields),
+    )
+
+
+_RECORDS = {(m, r): _records(m, 1 + r) for m in (1, 2, 3) for r in (0, 1, 2)}
+
+#: Anti-windup: while the torque is cut, the integrators follow what is applied with the polynomial
+#: (s + omega_c)^(m - 1) (s + 2 omega_c); its coefficients below the leading one, without powers of omega_c.
+_BACK = {1: (2.0,), 2: (3.0, 2.0), 3: (4.0, 5.0, 2.0)}
 
 
 class Bumpless(Realisation):
-    """Partial fractions of C(s) with the gains inside the integrals.
+    """Partial fractions of C(s) with the gains inside the integrals, for any member of the family.
 
-        v = -(beta3 e + lam + eta)
-        lam' = b e + chi            b = (beta1 - beta0 / beta4) / beta4
-        chi' = c e                  c = beta0 / beta4
-        eta' = -beta4 eta + d e     d = (-beta3 beta4^3 + beta2 beta4^2 - beta1 beta4 + beta0) / beta4^2
+        v = -(direct e + lam + eta)
+        lam' = g_1 e + chi          lam settles on the disturbance acceleration [rad/s^2], whatever the gains
+        chi' = g_2 e + psi          chi on its slope [rad/s^3], psi on its curvature [rad/s^4]
+        psi' = g_3 e
+        eta = F(s) / D(s) e         a filtered derivative
 
-    Three bounded states for a third-order C(s); while e = 0, changing a gain changes nothing.
+    There are as many of lam, chi, psi as integrators, and as many states of the filter as D has poles (eta,
+    eta_2, eta_3). The filter is in observer form: the states enter v by a factor of 1, the error enters the
+    states by the gains. So while e = 0, changing a gain changes nothing, and no root of D is needed.
+
+    Attributes:
+        member: of the family.
     """
 
-    def coefficients(self, tuning: Tuning, dt: float) -> _BumplessCoefficients:
-        """Return the coefficients of the trapezoidal rule; see :meth:`Realisation.coefficients`."""
-        beta0, beta1, beta2, beta3, beta4 = betas(tuning)
-        c = beta0 / beta4
-        b = (beta1 - c) / beta4
-        d = beta2 - beta3 * beta4 - b
-        half = 0.5 * dt
-        shrunk = half * beta4
-        decay = (1.0 - shrunk) / (1.0 + shrunk)
-        filtered = half * d / (1.0 + shrunk)
-        back = dt * tuning.omega_c
-        return _BumplessCoefficients(
-            direct=-(beta3 + half * (b + half * c) + filtered),
-            lam=dt * (b + dt * c),
-            chi=dt * c,
-            eta=(1.0 + decay) * filtered,
-            decay=decay,
-            dt=np.array(dt),
-            # Back-calculation on both integrators: on lam alone it diverges for fast loops.
-            back_lam=3.0 * back,
-            back_chi=2.0 * back * tuning.omega_c,
-        )
+    def __init__(self, member: Member = PRINTED) -> None:
+        """Realise a member of the family, the printed law when not given."""
+        self.member = member
+        self._state, self._coefficients = _RECORDS[member.integrators, member.rolloff]
 
-    def init(self, hold: Array, c: _BumplessCoefficients) -> BumplessState:
+    def coefficients(self, tuning: Tuning, dt: float) -> Any:
+        """Return the coefficients of the trapezoidal rule; see :meth:`Realisation.coefficients`.
+
+        An integral is (dt / 2) (z + 1) / (z - 1). Both blocks are kept as chains in 1 / (z - 1).
+        """
+        terms = partial_fractions(tuning, self.member)
+        half = 0.5 * dt
+        chain = terms.integrals[::-1]
+        direct = _at_once(chain, half)
+        if terms.direct is not None:
+            direct = terms.direct + direct
+        drive = [dt * x for x in _delta(chain, half)]
+        passed, filter_drive, leak = _filter(terms.numerator, terms.denominator, half)
+        back, power = [], np.array(dt)
+        for factor in _BACK[self.member.integrators]:
+            power = power * tuning.omega_c
+            back.append(factor * power)
+        values = (-(direct + passed), *drive, *filter_drive, *leak, np.array(dt), *back)
+        return new(self._coefficients, values)
+
+    def init(self, hold: Array, c: Any) -> Any:
         """Return the state at rest; see :meth:`Realisation.init`."""
         zero = np.zeros_like(hold)
-        return BumplessState(lam=zero - hold, chi=zero, eta=zero)
+        return new(self._state, (zero - hold, *[zero] * (self.member.integrators + self.member.rolloff)))
 
-    def output(self, e: Array, state: BumplessState, c: _BumplessCoefficients) -> Array:
+    def output(self, e: Array, state: Any, c: Any) -> Array:
         """Return v; see :meth:`Realisation.output`."""
-        return c.direct * e - state.lam - state.eta
+        v: Array = c.direct * e - state.lam - state.eta
+        return v
 
-    def update(
-        self, e: Array, v: Array, a: Array | None, state: BumplessState, c: _BumplessCoefficients
-    ) -> BumplessState:
+    def update(self, e: Array, v: Array, a: Array | None, state: Any, c: Any) -> Any:
         """Return the next state; see :meth:`Realisation.update`."""
-        lam, chi, eta = state
-        lam = lam + c.dt * chi + c.lam * e
-        chi = chi + c.chi * e
-        eta = c.decay * eta + c.eta * e
+        m, order = self.member.integrators, len(state)
+        drive, leak, dt = c[1 : 1 + order], c[1 + order : -1 - m], c.dt
+        chain, filters = state[:m], state[m:]
+        eta = filters[0]
+        kept = (leak[0] * eta, *[x - gain * eta for x, gain in zip(filters[1:], leak[1:], strict=True)])
+        chain = _fed(chain, chain, drive[:m], e, dt)
         if a is not None:
-            lam = lam - c.back_lam * a
-            chi = chi - c.back_chi * a
-        return new(BumplessState, (lam, chi, eta))
+            chain = [x - gain * a for x, gain in zip(chain, c[-m:], strict=True)]
+        return new(self._state, (*chain, *_fed(kept, filters, drive[m:], e, dt)))
+
+
+def _fed(
+    kept: Sequence[Array], old: Sequence[Array], drive: Sequence[Array], e: Array, dt: Array
+) -> list[Array]:
+    """Return a chain's next states: what each kept, `dt` times the next one before, and of the error."""
+    raised = [x + dt * above for x, above in zip(kept, old[1:], strict=False)]
+    return [x + gain * e for x, gain in zip((*raised, kept[-1]), drive, strict=True)]
+
+
+def _at_once(f: Sequence[Array], half: float) -> Array:
+    """Return f_0 half^k + f_1 half^(k - 1) + ... + f_(k - 1) half."""
+    total = half * f[0]
+    for x in f[1:]:
+        total = half * (x + total)
+    return total
+
+
+def _beyond(f: Sequence[Array], half: float) -> Array | float:
+    """Return what a chain of more than one state adds to the coefficients of its first."""
+    k = len(f)
+    return sum((2.0 * (k - 1 - i) * half ** (k - i)) * x for i, x in enumerate(f[:-1]))
+
+
+def _delta(f: Sequence[Array], half: float) -> list[Array]:
+    """Return a numerator f over s^k in powers of (z - 1) / dt, the powers k - 1 to 0 in this order.
+
+    With s = g / (1 + half g) it is f_0 (1 + half g)^k + f_1 g (1 + half g)^(k - 1) + ...
+    """
+    k = len(f)
+
+    def coefficient(j: int) -> Array:
+        return sum(((math.comb(k - i, j - i) * half ** (j - i)) * f[i] for i in range(j - 1, -1, -1)), f[j])
+
+    return [coefficient(j) for j in range(k - 1, -1, -1)]
+
+
+class _Filter(NamedTuple):
+    passed: Array  # from the error into the output at once
+    drive: tuple[Array, ...]  # from the error into each state
+    leak: tuple[Array, ...]  # from the first state: what it keeps, and what it takes from the others
+
+
+def _filter(f: Sequence[Array], d: Sequence[Array], half: float) -> _Filter:
+    """Return F(s) / D(s) by the trapezoidal rule as a chain in observer form."""
+    shrunk = _at_once(d, half)
+    scale = 1.0 + shrunk
+    passed = _at_once(f, half) / scale
+    decay = (1.0 - shrunk - _beyond(d, half)) / scale
+    drive = (1.0 + decay) * passed + _beyond(f, half) / scale
+    dt = 2.0 * half
+    leaks = [dt * (x / scale) for x in _delta(d, half)[1:]]
+    drives = [dt * (x / scale) - passed * y for x, y in zip(_delta(f, half)[1:], leaks, strict=True)]
+    return _Filter(passed, (drive, *drives), (decay, *leaks))
 
 
 class PaperState(NamedTuple):
