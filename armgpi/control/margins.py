@@ -214,6 +214,11 @@ def _square(p: Array) -> Array:
     return _cross(p, p)[0]
 
 
+def _product(p: Array, q: Array) -> Array:
+    """Return the product of two polynomials, in the type that NumPy's stubs lose."""
+    return np.asarray(np.polymul(p, q))
+
+
 def _slope(p: Array) -> Array:
     """Return the derivative of a polynomial."""
     return p[:-1] * np.arange(len(p) - 1, 0, -1)
@@ -227,10 +232,10 @@ def _positive(p: Array) -> Array:
 
 def _stationary(above: Array, below: Array) -> Array:
     """Return u = w^2 >= 0 among which above(u) / below(u) has its largest and smallest values."""
-    rise, fall = np.polymul(_slope(above), below), np.polymul(above, _slope(below))
+    slope = _product(_slope(above), below) - _product(above, _slope(below))
     # Real parts of all roots: what is no stationary point is just one frequency more.
-    roots = np.roots(np.asarray(np.polysub(rise, fall)))
-    return np.concatenate([roots.real[roots.real > 0.0], [0.0, 1e9]])
+    u = np.roots(slope).real
+    return np.array([*u[u > 0.0], 0.0, 1e9])
 
 
 def _stable(denominator: Array, numerator: Array) -> bool:

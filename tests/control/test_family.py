@@ -45,7 +45,7 @@ def members(kind: tuple[int, int]) -> st.SearchStrategy[Member]:
     return st.builds(Member, st.just(kind[0]), st.just(kind[1]), ratios, seconds)
 
 
-def desired(tuning: Tuning, member: Member) -> Array:
+def desired(tuning: Tuning, member: Member) -> npt.NDArray[Any]:
     """Return the characteristic polynomial multiplied out by NumPy, highest power first."""
     w, z, p = map(float, tuning)
     w2, z2 = (w, z) if member.second is None else (float(member.second.ratio) * w, float(member.second.zeta))
@@ -398,6 +398,7 @@ def test_linear_adrc_is_a_member_with_roll_off_one(
 @given(tunings())
 def test_one_integrator_without_roll_off_is_a_pid_with_a_filtered_derivative(tuning: Tuning) -> None:
     direct, (ki,), (f,), (corner,) = partial_fractions(tuning, Member(1, 0))
+    assert direct is not None
     kp, kd = direct + f / corner, -f / corner**2
     s = 1j * tuning.omega_c
     pid = kp + ki / s + kd * s * corner / (s + corner)
