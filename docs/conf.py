@@ -2,14 +2,29 @@
 
 from importlib.metadata import version as _version
 
+from armgpi.loop import metrics as _metrics
+
 project = "armgpi"
 author = "The armgpi developers"
 project_copyright = author
 release = version = _version("armgpi")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "substitution"]
 myst_heading_anchors = 3  # lets pages link to each other's headings
+
+
+def metrics_table():
+    """Return the metrics as a Markdown table, from their declarations."""
+    rows = [("column", "name in files", "meaning", "unit", "shown in"), ("---",) * 5]
+    for name, metric in _metrics.ALL.items():
+        meaning = metric.function.__doc__.partition("\n\n")[0].removeprefix("Return ").rstrip(".")
+        row = (metric.heading, f"`{name}`", meaning, str(metric.unit) or "–", ", ".join(metric.tables))
+        rows.append(tuple(cell.replace("|", "\\|").replace("``", "`") or "files alone" for cell in row))
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+myst_substitutions = {"metrics_table": metrics_table()}
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

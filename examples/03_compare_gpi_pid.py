@@ -4,7 +4,7 @@
 # ///
 """GPI against PID with dynamic inversion on a UR5, when the model is right and when it is not.
 
-GPI sees positions and uses D(q). The PID sees velocities as well and cancels Coriolis and gravity torques
+GPI measures positions and uses D(q). The PID measures velocities too and cancels Coriolis and gravity torques
 with the whole model, so it is nearly perfect while the model is; what it does not know, its integral has
 to find. Both read the same 16-bit encoders; the velocities are exact, which flatters the PID: GPI has to
 make its own from encoder steps, and pays with chatter of the torque.
@@ -30,9 +30,9 @@ for name, arm in arms.items():
     plant = Encoder(Saturated(RigidBodyPlant(arm)), bits=16)
     for label, controller in controllers.items():
         rollout = simulate(plant, controller, reference, t_final=9.0)
-        sees = "positions" if controller.measurement_type.__name__ == "Measurement" else "and velocities"
+        measures = "positions" if controller.measurement_type.__name__ == "Measurement" else "and velocities"
         print(
-            f"{name:24} {label:10} {sees:14} {describe_end(rollout)[0]:10} "
+            f"{name:24} {label:10} {measures:14} {describe_end(rollout)[0]:10} "
             f"{float(metrics.itae(rollout).sum()):8.4f} {float(metrics.peak_error(rollout).max()):9.5f} "
             f"{float(metrics.final_error(rollout).max()):9.6f} "
             f"{float(metrics.total_variation(rollout).sum()):8.0f}"

@@ -94,6 +94,7 @@ def test_code_of_a_page_runs_and_prints_what_the_page_shows(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(armgpi.metrics, "ALL", dict(armgpi.metrics.ALL))  # what a page declares stays there
     namespace: dict[str, object] = {"__name__": "__main__"}
     printed = ""
     for block in blocks(page):

@@ -1,6 +1,10 @@
-"""Figures of merit against closed forms, SciPy and their own laws."""
+"""Metrics against closed forms, SciPy and their own laws, and declared once."""
 
 from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +14,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad, trapezoid
 
-from armgpi import Status, metrics
+from armgpi import Status, config, metrics
+from armgpi.config.experiment import compare, save
 from armgpi.errors import ArmgpiError, RolloutError
+from armgpi.loop.units import Unit
 
+ROOT = Path(__file__).parents[1]
 T, H = 4.0, 1e-3
 TIME = np.arange(round(T / H) + 1) * H
-#: How each figure grows when all errors and torques are multiplied by a factor.
+#: How each metric grows when all errors and torques are multiplied by a factor.
 POWER = dict.fromkeys(metrics.ALL, 1) | {"ise": 2, "isci": 2, "saturated_time": 0, "effort_used": 0}
 
 
@@ -147,7 +154,7 @@ def with_signals(e: np.ndarray, tau: np.ndarray) -> xr.Dataset:
 
 @settings(max_examples=30)
 @given(ERRORS)
-def test_no_figure_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
+def test_no_metric_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
     table = metrics.summary(with_signals(*signals))
     for name in metrics.ALL:
         assert (table[name] >= 0.0).all()
@@ -156,7 +163,7 @@ def test_no_figure_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
 
 @settings(max_examples=30)
 @given(ERRORS, FACTORS)
-def test_figures_scale_with_the_error_or_its_square(
+def test_metrics_scale_with_the_error_or_its_square(
     signals: tuple[np.ndarray, np.ndarray], factor: float
 ) -> None:
     run = with_signals(*signals)
@@ -168,8 +175,23 @@ def test_figures_scale_with_the_error_or_its_square(
 
 
 @settings(max_examples=30)
+@given(ERRORS, FACTORS, FACTORS, FACTORS)
+def test_a_metric_scales_as_its_unit_says(
+    signals: tuple[np.ndarray, np.ndarray], position: float, torque: float, time: float
+) -> None:
+    run = with_signals(*signals)
+    factors = dict.fromkeys(("q", "q_ref", "lower", "upper"), position) | {"tau": torque, "effort": torque}
+    scaled = run.assign({name: factor * run[name] for name, factor in factors.items()})
+    scaled = scaled.assign_coords(time=time * run["time"])
+    for metric in metrics.ALL.values():
+        unit = metric.unit
+        factor = position**unit.position * torque**unit.torque * time**unit.time
+        np.testing.assert_allclose(metric(scaled), factor * metric(run), rtol=1e-9, atol=1e-14)
+
+
+@settings(max_examples=30)
 @given(ERRORS, st.randoms(use_true_random=False))
-def test_figures_do_not_depend_on_the_order_of_joints(
+def test_metrics_do_not_depend_on_the_order_of_joints(
     signals: tuple[np.ndarray, np.ndarray], random: object
 ) -> None:
     run = with_signals(*signals)
@@ -194,7 +216,7 @@ def test_integrals_of_errors_agree_with_scipy_on_any_grid(signals: tuple[np.ndar
 
 @settings(max_examples=30)
 @given(ERRORS)
-def test_a_thinned_rollout_has_the_figures_of_the_samples_kept(
+def test_a_thinned_rollout_has_the_metrics_of_the_samples_kept(
     signals: tuple[np.ndarray, np.ndarray],
 ) -> None:
     run = with_signals(*signals)
@@ -211,7 +233,7 @@ def test_a_thinned_rollout_has_the_figures_of_the_samples_kept(
 
 
 @pytest.mark.parametrize("name", metrics.ALL)
-def test_a_figure_is_a_pure_function(name: str) -> None:
+def test_a_metric_is_a_pure_function(name: str) -> None:
     run = rollout(column(0.1 * np.sin(TIME)), column(np.cos(TIME)))
     for variable in run.variables.values():
         if variable.dtype.kind == "f" and isinstance(variable._data, np.ndarray):
@@ -222,7 +244,7 @@ def test_a_figure_is_a_pure_function(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", metrics.ALL)
-def test_a_figure_has_one_number_per_rollout_and_joint_with_units(name: str) -> None:
+def test_a_metric_has_one_number_per_rollout_and_joint_with_units(name: str) -> None:
     single = metrics.ALL[name](rollout(np.zeros((len(TIME), 2))))
     assert single.dims == ("joint",)
     assert {"units", "long_name"} <= set(single.attrs)
@@ -231,7 +253,7 @@ def test_a_figure_has_one_number_per_rollout_and_joint_with_units(name: str) -> 
     assert batch.sizes == {"rollout": 3, "joint": 2}
 
 
-def test_the_figures_of_a_batch_are_those_of_its_rollouts() -> None:
+def test_the_metrics_of_a_batch_are_those_of_its_rollouts() -> None:
     x = np.random.default_rng(0).normal(size=(2, 3, len(TIME), 2))
     batch = rollout(x[0], x[1], status=[0, 0, 0])
     table = metrics.summary(batch)
@@ -249,14 +271,14 @@ def test_a_diverged_rollout_has_infinite_cost_and_the_others_their_own(name: str
     e = np.full((2, len(TIME), 2), 0.1)
     e[1, 100:] = np.nan
     run = rollout(e, e, status=[Status.FINISHED, Status.DIVERGED])
-    figure = metrics.ALL[name](run)
-    np.testing.assert_array_equal(figure[1], [np.inf, np.inf])
-    np.testing.assert_array_equal(figure[0], metrics.ALL[name](run.isel(rollout=0)))
-    assert np.isfinite(figure[0]).all()
+    values = metrics.ALL[name](run)
+    np.testing.assert_array_equal(values[1], [np.inf, np.inf])
+    np.testing.assert_array_equal(values[0], metrics.ALL[name](run.isel(rollout=0)))
+    assert np.isfinite(values[0]).all()
 
 
 @pytest.mark.parametrize("name", metrics.ALL)
-def test_an_interrupted_rollout_among_longer_ones_has_the_figures_until_then(name: str) -> None:
+def test_an_interrupted_rollout_among_longer_ones_has_the_metrics_until_then(name: str) -> None:
     x = np.random.default_rng(1).normal(size=(2, 2, len(TIME), 3))
     x[:, 1, 1000:] = np.nan
     joined = rollout(x[0], x[1], status=[Status.FINISHED, Status.INTERRUPTED])
@@ -276,3 +298,103 @@ def test_too_few_samples_are_refused(name: str, samples: int) -> None:
 def test_a_dataset_that_is_no_rollout_is_refused(name: str) -> None:
     with pytest.raises(ArmgpiError, match="lacks"):
         metrics.ALL[name](xr.Dataset({"x": ("time", TIME)}))
+
+
+# Declared once.
+
+
+def test_units_in_files_are_those_of_the_joints() -> None:
+    run = rollout(np.zeros((len(TIME), 2)))
+    kinds = {"rad s^2": ["revolute", "prismatic"], "m s^2": ["prismatic", "prismatic"]}
+    for expected, types in kinds.items():
+        assert metrics.itae(run.assign_coords(joint_type=("joint", types))).units == expected
+    assert metrics.itae(run).units == "rad s^2"  # it does not say
+
+
+def test_numbers_have_as_many_digits_as_there_are() -> None:
+    short = metrics.short
+    assert [short(x) for x in (None, np.inf, np.nan, 0.0, 1e-13, 0.123456, 12345.6)] == [
+        *("-", "-", "-", "0", "0", "0.1235", "1.235e+04"),
+    ]
+    assert short(0.123456, 2) == "0.12"
+    itae = metrics.ALL["itae"]
+    assert (itae.text(0.123456), itae.text(0.123456, most=2)) == ("0.1235", "0.12")
+
+
+@pytest.fixture
+def scratch(monkeypatch: pytest.MonkeyPatch) -> metrics.Metric:
+    """A metric that is declared and nothing else: the mean of t e^2."""
+    monkeypatch.setattr(metrics, "ALL", dict(metrics.ALL))
+
+    @metrics.metric("scratch", Unit(position=2, time=1), "errors", long_name="a scratch metric", digits=3)
+    def scratch_metric(rollout: xr.Dataset) -> xr.DataArray:
+        """Return a mean that nobody needs."""
+        return (rollout["time"] * metrics.error(rollout) ** 2).mean("time")
+
+    return metrics.ALL["scratch_metric"]
+
+
+@pytest.fixture(scope="module")
+def run_of_arm() -> tuple[config.Experiment, xr.Dataset]:
+    text = """
+    robot: {name: anthropomorphic3}
+    plant: {loads: [{type: sine, amplitude: 0.3, omega: 9}]}
+    t_final: 0.2
+    """
+    experiment = config.build(*config.parse(text, "x.yaml"))
+    return experiment, compare(experiment, progress=False)
+
+
+def test_a_metric_is_declared_once_and_is_everywhere(
+    scratch: metrics.Metric,
+    run_of_arm: tuple[config.Experiment, xr.Dataset],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from armgpi.cli.tables import print_tables
+    from armgpi.viz import report
+
+    monkeypatch.setenv("COLUMNS", "300")
+    experiment, run = run_of_arm
+    values = scratch(run.isel(rollout=0)).values
+    texts = [f"{value:.3g}" for value in values]
+    assert min(values) > 1e-9
+    # JSON.
+    files = save(run, experiment, tmp_path)
+    (record,) = json.loads(next(file for file in files if file.suffix == ".json").read_text())
+    np.testing.assert_array_equal(record["metrics"]["scratch_metric"], values)
+    # The terminal: among the errors, before the torques.
+    print_tables(experiment, [record])
+    out = capsys.readouterr().out
+    header, units = out.splitlines()[2:4]
+    assert header.index("final error") < header.index("scratch") < header.index("ISCI")
+    assert units.count("rad² s ") == 1
+    assert all(text in out for text in texts)
+    # The report.
+    html = report.build(run)
+    assert "scratch<br>rad² s" in html
+    assert all(f"<td>{text}</td>" in html for text in texts)
+    # NetCDF.
+    metrics.summary(run).drop_vars(["label", "measurement"]).to_netcdf(tmp_path / "metrics.nc")
+    with xr.open_dataset(tmp_path / "metrics.nc") as table:
+        assert table["scratch_metric"].attrs == {"long_name": "a scratch metric", "units": "rad^2 s"}
+    # The documentation.
+    table = runpy.run_path(str(ROOT / "docs" / "conf.py"))["metrics_table"]()
+    assert "| scratch | `scratch_metric` | a mean that nobody needs | rad² s or m² s | " in table
+
+
+def test_a_metric_is_in_the_tables_of_the_reproduction_and_of_the_zoo(
+    scratch: metrics.Metric, run_of_arm: tuple[config.Experiment, xr.Dataset]
+) -> None:
+    from armgpi.health import zoo
+    from armgpi.paper import published
+    from armgpi.paper.reproduction import tables
+
+    _, run = run_of_arm
+    found = tables.contenders([("ideal", run.assign_coords(scale=("rollout", [1.0])))])
+    sheet = tables.comparison(published.TABLES[0], "ideal", found, np.ones(3))
+    place = sheet.header.index("a scratch metric [rad² s]")
+    assert sheet.rows[-1][place] == f"{float(scratch(run).max()):.3g}"  # the worst joint
+    row = zoo.Row("arm", 3, 0.5, False, 30.0, {m.name: (1.0, 2.0, 3.0) for m in metrics.shown_in("zoo")}, "")
+    assert "| scratch [rad² s or m² s], D × 0.8 / 1 / 1.2 |" in zoo.markdown([row])
