@@ -394,7 +394,7 @@ def columns(state: Any, rollouts: tuple[int, ...]) -> Array:
 
 def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
     """Return the shape that a leaf has in one rollout: it is an array for all of them, or a row for each."""
-    shape = np.shape(value)
+    shape: tuple[int, ...] = np.shape(value)
     return shape[1:] if rollouts and len(shape) > 1 else shape
 
 

@@ -21,7 +21,7 @@ from armgpi.codegen.state import map_leaves
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import Trace, check_repeatable, columns, trace, tracing
 from armgpi.errors import BackendError
-from armgpi.loop.rollout import Recording, Status
+from armgpi.loop.rollout import Recording
 from armgpi.robot.dynamics import thread_count
 
 #: What every run records, in this order; the first five belong to the sample, the others to the torque.
@@ -133,12 +133,18 @@ class _Job(ctypes.Structure):
 
 
 class CompiledRun:
-    """A run in progress: as the loop's own, but by generated code.
+    """A run by generated code: a :class:`armgpi.loop.runner.Runner`.
 
     Attributes:
+        recording: where samples go.
         done: samples taken.
         chunk: samples to take next: as many as one call should.
+        rows: number of rollouts.
+        lanes: how many of them the code works on at once.
+        threads: how many threads share them out.
     """
+
+    backend = "compiled"
 
     def __init__(
         self,
@@ -300,9 +306,7 @@ class CompiledRun:
     def interrupt(self) -> None:
         """Keep the samples that were whole when the user stopped the run."""
         self._store(self.done)
-        recording = self.recording
-        recording.t_end[recording.running] = self.done * self.loop.dt
-        recording.status[recording.running] = Status.INTERRUPTED
+        self.recording.interrupt(self.done)
         self._close()
 
     def _close(self) -> None:
@@ -349,8 +353,7 @@ class CompiledRun:
         """Note which rollouts have diverged and when."""
         recording, ended = self.recording, self._keep["ended"]
         rows = np.flatnonzero((ended >= 0) & recording.running)
-        recording.status[rows] = Status.DIVERGED
-        recording.t_end[rows] = ended[rows] * self.loop.dt
+        recording.diverge(rows, ended[rows])
 
     def _store(self, samples: int) -> None:
         """Say how many samples there are; a rollout that diverged has its targets alone from then on."""

@@ -6,9 +6,9 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,28 +16,29 @@ import xarray as xr
 from armgpi.arrays import Array, ArrayLike, as_joint_array, check_number, check_whole, new
 from armgpi.control.controller import Controller, FullState, Measurement, common_batch
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
-from armgpi.loop.rollout import Recording, Status, to_dataset
+from armgpi.loop.rollout import Recording, to_dataset
+from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.references.reference import Reference, Target
 
-if TYPE_CHECKING:
-    from armgpi.compiled.run import CompiledRun
-
-#: Longest stretch of samples between two looks at whether something diverged.
-_CHUNK = 256
-#: Numbers per recorded quantity and chunk, so that a batch of thousands stays in memory.
-_CHUNK_NUMBERS = 1 << 19
 #: More samples than this cannot be counted in a float.
 _MOST_STEPS = 1e15
-#: How many configurations of the reference are checked against the joint limits before the run; fewer where
-#: the reference of a large batch has more numbers in all than this.
-_MOST_CHECKS, _FEWEST_CHECKS, _CHECKED_NUMBERS = 2001, 65, 1 << 20
+#: How many configurations of the reference are checked against the joint limits before the run.
+_MOST_CHECKS = 2001
+#: How many they are at least, where the reference of a large batch ...
+_FEWEST_CHECKS = 65
+#: ... has more numbers in all than this.
+_CHECKED_NUMBERS = 1 << 20
 #: Seconds after which a run gets a progress bar.
 _LONG = 2.0
 #: What takes the samples of a run.
 BACKENDS = ("numpy", "compiled", "auto")
-#: About what NumPy takes for a sample [s], and for each number in it; and what is worth compiling for.
-_CALLS, _NUMBER, _WORTH = 6e-5, 5e-7, 2.0
+#: About what NumPy takes for the calls of a sample, whatever its size [s].
+_CALLS = 6e-5
+#: What it takes for each number in a sample on top [s].
+_NUMBER = 5e-7
+#: A run that NumPy takes longer for is worth compiling [s]: about what a compiler takes.
+_WORTH = 2.0
 
 
 class LoopState(NamedTuple):
@@ -178,6 +179,15 @@ class ClosedLoop:
         """Return the true state of the plant."""
         return self.plant.true_state(state.plant)
 
+    def describe(self) -> dict[str, Any]:
+        """Return the parts, and what the controller measures, as plain data for a rollout's provenance."""
+        return {
+            "plant": self.plant.describe(),
+            "controller": self.controller.describe(),
+            "reference": self.reference.describe(),
+            "measurement": self.controller.measurement_type.__name__,
+        }
+
     def _seen(self, measured: FullState) -> Measurement | FullState:
         """Return the part of a measurement that the controller may see."""
         return measured if self._measures_velocity else Measurement(measured.q)
@@ -193,7 +203,7 @@ def simulate(
     v0: ArrayLike | None = None,
     record_every: int = 1,
     signals: bool = False,
-    divergence: float = 10.0,
+    divergence: float = DIVERGENCE,
     progress: bool | None = None,
     backend: str = "numpy",
 ) -> xr.Dataset:
@@ -209,7 +219,7 @@ def simulate(
         record_every: record every so many samples.
         signals: record the controller's inner signals as well.
         divergence: a rollout has diverged when a joint is farther than this from its reference
-            [rad or m], or when a number is not finite.
+            [rad or m], or when a velocity or torque is not finite.
         progress: show a progress bar; when not given, on a terminal and for long runs.
         backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
             where there can be none; "auto" for generated code where it saves more time than it takes to make.
@@ -234,36 +244,38 @@ def simulate(
     _check_reference(loop, steps * loop.dt)
 
     recording = Recording.new(loop.true_state(state).q.shape, steps, loop.dt, record_every)
-    plain = _Run(loop, state, recording, divergence, signals)
-    run: _Run | CompiledRun = plain
-    with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
-        try:
-            if _worth_compiling(backend, recording, steps):
-                run = _compiled(plain, warn=backend == "compiled")
-            while run.done < steps and recording.running.any():
-                advance(run.take(min(run.chunk, steps - run.done)))
-            run.finish()
-        except KeyboardInterrupt:
-            run.interrupt()
-            warnings.warn(
-                f"interrupted at t = {run.done * loop.dt:g} s of {steps * loop.dt:g} s; kept what is there",
-                ArmgpiWarning,
-                stacklevel=2,
-            )
+    by_numpy = NumPyRun(loop, state, recording, divergence, signals=signals)
+    run = _finished(by_numpy, steps, backend, progress)
     return to_dataset(
         recording,
         loop.plant.robot,
         loop.plant.disturbance(recording.times),
         {
-            "plant": plant.describe(),
-            "controller": controller.describe(),
-            "reference": reference.describe(),
+            **loop.describe(),
             "divergence": divergence,
-            "measurement": controller.measurement_type.__name__,
             "t_final": steps * loop.dt,
-            "backend": "numpy" if isinstance(run, _Run) else "compiled",
+            "backend": run.backend,
         },
     )
+
+
+def _finished(by_numpy: NumPyRun, steps: int, backend: str, progress: bool | None) -> Runner:
+    """Run a loop to its end, or until Ctrl-C, and return what did it: generated code or NumPy as it was."""
+    run: Runner = by_numpy
+    with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
+        try:
+            if _worth_compiling(backend, run.recording, steps):
+                run = _compiled(by_numpy, warn=backend == "compiled")
+            drive(run, steps, advance)
+        except KeyboardInterrupt:
+            run.interrupt()
+            dt = run.recording.dt
+            warnings.warn(
+                f"interrupted at t = {run.done * dt:g} s of {steps * dt:g} s; kept what is there",
+                ArmgpiWarning,
+                stacklevel=3,
+            )
+    return run
 
 
 def _worth_compiling(backend: str, recording: Recording, steps: int) -> bool:
@@ -272,7 +284,7 @@ def _worth_compiling(backend: str, recording: Recording, steps: int) -> bool:
     return backend == "compiled" or (backend == "auto" and slow > _WORTH)
 
 
-def _compiled(run: _Run, warn: bool) -> _Run | CompiledRun:
+def _compiled(run: NumPyRun, warn: bool) -> Runner:
     """Return the same run by generated code, or as it is where that cannot be, with a warning if wanted."""
     try:
         from armgpi.compiled.run import CompiledRun
@@ -283,110 +295,8 @@ def _compiled(run: _Run, warn: bool) -> _Run | CompiledRun:
     except BackendError as error:
         reason = str(error)
     if warn:
-        warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=3)
+        warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=4)
     return run
-
-
-class _Run:
-    """A run in progress.
-
-    Samples are collected in stretches at full rate; after each stretch they are looked through for
-    divergence and moved, thinned, to the recording. So the loop itself has no checks in it.
-    """
-
-    def __init__(
-        self, loop: ClosedLoop, state: LoopState, recording: Recording, divergence: float, signals: bool
-    ) -> None:
-        self.loop = loop
-        self.state = state
-        self.recording = recording
-        self.divergence = divergence
-        self.signals = signals
-        self.done = 0
-        self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
-        # What ClosedLoop._sample returns, sample by sample.
-        self._samples: list[tuple[Any, Any, FullState, Array]] = []
-
-    def take(self, count: int) -> int:
-        """Take `count` samples and record them: the hot path."""
-        sample, samples = self.loop._sample, self._samples
-        _, plant, controller = self.state
-        self._block = self._targets(count)
-        for target in zip(*self._block, strict=True):
-            taken = plant, controller, _, _ = sample(plant, controller, new(Target, target))
-            samples.append(taken)
-        self._keep()
-        return count
-
-    def finish(self) -> None:
-        """Record the state after the last sample, its torque still held."""
-        _, plant, controller = self.state
-        measured = self.loop.plant.measure(plant)
-        self._block = self._targets(1)
-        self._samples.append((plant, controller, measured, self._last_command))
-        self._keep()
-
-    def interrupt(self) -> None:
-        """Keep the samples that were whole when the user stopped the run."""
-        self._keep()
-        recording = self.recording
-        recording.t_end[recording.running] = self.done * self.loop.dt
-        recording.status[recording.running] = Status.INTERRUPTED
-
-    def _targets(self, count: int) -> Target:
-        """Return the targets of the next samples."""
-        return self.loop.targets(np.arange(self.done, self.done + count) * np.float64(self.loop.dt))
-
-    def _keep(self) -> None:
-        """Look for divergence in the samples taken, then move them to the recording."""
-        samples, count = self._samples, len(self._samples)
-        if not count:
-            return
-        plants, controllers, measured, commands = zip(*samples, strict=True)
-        after = [self.loop.plant.true_state(state) for state in plants]
-        before = [self.loop.true_state(self.state), *after[:-1]]
-        columns = {
-            "q": [truth.q for truth in before],
-            "v": [truth.v for truth in before],
-            "q_measured": [seen.q for seen in measured],
-            "tau_command": commands,
-            "tau": [truth.tau for truth in after],
-        }
-        if self.signals:
-            values = [self.loop.controller.signals(state) for state in controllers]
-            columns.update({name: [value[name] for value in values] for name in values[0]})
-        # One row per rollout, a single run being one row: (samples, rollouts, n).
-        n = self.loop.plant.robot.n
-        rows = {name: np.concatenate(parts).reshape(count, -1, n) for name, parts in columns.items()}
-        # What was interrupted used the beginning of its stretch of targets.
-        q_ref, v_ref = (
-            np.broadcast_to(x[:count].reshape(count, -1, n), rows["q"].shape) for x in self._block[:2]
-        )
-        self._mark_diverged(rows, q_ref)
-        after_all = LoopState(self.done + count, plants[-1], controllers[-1])
-        self.recording.store(self.done, {**rows, "q_ref": q_ref, "v_ref": v_ref})
-        # Assignments only from here on: no Ctrl-C comes between them.
-        self._last_command = commands[-1]
-        self.state = after_all
-        self.done = after_all.k
-        self._samples = []
-
-    def _mark_diverged(self, rows: Mapping[str, Array], q_ref: Array) -> None:
-        """Note which rollouts have diverged and when, and blank what came after."""
-        recording = self.recording
-        good = np.abs(rows["q"] - q_ref) <= self.divergence
-        good &= np.isfinite(rows["v"]) & np.isfinite(rows["tau"])
-        whole = np.asarray(good.all(axis=-1))
-        # A rollout that has diverged stays so, wherever it strays to afterwards.
-        for row in np.flatnonzero(~whole.all(axis=0) | ~recording.running):
-            if recording.running[row]:
-                first = int(np.argmin(whole[:, row]))
-                recording.status[row] = Status.DIVERGED
-                recording.t_end[row] = (self.done + first) * self.loop.dt
-            # Known from an earlier stretch, or from this one if Ctrl-C came while it was stored.
-            first = max(0, round(recording.t_end[row] / self.loop.dt) - self.done)
-            for values in rows.values():
-                values[first:, row] = np.nan
 
 
 def _arrays(target: Any) -> Target:
