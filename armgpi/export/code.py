@@ -14,8 +14,8 @@ import numpy as np
 
 from armgpi import __version__
 from armgpi.arrays import Array
-from armgpi.codegen.emit import CallSite, Dialect, straight_line
-from armgpi.codegen.kernels import Call, Kernel
+from armgpi.codegen.emit import Dialect, straight_line
+from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
@@ -398,27 +398,26 @@ class _Writer:
             inputs += [
                 (x, f"{table.name}[{i}]" if table.shape else table.name) for i, x in enumerate(table.symbols)
             ]
-        outputs: list[Any] = []
-        places: list[str] = []
-        order: list[int] = []
-        sites, buffers = [], []
-        for i, call in enumerate(routine.calls):
+        for call in routine.calls:
             self.kernels.setdefault(call.kernel.name, call.kernel)
-            begin = len(outputs)
-            outputs += call.arguments
-            for k, size in enumerate(call.kernel.sizes):
-                places += [f"given{i}_{k}[{j}]" for j in range(size)]
-                order += range(size)
-                buffers.append((f"given{i}_{k}", size))
-            results = [f"result{i}[{j}]" for j in range(call.kernel.size)]
+        calls = placed(
+            routine.calls,
+            lambda i, k, j: f"given{i}_{k}[{j}]",
+            lambda i, j: f"result{i}[{j}]",
+            lambda i, call: _call(i, call, self._kernel_name(call.kernel), self.literal(0.0)),
+        )
+        lines = straight_line(
+            [*inputs, *calls.inputs],
+            [*calls.outputs, *routine.outputs],
+            [*calls.targets, *targets],
+            self.dialect,
+            calls.sites,
+            [*calls.order, *joints],
+        ).lines
+        buffers = []
+        for i, call in enumerate(routine.calls):
+            buffers += [(f"given{i}_{k}", size) for k, size in enumerate(call.kernel.sizes)]
             buffers.append((f"result{i}", call.kernel.size))
-            inputs += zip(call.results, results, strict=True)
-            lines = _call(i, call, self._kernel_name(call.kernel), self.literal(0.0))
-            sites.append(CallSite((begin, len(outputs)), results, lines))
-        outputs += routine.outputs
-        places += targets
-        order += joints
-        lines = straight_line(inputs, outputs, places, self.dialect, sites, order).lines
         self.counts[name] = _counted(lines)
         return _with_buffers(lines, buffers)
 
