@@ -11,9 +11,9 @@ from armgpi import GPI, Bezier, Delayed, Encoder, Hold, PIDInversion, RigidBodyP
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.export.files import record
+from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.rollout import Recording, Status
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
-from armgpi.loop.simulation import ClosedLoop
 
 DT = 1e-3
 ARM = Robot.load("anthropomorphic3")
@@ -40,7 +40,8 @@ drive(WHOLE, STEPS)
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=6))
 def test_samples_do_not_depend_on_the_pieces_that_they_are_taken_in(pieces: list[int]) -> None:
-    run, counted = begun(), []
+    run = begun()
+    counted: list[int] = []
     for piece in pieces:
         run.take(min(piece, STEPS - run.done)) if run.done < STEPS else None
     run.chunk = pieces[-1]

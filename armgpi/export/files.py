@@ -22,9 +22,9 @@ from armgpi.export.code import MEANING, Code, Counts, generate, template
 from armgpi.export.faults import Faults
 from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
+from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
-from armgpi.loop.simulation import ClosedLoop
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
 

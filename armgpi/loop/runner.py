@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array, new
 from armgpi.control.controller import FullState
+from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.rollout import Recording
 from armgpi.references.reference import Target
-
-if TYPE_CHECKING:
-    from armgpi.loop.simulation import ClosedLoop, LoopState
 
 #: A rollout has diverged when a joint is farther than this from its reference [rad or m].
 DIVERGENCE = 10.0
@@ -184,7 +182,7 @@ class NumPyRun:
             if name != "a" or self.inputs
         }
         self._mark_diverged(rows, targets["q_ref"])
-        after_all = self.state._replace(k=self.done + count, plant=plants[-1], controller=controllers[-1])
+        after_all = LoopState(self.done + count, plants[-1], controllers[-1])
         self.recording.store(self.done, {**rows, **targets})
         # Assignments only from here on: no Ctrl-C comes between them.
         self._last_command = commands[-1]
