@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from armgpi.export.faults import Faults as Faults
     from armgpi.export.files import export_controller as export_controller
     from armgpi.loop import metrics as metrics
+    from armgpi.loop.closed_loop import ClosedLoop as ClosedLoop
     from armgpi.loop.rollout import Status as Status
     from armgpi.loop.rollout import load as load
     from armgpi.loop.rollout import save as save
-    from armgpi.loop.simulation import ClosedLoop as ClosedLoop
     from armgpi.loop.simulation import simulate as simulate
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
@@ -102,7 +102,8 @@ _NAMES = {
     "references.waypoints": ("Waypoints",),
     "robot.robot": ("Friction", "Robot", "RobotBatch"),
     "loop.rollout": ("Status", "load", "save"),
-    "loop.simulation": ("ClosedLoop", "simulate"),
+    "loop.closed_loop": ("ClosedLoop",),
+    "loop.simulation": ("simulate",),
     "validation.check": ("validate",),
     "validation.derivation": ("Derivation", "derive"),
     "validation.report": ("DynamicsReport",),

@@ -28,7 +28,6 @@ MAX_COMPLEXITY = 10  # as in pyproject.toml, [tool.ruff.lint.mccabe]
 LONG = {
     "armgpi/cli/inspect.py:_show": "to be taken apart",
     "armgpi/cli/settings.py:settings": "to be taken apart",
-    "armgpi/compiled/run.py:source": "to be taken apart",
     "armgpi/robot/urdf.py:_read_joint": "to be taken apart",
     "armgpi/validation/hypotheses.py:_bodies": "to be taken apart",
     "armgpi/validation/hypotheses.py:_structure": "to be taken apart",

@@ -12,14 +12,15 @@ import random
 import sys
 import types
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.codegen.symbols import NotElementwise
 
-#: Things looked at, at most: what reaches more than this is not looked through to its end.
+#: Things looked at, at most: what reaches more than this is not looked through to its end. A law that hides
+#: what it changes behind so many is found by the comparison with NumPy instead (compiled/run.py).
 _MOST = 10_000
 _MISSING = object()
 
@@ -53,8 +54,10 @@ class SideEffects:
     def watch(self, value: Any) -> None:
         """Watch all that a function or a class reaches.
 
+        Without recursion, as chains of objects may be longer than Python's stack.
+
         Raises:
-            NotElementwise: when that is an iterator, of which nobody can tell where it stands.
+            NotElementwise: when that is an iterator, whose place cannot be read.
         """
         waiting = [(value, "")]
         while waiting and len(self._seen) < _MOST:
@@ -73,60 +76,64 @@ class SideEffects:
             if place.changed:
                 place.restore()
 
-    def _reached(self, value: Any, name: str) -> Iterator[tuple[Any, str]]:
-        """Watch one thing, and yield with their names those that it leads to."""
-        if isinstance(value, types.FunctionType):
-            if _is_users(value.__module__):
-                yield from self._function(value)
-        elif isinstance(value, type):
-            if _is_users(value.__module__):
-                yield from self._class(value)
-        elif isinstance(value, tuple):
-            yield from ((item, name) for item in value)
-        elif isinstance(value, list | deque):
-            self._container(name, value, value.extend, lambda: list(value))
-            yield from ((item, name) for item in value)
-        elif isinstance(value, set):
-            self._container(name, value, value.update, value.copy)
-        elif isinstance(value, dict):
-            yield from self._dict(value, name)
-        elif isinstance(value, np.ndarray):
-            self._array(value, name)
-        elif isinstance(value, random.Random):
-            self._random(name, value.getstate, value.setstate)
-        elif isinstance(value, np.random.Generator):
-            bits = value.bit_generator
-            self._random(name, lambda: bits.state, lambda old: setattr(bits, "state", old))
-        elif isinstance(value, np.random.RandomState):
-            self._random(name, value.get_state, value.set_state)
-        elif isinstance(value, Iterator):
-            raise NotElementwise(f"it reaches an iterator ({name})")
-        elif _is_users(type(value).__module__) and hasattr(value, "__dict__"):
+    def _reached(self, value: Any, name: str) -> Iterable[tuple[Any, str]]:
+        """Watch one thing, and return with their names those that it leads to."""
+        for kinds, watch in _WAYS:
+            if isinstance(value, kinds):
+                return watch(self, value, name)
+        return self._object(value, name)
+
+    def _tuple(self, value: tuple[Any, ...], name: str) -> Iterable[tuple[Any, str]]:
+        """Return what is in a tuple, which does not change itself."""
+        return [(item, name) for item in value]
+
+    def _list(self, value: Any, name: str) -> Iterable[tuple[Any, str]]:
+        """Watch a list or a deque."""
+        self._container(name, value, value.extend, lambda: list(value))
+        return [(item, name) for item in value]
+
+    def _set(self, value: set[Any], name: str) -> Iterable[tuple[Any, str]]:
+        """Watch a set, whose elements do not change, as they have hashes."""
+        self._container(name, value, value.update, value.copy)
+        return ()
+
+    def _iterator(self, value: Iterator[Any], name: str) -> Iterable[tuple[Any, str]]:
+        """Refuse an iterator: its place cannot be read without moving it on."""
+        raise NotElementwise(f"it reaches an iterator ({name})")
+
+    def _object(self, value: Any, name: str) -> Iterator[tuple[Any, str]]:
+        """Watch an object of a user's class, by its attributes and by its class."""
+        if _is_users(type(value).__module__) and hasattr(value, "__dict__"):
             yield from self._dict(vars(value), name)
             yield type(value), name
 
-    def _function(self, function: types.FunctionType) -> Iterator[tuple[Any, str]]:
-        """Watch the globals that a function names, its closure, its defaults and its attributes."""
+    def _function(self, function: types.FunctionType, name: str) -> Iterator[tuple[Any, str]]:
+        """Watch the globals that a user's function names, its closure, its defaults and its attributes."""
+        if not _is_users(function.__module__):
+            return
+        # Only what is named can be reached, and a module has thousands of names that are not.
         names = set(_names(function.__code__))
-        for name in names:
-            yield from self._slot(function.__globals__, name)
-            module = function.__globals__.get(name)
+        for used in names:
+            yield from self._slot(function.__globals__, used)
+            module = function.__globals__.get(used)
             if isinstance(module, types.ModuleType) and _is_users(module.__name__):
                 for attribute in names & vars(module).keys():
                     yield from self._slot(vars(module), attribute)
-        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
-            yield from self._cell(cell, name)
+        for free, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+            yield from self._cell(cell, free)
         yield function.__defaults__, function.__name__
         yield function.__kwdefaults__, function.__name__
         yield from self._dict(vars(function), function.__name__)
 
-    def _class(self, kind: type) -> Iterator[tuple[Any, str]]:
-        """Watch the attributes of a class and of those that it comes from."""
-        for name, item in list(vars(kind).items()):
-            if not name.startswith("__"):
-                self._attribute(kind, name)
+    def _class(self, kind: type, name: str) -> Iterator[tuple[Any, str]]:
+        """Watch the attributes of a user's class and of those that it comes from."""
+        if not _is_users(kind.__module__):
+            return
+        for attribute, item in list(vars(kind).items()):
+            if not attribute.startswith("__"):
+                self._attribute(kind, attribute)
             item = getattr(item, "__func__", getattr(item, "fget", item))
-            yield item, f"{kind.__name__}.{name}"
+            yield item, f"{kind.__name__}.{attribute}"
         yield kind.__bases__, kind.__name__
 
     def _attribute(self, kind: type, name: str) -> None:
@@ -172,21 +179,54 @@ class SideEffects:
 
         self._note(name, look, put)
 
-    def _array(self, value: Any, name: str) -> None:
+    def _array(self, value: Any, name: str) -> Iterable[tuple[Any, str]]:
         """Watch an array."""
         old = value.copy()
-        if value.dtype == object:
-            self._note(name, lambda: list(value.flat), lambda _: np.copyto(value, old))
-        else:
-            self._note(name, value.tobytes, lambda _: np.copyto(value, old))
+        # By its bytes, as NaN is not equal to itself.
+        look = value.tobytes if value.dtype != object else lambda: list(value.flat)
+        self._note(name, look, lambda _: np.copyto(value, old))
+        return ()
+
+    def _python_random(self, value: random.Random, name: str) -> Iterable[tuple[Any, str]]:
+        """Watch one of Python's generators of random numbers."""
+        self._random(name, value.getstate, value.setstate)
+        return ()
+
+    def _generator(self, value: np.random.Generator, name: str) -> Iterable[tuple[Any, str]]:
+        """Watch one of NumPy's."""
+        bits = value.bit_generator
+        self._random(name, lambda: bits.state, lambda old: setattr(bits, "state", old))
+        return ()
+
+    def _random_state(self, value: np.random.RandomState, name: str) -> Iterable[tuple[Any, str]]:
+        """Watch one of NumPy's older ones."""
+        self._random(name, value.get_state, value.set_state)
+        return ()
 
     def _random(self, name: str, get: Callable[[], Any], put: Callable[[Any], object]) -> None:
         """Watch a source of random numbers."""
+        # Pickled, as its state may be arrays in tuples, which have no one == for all of it.
         self._note(name, lambda: pickle.dumps(get()), lambda old: put(pickle.loads(old)))
 
     def _note(self, name: str, look: Callable[[], Any], put: Callable[[Any], object]) -> None:
         before = look()
         self._places.append(_Place(name, look, before, lambda: put(before)))
+
+
+#: How each kind of thing is watched; the first that fits.
+_WAYS: tuple[tuple[Any, Callable[[SideEffects, Any, str], Iterable[tuple[Any, str]]]], ...] = (
+    (types.FunctionType, SideEffects._function),
+    (type, SideEffects._class),
+    (tuple, SideEffects._tuple),
+    ((list, deque), SideEffects._list),
+    (set, SideEffects._set),
+    (dict, SideEffects._dict),
+    (np.ndarray, SideEffects._array),
+    (random.Random, SideEffects._python_random),
+    (np.random.Generator, SideEffects._generator),
+    (np.random.RandomState, SideEffects._random_state),
+    (Iterator, SideEffects._iterator),
+)
 
 
 def _content(cell: types.CellType) -> list[Any]:

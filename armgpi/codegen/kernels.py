@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.codegen.emit import Code, Dialect, straight_line
+from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
 from armgpi.robot.dynamics import (
@@ -79,6 +79,51 @@ class Call:
     arguments: list[Any]
     parameters: list[Any]
     results: list[Any]
+
+
+class Placed(NamedTuple):
+    """Calls among the inputs and outputs of a straight line; see :func:`armgpi.codegen.emit.straight_line`.
+
+    Attributes:
+        inputs: the calls' results, and what they are in C.
+        outputs: their arguments.
+        targets: where those go.
+        order: of each: its place in its array, as the first joint comes first.
+        sites: the calls.
+    """
+
+    inputs: list[tuple[Any, str]]
+    outputs: list[Any]
+    targets: list[str]
+    order: list[int]
+    sites: list[CallSite]
+
+
+def placed(
+    calls: Sequence[Call],
+    argument: Callable[[int, int, int], str],
+    result: Callable[[int, int], str],
+    lines: Callable[[int, Call], list[str]],
+) -> Placed:
+    """Return calls as a straight line takes them.
+
+    Args:
+        calls: the calls, in order.
+        argument: entry j of argument k of call i in C, from (i, k, j).
+        result: entry j of the result of call i, from (i, j).
+        lines: what to write for a call, from (i, call).
+    """
+    made = Placed([], [], [], [], [])
+    for i, call in enumerate(calls):
+        entries = [(k, j) for k, size in enumerate(call.kernel.sizes) for j in range(size)]
+        results = [result(i, j) for j in range(call.kernel.size)]
+        begin = len(made.outputs)
+        made.outputs.extend(call.arguments)
+        made.targets.extend(argument(i, k, j) for k, j in entries)
+        made.order.extend(j for _, j in entries)
+        made.inputs.extend(zip(call.results, results, strict=True))
+        made.sites.append(CallSite((begin, len(made.outputs)), results, lines(i, call)))
+    return made
 
 
 class Arm:

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.codegen.symbols import Scalar
+from armgpi.codegen.symbols import Scalar, solve
 
 #: An array of :class:`armgpi.codegen.symbols.Scalar` and floats; NumPy has no types for arrays of objects.
 Expressions = Any
@@ -294,35 +294,6 @@ class SymbolicModel:
         xx, xy, yy, xz, yz, zz = x[19:25]
         second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=object)
         return x[:3], x[3:12].reshape(3, 3), x[12:15], x[15], x[16:19], second, x[25]
-
-
-def solve(matrix: Expressions, column: Expressions) -> Expressions:
-    """Return matrix^-1 column for a symmetric, positive definite matrix, by its factors L D L'.
-
-    They are taken from the last row up: for an arm without branches no order is better.
-    """
-    n = len(column)
-    below: Expressions = matrix.copy()
-    inverse = [None] * n
-    x = list(column)
-    for j in range(n):
-        for k in range(j):
-            below[j, j] = below[j, j] - below[j, k] * below[k, j]
-        inverse[j] = 1.0 / below[j, j]
-        for i in range(j + 1, n):
-            for k in range(j):
-                below[i, j] = below[i, j] - below[i, k] * below[k, j]
-            # Above the diagonal the column before it is divided: D L' there, L below.
-            below[j, i] = below[i, j]
-            below[i, j] = below[i, j] * inverse[j]
-    for i in range(n):
-        for k in range(i):
-            x[i] = x[i] - below[i, k] * x[k]
-    x = [value * pivot for value, pivot in zip(x, inverse, strict=True)]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            x[i] = x[i] - below[k, i] * x[k]
-    return np.array(x, dtype=object)
 
 
 def _rotation(axis: Expressions, angle: Any) -> Expressions:

@@ -451,10 +451,37 @@ def _rounded(x: Any, decimals: int = 0) -> Any:
     return np.rint(x)
 
 
+def solve(matrix: Scalars, column: Scalars) -> Scalars:
+    """Return matrix^-1 column for a symmetric, positive definite matrix, by its factors L D L'.
+
+    They are taken from the last row up: for an arm without branches no order is better.
+    """
+    n = len(column)
+    below: Any = matrix.copy()
+    inverse = [None] * n
+    x = list(column)
+    for j in range(n):
+        for k in range(j):
+            below[j, j] = below[j, j] - below[j, k] * below[k, j]
+        inverse[j] = 1.0 / below[j, j]
+        for i in range(j + 1, n):
+            for k in range(j):
+                below[i, j] = below[i, j] - below[i, k] * below[k, j]
+            # Above the diagonal the column before it is divided: D L' there, L below.
+            below[j, i] = below[i, j]
+            below[i, j] = below[i, j] * inverse[j]
+    for i in range(n):
+        for k in range(i):
+            x[i] = x[i] - below[i, k] * x[k]
+    x = [value * pivot for value, pivot in zip(x, inverse, strict=True)]
+    for i in reversed(range(n)):
+        for k in range(i + 1, n):
+            x[i] = x[i] - below[k, i] * x[k]
+    return np.array(x, dtype=object)
+
+
 def _solve(matrix: Any, column: Any) -> Symbols:
     """Solve for symmetric, positive definite matrices, which is all that the laws here have."""
-    from armgpi.codegen.model import solve
-
     a, b = _objects(matrix), _objects(column)
     if b.ndim == 2 and b.shape[1] == 1:
         return Symbols(solve(a, b[:, 0])[:, None])

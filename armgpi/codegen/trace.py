@@ -38,7 +38,9 @@ _PLAIN = (
     *(str, bytes, int, float, complex, type(None), type, range, slice, frozenset, Enum, np.generic, np.ufunc),
     *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
 )
-#: Folders of what writes laws down: no place in a user's law.
+#: The same, and what takes symbols as it takes numbers.
+_AS_IT_IS = (BSplineBasis, Arm, *_PLAIN)
+#: Folders of what generates code: no place in a user's law.
 _GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export"))
 #: References of more operations than this are worked out by NumPy, as a table.
 _LONG_REFERENCE = 3000
@@ -91,18 +93,35 @@ class Counter(Scalar):
 
 
 @dataclass
+class Values:
+    """The numbers that a run puts in for the symbols of a trace.
+
+    Loops that differ in these alone have one trace and the same C.
+
+    Attributes:
+        start: of the state at the start, shape (s, rollouts); (s, 1) for a single one.
+        shared: of parameters that all rollouts share.
+        own: of those that each rollout has its own of, each of shape (rollouts,) or (1,).
+    """
+
+    start: Array = field(default_factory=lambda: np.empty((0, 0)))
+    shared: list[float] = field(default_factory=list)
+    own: list[Array] = field(default_factory=list)
+
+
+@dataclass
 class Trace:
     """One sample of a closed loop as expressions.
 
     Attributes:
         n: number of joints.
         state: symbols of the state.
-        start: their values at the start, shape (rollouts, s).
         after: expressions of the state after the sample.
         joints: the joint that each part of the state belongs to.
         calls: uses of the dynamics, in order.
-        shared: symbols and values of parameters that all rollouts share.
-        own: symbols and values (rollouts,) of those that each rollout has its own of.
+        shared: symbols of parameters that all rollouts share.
+        own: symbols of those that each rollout has its own of.
+        values: the numbers of state and parameters.
         table: symbols of what a table gives for every sample.
         draws: random numbers used.
         k: symbol of the sample's number.
@@ -112,12 +131,12 @@ class Trace:
 
     n: int
     state: list[Any] = field(default_factory=list)
-    start: Array = field(default_factory=lambda: np.empty((0, 0)))
     after: list[Any] = field(default_factory=list)
     joints: list[int] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
-    shared: list[tuple[Any, float]] = field(default_factory=list)
-    own: list[tuple[Any, Array]] = field(default_factory=list)
+    shared: list[Any] = field(default_factory=list)
+    own: list[Any] = field(default_factory=list)
+    values: Values = field(default_factory=Values)
     table: list[Any] = field(default_factory=list)
     draws: list[Draws] = field(default_factory=list)
     k: Any = None
@@ -146,34 +165,39 @@ class Tracer:
         if id(value) in self._copies:
             return self._copies[id(value)]
         if isinstance(value, np.ndarray):
-            copied = self.array(value)
-        elif isinstance(value, float) and numbers:
+            return self._noted(value, self.array(value))
+        if numbers and isinstance(value, float):
             return self.array(np.array(value))
-        elif isinstance(value, Robot | RobotBatch):
-            return self._robot(value)
-        elif isinstance(value, (BSplineBasis, Arm, *_PLAIN)):
+        if isinstance(value, _AS_IT_IS):
             self._side_effects.watch(value)
             return value
-        elif isinstance(value, types.MethodType):
+        if isinstance(value, tuple | list | dict):
+            return self._noted(value, self._container(value, numbers))
+        return self._part(value, numbers)
+
+    def _container(self, value: Any, numbers: bool) -> Any:
+        """Return a container of copies."""
+        if isinstance(value, dict):
+            return {key: self(item, numbers) for key, item in value.items()}
+        items = [self(item, numbers) for item in value]
+        return items if isinstance(value, list) else tuple.__new__(type(value), items)
+
+    def _part(self, value: Any, numbers: bool) -> Any:
+        """Return the copy of a robot, a method, dynamics, or of an object that is its attributes."""
+        if isinstance(value, Robot | RobotBatch):
+            return self._robot(value)
+        if isinstance(value, types.MethodType):
             self._side_effects.watch(value.__func__)
             return types.MethodType(value.__func__, self(value.__self__, numbers))
-        elif isinstance(value, tuple):
-            items = [self(item, numbers) for item in value]
-            copied = tuple.__new__(type(value), items)
-        elif isinstance(value, list):
-            copied = [self(item, numbers) for item in value]
-        elif isinstance(value, dict):
-            copied = {key: self(item, numbers) for key, item in value.items()}
-        elif _is_dynamics(value):
-            copied = self._dynamics(value)
-        elif isinstance(value, LoadTable):
-            copied = _TracedLoads(self(value.plant, numbers), value.substeps)
-        elif _is_plain_object(value):
+        if _is_dynamics(value):
+            return self._noted(value, self._dynamics(value))
+        if isinstance(value, LoadTable):
+            return self._noted(value, _TracedLoads(self(value.plant, numbers), value.substeps))
+        if _is_plain_object(value):
+            # Numbers of loads and references are inputs of the code: another push compiles nothing.
             return self._object(value, numbers or isinstance(value, Load | Reference))
-        else:  # it may hold anything: random numbers, a queue, a file
-            raise NotElementwise(f"it holds a {type(value).__name__}")
-        self._note(value, copied)
-        return copied
+        # It may hold anything: random numbers, a queue, a file.
+        raise NotElementwise(f"it holds a {type(value).__name__}")
 
     def array(self, values: Array) -> Any:
         """Return symbols for an array of numbers: shared, or of each rollout its own."""
@@ -182,10 +206,16 @@ class Tracer:
             return values
         symbols = Symbols.new(f"p{len(self.trace.shared)}_{len(self.trace.own)}", values.shape[-1:])
         if rows:
-            self.trace.own += zip(flat(symbols), values.T, strict=True)
+            self._own(flat(symbols), values)
         else:
-            self.trace.shared += zip(flat(symbols), values.ravel().tolist(), strict=True)
+            self.trace.shared += flat(symbols)
+            self.trace.values.shared += values.ravel().tolist()
         return symbols
+
+    def _own(self, symbols: list[Any], rows: Array) -> None:
+        """Note symbols of what each rollout has its own of, with its values (rollouts, k)."""
+        self.trace.own += symbols
+        self.trace.values.own += list(rows.T)
 
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
@@ -200,10 +230,9 @@ class Tracer:
                     f"{type(value).__name__}.{name} may be a matrix or have a row for each rollout"
                 )
             object.__setattr__(made, name, self(attribute, numbers))
-        self._note(value, made)
-        return made
+        return self._noted(value, made)
 
-    def _robot(self, robot: AnyRobot) -> AnyRobot:
+    def _robot(self, robot: AnyRobot) -> Any:
         """Return a robot with traced dynamics."""
         made = copy.copy(robot)
         self._copies[id(robot)] = made
@@ -211,28 +240,27 @@ class Tracer:
         for name in ("limits", "friction"):
             values = getattr(robot, name)
             setattr(made, name, type(values)(*(self(a) if a.ndim == 2 else a for a in values)))
-        self._note(robot, made)
-        return made
+        return self._noted(robot, made)
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
         """Return traced dynamics; those of one base share their kernels."""
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
         arm = arm_of(base)
         if id(base) not in self._parameters:
-            columns = arm.table.T
-            symbols = flat(Symbols.new(f"m{len(self._parameters)}", (len(columns),)))
+            symbols = flat(Symbols.new(f"m{len(self._parameters)}", arm.table.shape[1:]))
             self._parameters[id(base)] = symbols
-            self.trace.own += zip(symbols, columns, strict=True)
+            self._own(symbols, arm.table)
         scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
         made: Any = TracedDynamics(arm, self.trace.calls, self._parameters[id(base)])
         if isinstance(scale, float):
             return made if scale == 1.0 else _Scaled(made, self.array(np.array(scale)))
         return _Scaled(made, self.array(scale))
 
-    def _note(self, value: Any, made: Any) -> None:
-        """Remember the copy of a value."""
+    def _noted(self, value: Any, made: Any) -> Any:
+        """Remember the copy of a value, and return it."""
         self._copies[id(value)] = made
         self._kept.append((value, made, _content(made)))
+        return made
 
     @contextmanager
     def unchanged(self) -> Iterator[None]:
@@ -375,7 +403,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
 
     parts = tuple(state[1:])  # of plant and controller: the loop's own count is k
     before = unflatten(parts, [place(leaf.value) for leaf in numbers(parts)])
-    result.start = columns(parts, rollouts)
+    result.values.start = columns(parts, rollouts)
     with tracer.unchanged():
         result.recorded = _sampled(loop, before, tracer, result, signals)
     return result
@@ -394,7 +422,7 @@ def columns(state: Any, rollouts: tuple[int, ...]) -> Array:
 
 def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
     """Return the shape that a leaf has in one rollout: it is an array for all of them, or a row for each."""
-    shape = np.shape(value)
+    shape: tuple[int, ...] = np.shape(value)
     return shape[1:] if rollouts and len(shape) > 1 else shape
 
 

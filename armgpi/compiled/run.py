@@ -6,120 +6,56 @@ import ctypes
 import math
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
-from importlib.resources import files
 from itertools import pairwise
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.codegen import build
-from armgpi.codegen.emit import CallSite, Dialect, straight_line
-from armgpi.codegen.kernels import Kernel
 from armgpi.codegen.state import map_leaves
 from armgpi.codegen.symbols import NotElementwise
-from armgpi.codegen.trace import Trace, check_repeatable, columns, trace, tracing
+from armgpi.codegen.trace import Trace, check_repeatable, columns, tracing
+from armgpi.compiled.source import HELD, recorded_names, source, trace_used
 from armgpi.errors import BackendError
-from armgpi.loop.rollout import Recording, Status
+from armgpi.loop.rollout import Recording
 from armgpi.robot.dynamics import thread_count
 
-#: What every run records, in this order; the first five belong to the sample, the others to the torque.
-_ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
-_HELD, _TAU = _ORDER.index("tau_command"), _ORDER.index("tau")
+#: What the code records itself; of a rollout that has diverged it records nothing any more.
 _TARGETS = ("q_ref", "v_ref")
+#: Samples of the first call, from which the time of a sample is known.
+_FIRST_CHUNK = 16
 #: How long one call of the generated code should take [s]: between two calls Ctrl-C is heard.
 _CALL = 0.05
-#: A user's law is compared with NumPy over so many samples, relative to the largest entry: from its start on,
-#: and from states at random, as at rest all errors may be zero. For each: the sample to begin with, and how
-#: far all numbers of the state are moved.
-_COMPARED, _AGREEMENT = 3, 1e-8
+#: A user's law is compared with NumPy over so many samples.
+_COMPARED = 3
+#: How far the two may be apart, as a share of the largest entry.
+_AGREEMENT = 1e-8
+#: Where the comparison begins: the sample, and how far all numbers of the state are moved. Not only from the
+#: start, as at rest all errors may be zero.
 _TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
-#: Numbers in a table of targets, at most.
+#: Numbers in a table of targets, at most: 8 MB.
 _TABLE = 1 << 20
+#: What an array of vectors is aligned to [bytes]: those of 8 lanes.
+_ALIGNMENT = 64
 
 
-def source(traced: Trace, lanes: int) -> str:
-    """Return the C of a closed loop, whole."""
-    names = _names(traced)
-    kernels = {call.kernel.name: call.kernel for call in traced.calls}
-    own = {str(symbol): i for i, (symbol, _) in enumerate(traced.own)}
-    dialect = Dialect()
-    parts = [
-        f"#define LANES {lanes}",
-        f"#define N {traced.n}",
-        f"#define NS {len(traced.state)}",
-        f"#define NO {len(traced.own)}",
-        f"#define NT {len(traced.table)}",
-        f"#define ND {len(traced.draws)}",
-        f"#define VARIABLES {len(names)}",
-        f"#define HELD {_HELD}",
-        f"#define TAU {_TAU}",
-        _text("lanes.h"),
-    ]
-    for kernel in kernels.values():
-        parts += [
-            f"static __attribute__((noinline)) void {kernel.name}(",
-            "    const V *restrict x, const V *m, V *restrict y)",
-            "{",
-            *kernel.code(dialect).lines,
-            "}",
-        ]
-    inputs = [
-        (traced.k, "k"),
-        *((x, f"s[{i}]") for i, x in enumerate(traced.state)),
-        *((x, f"v_set(p[{i}])") for i, (x, _) in enumerate(traced.shared)),
-        *((x, f"o[{i}]") for i, (x, _) in enumerate(traced.own)),
-        *((x, f"t[{i}]") for i, x in enumerate(traced.table)),
-        *((x, f"u[{i * traced.n + j}]") for i, d in enumerate(traced.draws) for j, x in enumerate(d.symbols)),
-    ]
-    outputs: list[Any] = []
-    targets: list[str] = []
-    order: list[int] = []
-    calls = []
-    for i, call in enumerate(traced.calls):
-        begin, size = len(outputs), call.kernel.sizes[0]
-        outputs += call.arguments
-        targets += [f"x_{i}[{j}]" for j in range(len(call.arguments))]
-        order += [j % size for j in range(len(call.arguments))]
-        results = [f"y{i}[{j}]" for j in range(call.kernel.size)]
-        inputs += zip(call.results, results, strict=True)
-        first = own[str(call.parameters[0])] if call.parameters else 0
-        calls.append(CallSite((begin, len(outputs)), results, _written(i, call.kernel, first)))
-    recorded = [x for name in names for x in traced.recorded[name]]
-    outputs += [*traced.after, *recorded]
-    targets += [f"z[{i}]" for i in range(len(traced.after))] + [f"r[{i}]" for i in range(len(recorded))]
-    order += [*traced.joints, *(i % traced.n for i in range(len(recorded)))]
-    parts += [
-        "static __attribute__((noinline)) void sample(const V *restrict s, V *restrict z, const double *p,",
-        "    const V *o, const V *t, const V *u, V k, V *restrict r)",
-        "{",
-        *(
-            f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];"
-            for i, call in enumerate(traced.calls)
-        ),
-        *straight_line(inputs, outputs, targets, dialect, calls, order).lines,
-        "}",
-        _text("loop.h"),
-    ]
-    return "\n".join(parts)
+def _generated(loop: Any, state: Any, signals: bool, lanes: int) -> tuple[Trace, ctypes.CDLL]:
+    """Return one sample of a loop as expressions, and its C compiled.
 
-
-def _written(i: int, kernel: Kernel, first: int) -> list[str]:
-    """Return the lines of a call; where an argument makes the result zero, it costs nothing when it is."""
-    call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
-    if kernel.skip is None:
-        return [call]
-    start = sum(kernel.sizes[: kernel.skip])
-    places = range(start, start + kernel.sizes[kernel.skip])
-    tests = " | ".join(f"v_ne(x_{i}[{j}], v_set(0.0))" for j in places)
-    zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
-    return [f"if (v_any({tests})) {call} else {{ {zeros} }}"]
-
-
-def _text(name: str) -> str:
-    """Return a file of C that comes with the package."""
-    return (files("armgpi.compiled") / name).read_text(encoding="utf-8")
+    Raises:
+        BackendError: when the loop cannot be generated or compiled.
+    """
+    flags = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
+    try:
+        with tracing():
+            traced = trace_used(loop, state, signals)
+            text = source(traced, lanes)
+            if traced.user_defined:
+                check_repeatable(text, lambda: source(trace_used(loop, state, signals), lanes))
+    except NotElementwise as error:
+        raise BackendError(f"this loop has no generated code: {error}") from None
+    return traced, build.library(text, flags)
 
 
 class _Job(ctypes.Structure):
@@ -133,12 +69,18 @@ class _Job(ctypes.Structure):
 
 
 class CompiledRun:
-    """A run in progress: as the loop's own, but by generated code.
+    """A run by generated code: a :class:`armgpi.loop.runner.Runner`.
 
     Attributes:
+        recording: where samples go.
         done: samples taken.
         chunk: samples to take next: as many as one call should.
+        rows: number of rollouts.
+        lanes: how many of them the code works on at once.
+        threads: how many threads share them out.
     """
+
+    backend = "compiled"
 
     def __init__(
         self,
@@ -155,37 +97,15 @@ class CompiledRun:
         """
         self.rows = len(recording.status)
         self.lanes = build.lanes(self.rows)
-        flags = (*build.FLAGS, *(build.SCALAR if self.lanes == 1 else ()))
-        try:
-            with tracing():
-                traced = _traced(loop, state, signals)
-                text = source(traced, self.lanes)
-                if traced.user_defined:
-                    check_repeatable(text, lambda: source(_traced(loop, state, signals), self.lanes))
-        except NotElementwise as error:
-            raise BackendError(f"this loop has no generated code: {error}") from None
-        self._library = build.library(text, flags)
+        self._traced, self._library = _generated(loop, state, signals, self.lanes)
         self.loop, self.recording = loop, recording
         self.done = 0
-        self.chunk = 16
-        self._traced = traced
+        self.chunk = _FIRST_CHUNK
         self._blocks = -(-self.rows // self.lanes)
         self.threads = min(thread_count(), self._blocks)
         # The rollout of each lane; those without one repeat the last.
         self._places = np.minimum(np.arange(self._blocks * self.lanes), self.rows - 1)
-        names = _names(traced)
-        self._keep = {
-            "state": self._start(traced.start),
-            "shared": np.array([value for _, value in traced.shared]),
-            "own": self._packed(
-                np.array([np.broadcast_to(v, self.rows)[self._places] for _, v in traced.own]).reshape(
-                    -1, self._places.size
-                )
-            ),
-            "table": np.empty(0),
-            "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
-            "ended": np.full(self.rows, -1, dtype=np.int64),
-        }
+        self._keep = self._memory()
         self._job = _Job(
             **{name: array.ctypes.data for name, array in self._keep.items()},
             rows=self.rows,
@@ -193,15 +113,31 @@ class CompiledRun:
             every=recording.every,
             divergence=divergence,
         )
-        if traced.table:
+        names = recorded_names(self._traced)
+        if self._traced.table:
             self._check_table()
-        if traced.user_defined:
+        if self._traced.user_defined:
             self._check(state, len(names))
         # Not before: a run that NumPy takes over makes buffers of its own, blank ones.
         arrays = [recording.buffer(name, blank=False) for name in names]
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job.out = self._keep["out"].ctypes.data
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def _memory(self) -> dict[str, Any]:
+        """Return the arrays that the code reads and writes, by their names in `Job`."""
+        traced, values = self._traced, self._traced.values
+        # Each rollout's own parameters lie lane by lane, so that one load fetches those of all lanes.
+        own = [np.broadcast_to(column, self.rows)[self._places] for column in values.own]
+        return {
+            "state": self._start(values.start),
+            "shared": np.array(values.shared),
+            "own": self._packed(np.array(own).reshape(-1, self._places.size)),
+            "table": np.empty(0),
+            # Seeds are taken modulo 2^64, as NumPy's side takes them; negative ones wrap.
+            "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
+            "ended": np.full(self.rows, -1, dtype=np.int64),
+        }
 
     def _check_table(self) -> None:
         """Refuse a reference that remembers how often it was asked: the table asks in other stretches.
@@ -271,11 +207,11 @@ class CompiledRun:
             setattr(job, name, array.ctypes.data)
         job.k0, job.k1, job.every, job.divergence = first, first + _COMPARED, 1, math.inf
         self._library.run(ctypes.byref(job), ctypes.c_int64(0), ctypes.c_int64(self._blocks))
-        return np.swapaxes(found[[0, 1, _HELD]], 0, 1)
+        return np.swapaxes(found[[0, 1, HELD]], 0, 1)
 
     def _start(self, columns: Array) -> Array:
         """Return the memory of blocks whose rollouts begin with these numbers (s, rollouts)."""
-        recorded = np.zeros((len(_names(self._traced)) * self._traced.n, columns.shape[1]))
+        recorded = np.zeros((len(recorded_names(self._traced)) * self._traced.n, columns.shape[1]))
         return self._packed(np.concatenate([columns, recorded])[:, self._places])
 
     def take(self, count: int) -> int:
@@ -300,9 +236,7 @@ class CompiledRun:
     def interrupt(self) -> None:
         """Keep the samples that were whole when the user stopped the run."""
         self._store(self.done)
-        recording = self.recording
-        recording.t_end[recording.running] = self.done * self.loop.dt
-        recording.status[recording.running] = Status.INTERRUPTED
+        self.recording.interrupt(self.done)
         self._close()
 
     def _close(self) -> None:
@@ -349,8 +283,7 @@ class CompiledRun:
         """Note which rollouts have diverged and when."""
         recording, ended = self.recording, self._keep["ended"]
         rows = np.flatnonzero((ended >= 0) & recording.running)
-        recording.status[rows] = Status.DIVERGED
-        recording.t_end[rows] = ended[rows] * self.loop.dt
+        recording.diverge(rows, ended[rows])
 
     def _store(self, samples: int) -> None:
         """Say how many samples there are; a rollout that diverged has its targets alone from then on."""
@@ -399,29 +332,9 @@ def _moved(state: Any, random: np.random.Generator | None, k: int = 0, size: flo
 
 def _aligned(values: Array) -> Array:
     """Return a flat copy that begins where vectors of lanes may."""
-    buffer = np.empty(values.size + 8)
-    begin = (-buffer.ctypes.data % 64) // 8
+    spare = _ALIGNMENT // values.itemsize
+    buffer = np.empty(values.size + spare)
+    begin = (-buffer.ctypes.data % _ALIGNMENT) // values.itemsize
     aligned = buffer[begin : begin + values.size]
     aligned[:] = values.ravel()
     return aligned
-
-
-def _names(traced: Trace) -> list[str]:
-    """Return the names of what is recorded, in the order of the generated code."""
-    return [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
-
-
-def _traced(loop: Any, state: Any, signals: bool) -> Trace:
-    """Return one sample of a loop, with the parameters that it uses alone."""
-    traced = trace(loop, state, signals)
-    expressions = [
-        *traced.after,
-        *(x for call in traced.calls for x in call.arguments),
-        *(x for xs in traced.recorded.values() for x in xs),
-    ]
-    used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
-    for call in traced.calls:
-        used.update(map(str, call.parameters))
-    traced.shared = [(symbol, value) for symbol, value in traced.shared if str(symbol) in used]
-    traced.own = [(symbol, values) for symbol, values in traced.own if str(symbol) in used]
-    return traced

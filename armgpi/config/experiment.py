@@ -16,6 +16,7 @@ from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.loop import metrics, rollout
+from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status
 from armgpi.loop.simulation import simulate
 from armgpi.robot import robots
@@ -76,14 +77,14 @@ def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
     times = max((run["time"].values for run in runs.values()), key=len)
     if any(not np.array_equal(run["time"], times[: run.sizes["time"]]) for run in runs.values()):
         raise RolloutError("rollouts sampled at different times cannot be joined")
-    provenance = {label: json.loads(run.attrs["provenance"]) for label, run in runs.items()}
+    provenance = {label: Provenance.from_rollout(run) for label, run in runs.items()}
     joined = xr.concat(
         list(runs.values()), dim="rollout", data_vars="all", join="outer", combine_attrs="override"
     )
     labels = np.array(list(runs))
-    measured = np.array([provenance[label]["measurement"] for label in runs])
+    measured = np.array([provenance[label].measurement for label in runs])
     joined = joined.assign_coords(label=("rollout", labels), measurement=("rollout", measured))
-    joined.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
+    joined.attrs["provenance"] = Provenance.join(provenance).to_json()
     return joined
 
 
@@ -94,14 +95,13 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
     # A run that was stopped at once has no figures.
     table = metrics.summary(rows) if rows.sizes["time"] > 1 else None
     ends = rollout.describe_end(rows)
-    provenance = json.loads(result.attrs["provenance"])
+    provenance = Provenance.from_rollout(result)
     found = []
     for index in range(rows.sizes["rollout"]):
         if "label" in rows.coords:
             label = str(rows["label"].values[index])
         else:
             label = "run" if single else f"rollout {index}"
-        own = provenance.get(label, provenance)
         figures = {
             name: [_plain(x) for x in table[name].isel(rollout=index).values]
             if table is not None
@@ -111,7 +111,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
         found.append(
             {
                 "label": label,
-                "measurement": own["measurement"],
+                "measurement": provenance.of(label).measurement,
                 "status": Status(int(rows["status"].values[index])).name.lower(),
                 "end": ends[index],
                 "joints": [str(joint) for joint in rows["joint"].values],

@@ -13,16 +13,17 @@ import casadi as ca
 import numpy as np
 
 from armgpi import __version__
-from armgpi.arrays import Array
-from armgpi.codegen.emit import CallSite, Dialect, straight_line
-from armgpi.codegen.kernels import Call, Kernel
+from armgpi.codegen.emit import Dialect, straight_line
+from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds
 from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
+from armgpi.export.layout import block, elementary, listed, members, rows
 from armgpi.export.names import identifiers, plain, source_of
+from armgpi.export.supervision import supervision
 
 #: Number types: C's name, ending of literals and functions, largest number.
 _REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}
@@ -92,35 +93,6 @@ _TABLE_NOTES = {
     "_kp_now": "gain of the error now: proportional, and half a sample of the integral [1/s^2]",
     "_ki_dt": "integral gain times the sample time [1/s^2]",
     "_back": "anti-windup [-]",
-}
-#: The emitter's elementary functions on one number; {R} is its type, {F} ends literals, {f} functions.
-_HELPERS = {
-    "v_lt": "static inline uint32_t v_lt({R} a, {R} b) { return (a < b) ? 1U : 0U; }",
-    "v_le": "static inline uint32_t v_le({R} a, {R} b) { return (a <= b) ? 1U : 0U; }",
-    "v_eq": "static inline uint32_t v_eq({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 1U : 0U; }",
-    "v_ne": "static inline uint32_t v_ne({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 0U : 1U; }",
-    "v_not": "static inline uint32_t v_not(uint32_t m) { return (m != 0U) ? 0U : 1U; }",
-    "v_only": "static inline {R} v_only(uint32_t m, {R} x) { return (m != 0U) ? x : 0.0{F}; }",
-    "v_number": "static inline {R} v_number(uint32_t m) { return (m != 0U) ? 1.0{F} : 0.0{F}; }",
-    # NaN on either side comes out, so that the supervision finds it.
-    "v_min": "static inline {R} v_min({R} a, {R} b) { return ((a < b) || !(a >= a)) ? a : b; }",
-    "v_max": "static inline {R} v_max({R} a, {R} b) { return ((b < a) || !(a >= a)) ? a : b; }",
-    "v_abs": "static inline {R} v_abs({R} x) { return fabs{f}(x); }",
-    "v_sin": "static inline {R} v_sin({R} x) { return sin{f}(x); }",
-    "v_cos": "static inline {R} v_cos({R} x) { return cos{f}(x); }",
-    "v_sqrt": "static inline {R} v_sqrt({R} x) { return sqrt{f}(x); }",
-    "v_exp": "static inline {R} v_exp({R} x) { return exp{f}(x); }",
-    "v_log": "static inline {R} v_log({R} x) { return log{f}(x); }",
-    "v_tan": "static inline {R} v_tan({R} x) { return tan{f}(x); }",
-    "v_tanh": "static inline {R} v_tanh({R} x) { return tanh{f}(x); }",
-    "v_atan": "static inline {R} v_atan({R} x) { return atan{f}(x); }",
-    "v_fmod": "static inline {R} v_fmod({R} x, {R} y) { return fmod{f}(x, y); }",
-    "v_floor": "static inline {R} v_floor({R} x) { return floor{f}(x); }",
-    "v_rint": "static inline {R} v_rint({R} x) { return rint{f}(x); }",
-    "v_sign": (
-        "static inline {R} v_sign({R} x)\n"
-        "{\n    return (x > 0.0{F}) ? 1.0{F} : ((x < 0.0{F}) ? -1.0{F} : 0.0{F});\n}"
-    ),
 }
 _KERNEL_NOTES = {
     "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
@@ -253,20 +225,16 @@ class _Writer:
         fill = {
             **self._shared(),
             "tables": "\n".join(map(self.table, self.tables)),
-            "bounds": self._bounds(),
-            "names": _listed(f'    "{plain(name)}"' for name in self.names),
+            "names": listed(f'    "{plain(name)}"' for name in self.names),
             "inputs": str(sum(INPUT_BITS.get(name, 0) for name in law.inputs)),
             "dt_double": repr(float(law.controller.dt)),
             "real_max": _REALS[self.real][2],
             "law": f"{type(law.controller).__name__}.init and {type(law.controller).__name__}.step",
-            "helpers": self._helpers(body),
+            "helpers": elementary(body, self.ending),
             "kernels": "\n".join(kernels),
             "law_functions": "\n".join(functions),
-            "checks": self._checks(),
             "zero": self.literal(0.0),
-            **self._jump(),
-            **self._frozen(),
-            "hold": _HOLD if hold else "",
+            **supervision(limits, law.inputs, self.names, self.ending, self.literal),
         }
         law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
         cut = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
@@ -328,7 +296,7 @@ class _Writer:
             kind, last = "void", ""
         parameters = ",\n    ".join(f"const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
         head = f"static {kind} {name}(armgpi_state_t *state,\n    {parameters}{last})"
-        return f"{note}\n{head}\n{_block(lines, ['state', *self.law.inputs])}"
+        return f"{note}\n{head}\n{block(lines, ['state', *self.law.inputs])}"
 
     def hold(self) -> str:
         """Return the function of the torque that carries the arm's weight."""
@@ -336,7 +304,7 @@ class _Writer:
         lines = self._lines("law_hold", self.law.hold, [], targets, range(self.law.n))
         note = "/* Work out the torque that carries the arm's weight, cut to the limits. */"
         head = "static void law_hold(const armgpi_real_t q_measured[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])"
-        return f"{note}\n{head}\n{_block(lines, ['q_measured'])}"
+        return f"{note}\n{head}\n{block(lines, ['q_measured'])}"
 
     def kernel(self, kernel: Kernel) -> str:
         """Return a function of the arm."""
@@ -354,7 +322,7 @@ class _Writer:
         note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").replace(" y", f" {result}", 1)
         parameters = [f"const armgpi_real_t {x}[{n}]" for x, n in zip(letters, kernel.sizes, strict=True)]
         head = ", ".join([*parameters, f"armgpi_real_t {result}[{kernel.size}]"])
-        return f"/* {note} */\nstatic void {self._kernel_name(kernel)}({head})\n{_block(lines, letters)}"
+        return f"/* {note} */\nstatic void {self._kernel_name(kernel)}({head})\n{block(lines, letters)}"
 
     def _kernel_name(self, kernel: Kernel) -> str:
         """Return the name of a kernel in C: arm_inertia_times, and arm2_... of a second arm."""
@@ -369,18 +337,7 @@ class _Writer:
         head = f"/* {table.path}{': ' if note else ''}{note} */\nstatic const armgpi_real_t {table.name}"
         if not table.shape:
             return f"{head} = {numbers[0]};\n"
-        return f"{head}[{len(numbers)}] = {{\n{self._rows(numbers)}\n}};\n"
-
-    def _rows(self, numbers: Sequence[str]) -> str:
-        """Return the entries of a table, with the names of the joints."""
-        named = len(numbers) == len(self.names)
-        commas = [f"{x}," for x in numbers[:-1]] + [numbers[-1]]
-        width = max(map(len, commas))
-        rows = [
-            f"    {x:{width}} /* {plain(name)} */" if named else f"    {x}"
-            for x, name in zip(commas, self.names if named else commas, strict=True)
-        ]
-        return "\n".join(rows)
+        return f"{head}[{len(numbers)}] = {{\n{rows(numbers, self.names)}\n}};\n"
 
     def _lines(
         self,
@@ -398,50 +355,32 @@ class _Writer:
             inputs += [
                 (x, f"{table.name}[{i}]" if table.shape else table.name) for i, x in enumerate(table.symbols)
             ]
-        outputs: list[Any] = []
-        places: list[str] = []
-        order: list[int] = []
-        sites, buffers = [], []
-        for i, call in enumerate(routine.calls):
+        for call in routine.calls:
             self.kernels.setdefault(call.kernel.name, call.kernel)
-            begin = len(outputs)
-            outputs += call.arguments
-            for k, size in enumerate(call.kernel.sizes):
-                places += [f"given{i}_{k}[{j}]" for j in range(size)]
-                order += range(size)
-                buffers.append((f"given{i}_{k}", size))
-            results = [f"result{i}[{j}]" for j in range(call.kernel.size)]
+        calls = placed(
+            routine.calls,
+            lambda i, k, j: f"given{i}_{k}[{j}]",
+            lambda i, j: f"result{i}[{j}]",
+            lambda i, call: _call(i, call, self._kernel_name(call.kernel), self.literal(0.0)),
+        )
+        lines = straight_line(
+            [*inputs, *calls.inputs],
+            [*calls.outputs, *routine.outputs],
+            [*calls.targets, *targets],
+            self.dialect,
+            calls.sites,
+            [*calls.order, *joints],
+        ).lines
+        buffers = []
+        for i, call in enumerate(routine.calls):
+            buffers += [(f"given{i}_{k}", size) for k, size in enumerate(call.kernel.sizes)]
             buffers.append((f"result{i}", call.kernel.size))
-            inputs += zip(call.results, results, strict=True)
-            lines = _call(i, call, self._kernel_name(call.kernel), self.literal(0.0))
-            sites.append(CallSite((begin, len(outputs)), results, lines))
-        outputs += routine.outputs
-        places += targets
-        order += joints
-        lines = straight_line(inputs, outputs, places, self.dialect, sites, order).lines
         self.counts[name] = _counted(lines)
         return _with_buffers(lines, buffers)
 
     def _cost(self, name: str, routine: Routine) -> Counts:
         """Return the operations of a routine with all that it calls."""
         return self.counts[name].plus(*(self.counts[call.kernel.name] for call in routine.calls))
-
-    def _helpers(self, body: str) -> str:
-        """Return the elementary functions that are used."""
-        real = {"R": "armgpi_real_t", "F": self.ending, "f": self.ending.lower()}
-        used = [name for name in _HELPERS if re.search(rf"\b{name}\(", body)]
-        texts = [_filled(_HELPERS[name], real) for name in used]
-        if "any_nonzero(" in body:
-            zero = self.literal(0.0)
-            texts.append(
-                "\n/* Tell whether any of so many numbers is not zero. */\n"
-                "static uint32_t any_nonzero(const armgpi_real_t x[], uint32_t count)\n{\n"
-                "    uint32_t i;\n    uint32_t found = 0U;\n\n"
-                "    for (i = 0U; i < count; ++i) {\n"
-                f"        if ((x[i] < {zero}) || (x[i] > {zero})) {{\n"
-                "            found = 1U;\n        }\n    }\n    return found;\n}"
-            )
-        return "\n".join(texts) + "\n"
 
     def _shared(self) -> dict[str, str]:
         """Return what both templates need."""
@@ -475,7 +414,7 @@ class _Writer:
             )
             for part in law.state
         ]
-        supervision = [
+        fields_of_status = [
             ("armgpi_status_t status;", "what it is in"),
             ("armgpi_reason_t reason;", "of a fault"),
             ("uint32_t fault_joint;", "joint concerned, see armgpi_joint_t"),
@@ -483,7 +422,7 @@ class _Writer:
             ("armgpi_real_t tau_fault[ARMGPI_N];", "torque while in FAULT [N m or N]"),
         ]
         if self.bounds.frozen_samples:
-            supervision += [
+            fields_of_status += [
                 ("armgpi_real_t q_ref_mark[ARMGPI_N];", "reference when the measurement last changed"),
                 ("armgpi_real_t excess_mark[ARMGPI_N];", "torque less weight, likewise [N m or N]"),
                 ("uint32_t frozen_count[ARMGPI_N];", "samples that it should have changed in since"),
@@ -499,140 +438,12 @@ class _Writer:
             "n": str(law.n),
             "dt": self.literal(law.controller.dt),
             "real": _REALS[self.real][0],
-            "enum": _listed(enum),
-            "supervision": _members(supervision).rstrip("\n"),
-            "fields": _members(fields),
+            "enum": listed(enum),
+            "supervision": members(fields_of_status).rstrip("\n"),
+            "fields": members(fields),
             "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),
             "action": what[self.bounds.action],
         }
-
-    def _bounds(self) -> str:
-        """Return the tables of the supervision."""
-        limits = self.bounds
-        parts: list[tuple[str, str, Array]] = []
-        if limits.jump is not None:
-            parts.append(("JUMP", "Largest change of a position in one sample [rad or m].", limits.jump))
-        if limits.frozen_samples:
-            travel = "Travel of the reference that asks a position to change [rad or m]."
-            torque = "Change of torque less weight that asks a position to change [N m or N]."
-            parts += [("FROZEN_TRAVEL", travel, limits.travel), ("FROZEN_TORQUE", torque, limits.torque)]
-        texts = [
-            f"/* {note} */\nstatic const armgpi_real_t {name}[ARMGPI_N] = {{\n"
-            f"{self._rows([self.literal(x) for x in values])}\n}};\n"
-            for name, note, values in parts
-        ]
-        if limits.frozen_samples:
-            texts.append(
-                "/* Samples without a change, while one is asked for, that make a position frozen. */\n"
-                f"static const uint32_t FROZEN_SAMPLES = {limits.frozen_samples}U;\n"
-            )
-        return "\n".join(texts)
-
-    def _checks(self) -> str:
-        """Return the tests of arguments for numbers that are not finite."""
-        lines: list[str] = []
-        for name in self.law.inputs:
-            reason = "MEASUREMENT" if name.endswith("measured") else "REFERENCE"
-            test = [
-                f"*joint = first_not_finite({name});",
-                "if (*joint < ARMGPI_N) {",
-                f"    reason = ARMGPI_REASON_{reason};",
-                "}",
-            ]
-            if lines:
-                test = ["if (reason == ARMGPI_REASON_NONE) {", *(f"    {line}" for line in test), "}"]
-            lines += [f"    {line}" for line in test]
-        return "\n".join(lines)
-
-    def _jump(self) -> dict[str, str]:
-        """Return the test for positions that jump, and its use."""
-        if self.bounds.jump is None:
-            return {"jump_check": "", "jump_call": ""}
-        return {"jump_check": _filled(_JUMP, {"f": self.ending.lower()}), "jump_call": _JUMP_CALL}
-
-    def _frozen(self) -> dict[str, str]:
-        """Return the test for positions that stand still, and its uses."""
-        if not self.bounds.frozen_samples:
-            return dict.fromkeys(("frozen_check", "frozen_call", "frozen_init", "frozen_first"), "")
-        zero = self.literal(0.0)
-        return {
-            "frozen_check": _filled(_FROZEN, {"f": self.ending.lower()}),
-            "frozen_call": _FROZEN_CALL,
-            "frozen_init": (
-                "            state->q_ref_mark[i] = q_ref[i];\n"
-                f"            state->excess_mark[i] = {zero};\n"
-                "            state->frozen_count[i] = 0U;\n"
-            ),
-            "frozen_first": "        state->first = 1U;\n",
-        }
-
-
-_HOLD = """\
-    if (state->status == ARMGPI_STATUS_RUN) {
-        law_hold(state->q_last, state->tau_fault);
-    }
-"""
-_JUMP = """
-/* Return the first joint whose position moved farther than it can in one sample, ARMGPI_N when none did. */
-static uint32_t first_jump(const armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N])
-{
-    uint32_t joint = 0U;
-
-    while ((joint < ARMGPI_N) && (fabs{f}(q[joint] - state->q_last[joint]) <= JUMP[joint])) {
-        ++joint;
-    }
-    return joint;
-}
-"""
-_JUMP_CALL = """\
-        if (reason == ARMGPI_REASON_NONE) {
-            joint = first_jump(state, q_measured);
-            if (joint < ARMGPI_N) {
-                reason = ARMGPI_REASON_JUMP;
-            }
-        }
-"""
-_FROZEN = """
-/* Return the first joint whose position stands still that should not, ARMGPI_N when none does. A still arm
-   repeats one number as a dead sensor does; so a change is asked for only where, since the last one, the
-   reference has moved on or the torque has changed by more than the arm's weight explains. */
-static uint32_t first_frozen(armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N],
-    const armgpi_real_t q_ref[ARMGPI_N], const armgpi_real_t tau[ARMGPI_N])
-{
-    armgpi_real_t weight[ARMGPI_N];
-    uint32_t joint = ARMGPI_N;
-    uint32_t i;
-
-    law_hold(q, weight);
-    for (i = 0U; i < ARMGPI_N; ++i) {
-        const armgpi_real_t excess = tau[i] - weight[i];
-
-        if ((state->first != 0U) || (q[i] < state->q_last[i]) || (q[i] > state->q_last[i])) {
-            state->q_ref_mark[i] = q_ref[i];
-            state->excess_mark[i] = excess;
-            state->frozen_count[i] = 0U;
-        } else if ((fabs{f}(q_ref[i] - state->q_ref_mark[i]) <= FROZEN_TRAVEL[i])
-            && (fabs{f}(excess - state->excess_mark[i]) <= FROZEN_TORQUE[i])) {
-            state->frozen_count[i] = 0U;
-        } else {
-            ++state->frozen_count[i];
-            if ((state->frozen_count[i] >= FROZEN_SAMPLES) && (joint == ARMGPI_N)) {
-                joint = i;
-            }
-        }
-    }
-    state->first = 0U;
-    return joint;
-}
-"""
-_FROZEN_CALL = """\
-        if (reason == ARMGPI_REASON_NONE) {
-            joint = first_frozen(state, q_measured, q_ref, tau_out);
-            if (joint < ARMGPI_N) {
-                reason = ARMGPI_REASON_FROZEN;
-            }
-        }
-"""
 
 
 def template(name: str) -> str:
@@ -643,12 +454,6 @@ def template(name: str) -> str:
 def inputs_of(bits: int) -> list[str]:
     """Return the names of a step's arguments, from the bits of `armgpi_info.inputs`."""
     return [name for name in INPUTS if not INPUT_BITS.get(name, 0) & ~bits]
-
-
-def _members(members: Sequence[tuple[str, str]]) -> str:
-    """Return members of a struct with their comments in a column."""
-    width = max((len(member) for member, _ in members), default=0)
-    return "".join(f"    {member:{width}} /* {remark} */\n" for member, remark in members)
 
 
 def _size(part: Table) -> str:
@@ -717,22 +522,3 @@ def _counted(lines: Iterable[str]) -> Counts:
         else:
             kinds["simple"] += 1
     return Counts(kinds["simple"], kinds["divisions"], kinds["transcendental"])
-
-
-def _block(lines: Sequence[str], arguments: Sequence[str]) -> str:
-    """Return the body of a function; arguments that it does not need are named as such."""
-    text = "\n".join(lines)
-    unused = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
-    return "{\n" + "".join(f"    {line}\n" for line in [*lines, *unused]) + "}\n"
-
-
-def _filled(text: str, values: dict[str, str]) -> str:
-    """Return a text of C, which is full of braces, with {names} replaced."""
-    for key, value in values.items():
-        text = text.replace(f"{{{key}}}", value)
-    return text
-
-
-def _listed(items: Iterable[str]) -> str:
-    """Return lines with commas between them."""
-    return ",\n".join(items)

@@ -22,7 +22,9 @@ from armgpi.export.code import MEANING, Code, Counts, generate, template
 from armgpi.export.faults import Faults
 from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
-from armgpi.loop.simulation import ClosedLoop
+from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.loop.rollout import Recording
+from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
 
@@ -32,8 +34,8 @@ MOST_SAMPLES = 100_000
 #: the printed law grow without bound and cancel (docs, theory), and where torque is cut, D(q)^-1, which the
 #: two work out in different ways, goes into the integrators.
 _TOLERANCE, _LOOSE = 1e-12, 1e-9
-#: A joint is this far from its reference [rad or m] when a rollout has diverged, as in `simulate`.
-_DIVERGED = 10.0
+#: How far the replay moves the reference to time a step whose torque is at its limits [rad or m].
+_FAR = 10.0
 #: How long the replay times steps [s], and how long it may take.
 _TIMING, _PATIENCE = 0.2, 120.0
 #: As the Makefile has them.
@@ -98,29 +100,28 @@ class Export(NamedTuple):
 
 
 def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> Log:
-    """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log."""
+    """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log.
+
+    Raises:
+        RolloutError: when the arm is out of control at the first sample.
+    """
     loop = ClosedLoop(plant, controller, reference)
     state = loop.init()
-    rows: list[Any] = []
-    taus = []
-    samples = max(1, min(round(t_final / controller.dt), MOST_SAMPLES))
-    diverged = None
+    steps = max(1, min(round(t_final / loop.dt), MOST_SAMPLES))
+    recording = Recording.new(loop.true_state(state).q.shape, steps, loop.dt, every=1)
     with np.errstate(all="ignore"):
-        for k in range(samples):
-            target = reference.at(k * controller.dt)
-            state, measured, tau = loop.step(state, target)
-            far = np.abs(measured.q - target.q)
-            if not ((far < _DIVERGED).all() and np.isfinite(tau).all() and np.isfinite(measured.v).all()):
-                diverged = k * controller.dt
-                break
-            rows.append((measured.q, measured.v, *target))
-            taus.append(tau)
-    if not rows:
+        drive(NumPyRun(loop, state, recording, inputs=True), steps)
+    found = {name: values[:steps] for name, values in recording.variables.items()}
+    # By what was asked for: actuators may make a finite torque of an infinite one, the exported code never.
+    error, tau = found["q"] - found["q_ref"], found["tau_command"]
+    good = in_control(error, found["v"], tau, DIVERGENCE)
+    count = steps if good.all() else int(np.argmin(good))
+    if not count:
         raise RolloutError(
             f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
         )
-    columns = zip(INPUTS, zip(*rows, strict=True), strict=True)
-    return Log({name: np.array(values) for name, values in columns}, np.array(taus), diverged)
+    inputs = {name: found[name][:count] for name in INPUTS}
+    return Log(inputs, tau[:count], None if count == steps else count * loop.dt)
 
 
 def export_controller(
@@ -220,7 +221,7 @@ def _texts(code: Code, log: Log) -> dict[str, str]:
         "init_now": ", ".join("moved" if i == q_ref else f"timed[k][{i}U]" for i in range(len(names))),
         "init_in": ", ".join(f"in[{i}U]" for i in range(len(names))),
         "zero": f"0.0{suffix}",
-        "far": f"10.0{suffix}",
+        "far": f"{_FAR}{suffix}",
     }
     return {
         "armgpi_controller.h": code.header,

@@ -17,15 +17,12 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -37,6 +34,7 @@ import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
+from armgpi.loop.provenance import Provenance, versions
 from armgpi.robot.robot import AnyRobot
 
 #: Version of the layout described above.
@@ -86,7 +84,9 @@ class Recording:
 
     Attributes:
         times: times of the recorded samples [s], shape (k,).
+        dt: sample time [s].
         every: record every so many samples.
+        shape: of one sample, (n,) or (batch, n).
         variables: name -> array (k, ..., n).
         status: of every rollout, shape (rollouts,).
         t_end: when each ended [s], shape (rollouts,).
@@ -94,6 +94,7 @@ class Recording:
     """
 
     times: Array
+    dt: float
     every: int
     shape: tuple[int, ...]
     variables: dict[str, Array]
@@ -114,6 +115,7 @@ class Recording:
         rollouts = shape[0] if len(shape) == 2 else 1
         return cls(
             times=np.arange(0, steps + 1, every) * np.float64(dt),
+            dt=dt,
             every=every,
             shape=shape,
             variables={},
@@ -126,6 +128,17 @@ class Recording:
         """Which rollouts are neither diverged nor interrupted."""
         running: npt.NDArray[np.bool_] = self.status == Status.FINISHED
         return running
+
+    def diverge(self, rollouts: Any, samples: Any) -> None:
+        """Note that rollouts (indices) have diverged at samples (counted from 0)."""
+        self.status[rollouts] = Status.DIVERGED
+        self.t_end[rollouts] = samples * self.dt
+
+    def interrupt(self, samples: int) -> None:
+        """Note that all rollouts that still run were stopped after so many samples."""
+        running = self.running
+        self.t_end[running] = samples * self.dt
+        self.status[running] = Status.INTERRUPTED
 
     def store(self, first: int, samples: Mapping[str, Array]) -> None:
         """Store the samples `first`, `first` + 1, ... of every variable, (k, rollouts, n), thinned.
@@ -162,7 +175,7 @@ class Recording:
 
 
 def to_dataset(
-    recording: Recording, robot: AnyRobot, disturbance: Array | None, provenance: Mapping[str, Any]
+    recording: Recording, robot: AnyRobot, disturbance: Array | None, made_from: Mapping[str, Any]
 ) -> xr.Dataset:
     """Return the dataset of a recording.
 
@@ -170,7 +183,7 @@ def to_dataset(
         recording: the samples.
         robot: the plant's robot, for names and limits.
         disturbance: disturbance torque at all of the recording's times, or None.
-        provenance: what was run, as plain data.
+        made_from: what was run, as plain data: see :class:`armgpi.loop.provenance.Provenance`.
     """
     batched = len(recording.shape) == 2
     # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
@@ -217,7 +230,7 @@ def to_dataset(
             "title": f"armgpi rollout of {robot.name}",
             "robot": robot.name,
             "armgpi_format": FORMAT,
-            "provenance": _as_json({**provenance, "versions": versions()}),
+            "provenance": Provenance({**made_from, "versions": versions()}).to_json(),
         },
     )
 
@@ -297,39 +310,10 @@ def _damage(rollout: xr.Dataset) -> str:
     if not np.isin(rollout["status"].values, [int(status) for status in Status]).all():
         return f"its status is {rollout['status'].values}"
     try:
-        provenance = json.loads(rollout.attrs["provenance"])
-    except (KeyError, TypeError, ValueError):
-        return "its provenance is no JSON"
-    return "" if isinstance(provenance, dict) and provenance else "its provenance is empty"
-
-
-@lru_cache(maxsize=1)
-def versions() -> dict[str, str]:
-    """Return the versions of what a rollout's numbers depend on."""
-    found = {}
-    for package in ("armgpi", "pin", "numpy"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "unknown"
-    return found
-
-
-def _as_json(data: Mapping[str, Any]) -> str:
-    """Return plain data as JSON."""
-    try:  # large batches have long lists, and hardly ever a number that JSON lacks
-        return json.dumps(data, sort_keys=True, allow_nan=False)
-    except ValueError:
-        return json.dumps(_finite(data), sort_keys=True, allow_nan=False)
-
-
-def _finite(value: Any) -> Any:
-    """Return plain data with what JSON has no number for as text: "inf", "-inf", "nan"."""
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+        Provenance.from_rollout(rollout)
+    except RolloutError as error:
+        return str(error)
+    return ""
 
 
 def _memory() -> float:

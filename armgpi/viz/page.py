@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.loop import rollout as rollouts
+from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz.meshes import MissingPackage, Triangles
 from armgpi.viz.scene import Body, Clip, Scene
@@ -134,7 +134,7 @@ def fill(
         "style": asset("page.css"),
         "data": json_text(data),
         "arrays": "" if arrays is None else arrays.text(),
-        "footer": f"Made by armgpi {text(rollouts.versions()['armgpi'])}. This file needs no network.",
+        "footer": f"Made by armgpi {text(versions()['armgpi'])}. This file needs no network.",
         "scripts": "\n".join(f"<script>{script}</script>" for script in safe),
         **values,
     }

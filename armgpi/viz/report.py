@@ -25,6 +25,7 @@ from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.health import report as health
 from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
+from armgpi.loop.provenance import Provenance
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.robot.robot import Robot
 from armgpi.viz import meshcat, page, scene, tracks
@@ -144,16 +145,13 @@ def _singles(dataset: xr.Dataset) -> dict[str, xr.Dataset]:
     """Return the rollouts of a dataset one by one, each with its own provenance."""
     if "rollout" not in dataset.dims:
         return {"": dataset}
-    provenance = json.loads(dataset.attrs["provenance"])
+    provenance = Provenance.from_rollout(dataset)
     singles = {}
     for index in range(dataset.sizes["rollout"]):
         run = dataset.isel(rollout=index)
         label = str(run["label"].values) if "label" in run.coords else f"rollout {index}"
         run = run.drop_vars(["label", "measurement"], errors="ignore")
-        run.attrs = {
-            **dataset.attrs,
-            "provenance": json.dumps(provenance.get(label, provenance), sort_keys=True),
-        }
+        run.attrs = {**dataset.attrs, "provenance": provenance.of(label).to_json()}
         singles[label] = run
     return singles
 
@@ -285,11 +283,10 @@ def _peak(values: Array) -> float:
 
 def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     """Return what was run, in short."""
-    provenance = _provenance(rollout)
+    provenance = Provenance.from_rollout(rollout).first
     time = rollout["time"].values
     step = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    made_from = _at(provenance, "plant", "robot", default={})
-    made_from = _at(made_from, "robots", 0, default=made_from)
+    made_from = provenance.robot
     rows = [
         ("robot", str(rollout.attrs.get("robot", "unknown"))),
         ("joints", ", ".join(str(joint) for joint in rollout["joint"].values)),
@@ -301,14 +298,14 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     if len(records) > 20:
         rows.append(("...", f"{len(records) - 20} more rollouts"))
     # Its name alone: a report is passed on, and need not say whose folders it was made in.
-    rows.append(("URDF", Path(str(_at(made_from, "source", default="unknown"))).name))
-    rows.append(("its SHA-256", f"{_at(made_from, 'sha256', default='unknown')}"))
-    if locked := _at(made_from, "locked", default={}):
+    rows.append(("URDF", Path(str(made_from.get("source", "unknown"))).name))
+    rows.append(("its SHA-256", str(made_from.get("sha256", "unknown"))))
+    if locked := made_from.get("locked"):
         rows.append(("locked joints", ", ".join(f"{name} = {value}" for name, value in locked.items())))
-    if changes := _at(made_from, "changes", default=[]):
+    if changes := made_from.get("changes"):
         rows.append(("changes of the plant", json.dumps(changes)))
-    versions = _at(provenance, "versions", default={})
-    rows.append(("versions", ", ".join(f"{name} {value}" for name, value in versions.items())))
+    rows.append(("back end", provenance.backend))
+    rows.append(("versions", ", ".join(f"{name} {value}" for name, value in provenance.versions.items())))
     return "<dl>" + "".join(f"<dt>{page.text(k)}</dt><dd>{page.text(v)}</dd>" for k, v in rows) + "</dl>"
 
 
@@ -381,7 +378,7 @@ def _configuration(rollout: xr.Dataset, configuration: str | None) -> str:
     parts = []
     if configuration is not None:
         parts.append(f"<h3>Experiment file</h3><pre tabindex=0>{page.text(configuration)}</pre>")
-    provenance = json.dumps(json.loads(rollout.attrs.get("provenance", "{}")), indent=1, ensure_ascii=False)
+    provenance = Provenance.from_rollout(rollout).to_json(indent=1)
     parts.append(
         f"<details><summary>Everything the rollout was made from</summary><pre tabindex=0>"
         f"{page.text(provenance[:400_000])}</pre></details>"
@@ -411,24 +408,3 @@ def _netcdf(rollout: xr.Dataset) -> tuple[bytes, int]:
             if size <= DATA_BYTES or rollout.sizes["time"] <= 2 * every:
                 return file.read_bytes(), every
             every *= max(2, int(np.ceil(size / DATA_BYTES)))
-
-
-def _provenance(rollout: xr.Dataset) -> dict[str, Any]:
-    """Return how the (first) rollout was made."""
-    try:
-        provenance = json.loads(rollout.attrs["provenance"])
-        if "plant" not in provenance:
-            provenance = next(iter(provenance.values()))
-    except (KeyError, ValueError, StopIteration, AttributeError):
-        return {}
-    return provenance if isinstance(provenance, dict) else {}
-
-
-def _at(data: Any, *path: str | int, default: Any) -> Any:
-    """Return what stands at a path of keys in plain data."""
-    for key in path:
-        try:
-            data = data[key]
-        except (KeyError, IndexError, TypeError):
-            return default
-    return data

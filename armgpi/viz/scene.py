@@ -21,6 +21,7 @@ import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, RolloutError
+from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status, describe_end
 from armgpi.robot import urdf
 from armgpi.robot.robot import Robot
@@ -253,18 +254,12 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
     Raises:
         RolloutError: when that URDF is not found any more or has changed, or the rollout does not say.
     """
-    import json
-
     try:
-        provenance = json.loads(rollout.attrs["provenance"])
-        if "plant" not in provenance:  # several rollouts, by label
-            provenance = next(iter(provenance.values()))
-        made_from = provenance["plant"]["robot"]
-        made_from = made_from["robots"][0] if "robots" in made_from else made_from
+        made_from = Provenance.from_rollout(rollout).first.robot
         source, digest = str(made_from["source"]), str(made_from["sha256"])
         locked = {str(name): float(value) for name, value in made_from["locked"].items()}
         mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
-    except (KeyError, TypeError, ValueError, AttributeError, StopIteration):
+    except (RolloutError, KeyError, TypeError, ValueError, AttributeError):
         raise RolloutError("the rollout does not say which robot it was made with; name it") from None
     from armgpi.robot import robots
 

@@ -1,0 +1,154 @@
+"""One sample of a loop, with all around it, as C: `lanes.h`, the dynamics, the sample, `loop.h`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+
+from armgpi.codegen.emit import Dialect, straight_line
+from armgpi.codegen.kernels import Call, Kernel, placed
+from armgpi.codegen.trace import Trace, trace
+
+#: What every run records, in this order; the first five belong to the sample, the others to the torque.
+_ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
+#: Place of the torque asked for, with which begins what stays held after the last sample.
+HELD = _ORDER.index("tau_command")
+#: Place of the torque applied, which must be finite.
+TAU = _ORDER.index("tau")
+
+
+def recorded_names(traced: Trace) -> list[str]:
+    """Return the names of what is recorded, in the order of the generated code."""
+    return [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
+
+
+def trace_used(loop: Any, state: Any, signals: bool) -> Trace:
+    """Return one sample of a loop, with the parameters that it uses alone; see :func:`trace`."""
+    traced = trace(loop, state, signals)
+    expressions = [
+        *traced.after,
+        *(x for call in traced.calls for x in call.arguments),
+        *(x for xs in traced.recorded.values() for x in xs),
+    ]
+    used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
+    for call in traced.calls:
+        used.update(map(str, call.parameters))
+    values = traced.values
+    traced.shared, values.shared = _kept(traced.shared, values.shared, used)
+    traced.own, values.own = _kept(traced.own, values.own, used)
+    return traced
+
+
+def _kept(symbols: list[Any], values: list[Any], used: set[str]) -> tuple[list[Any], list[Any]]:
+    """Return the symbols that are used, and their values."""
+    places = [i for i, symbol in enumerate(symbols) if str(symbol) in used]
+    return [symbols[i] for i in places], [values[i] for i in places]
+
+
+def source(traced: Trace, lanes: int) -> str:
+    """Return the C of a closed loop, whole; no number of :class:`armgpi.codegen.trace.Values` is in it."""
+    names = recorded_names(traced)
+    dialect = Dialect()
+    sizes = {
+        "LANES": lanes,
+        "N": traced.n,
+        "NS": len(traced.state),
+        "NO": len(traced.own),
+        "NT": len(traced.table),
+        "ND": len(traced.draws),
+        "VARIABLES": len(names),
+        "HELD": HELD,
+        "TAU": TAU,
+    }
+    kernels = {call.kernel.name: call.kernel for call in traced.calls}
+    parts = [f"#define {name} {value}" for name, value in sizes.items()]
+    parts.append(_text("lanes.h"))
+    for kernel in kernels.values():
+        parts += _function(kernel, dialect)
+    return "\n".join([*parts, *_sample(traced, names, dialect), _text("loop.h")])
+
+
+def _function(kernel: Kernel, dialect: Dialect) -> list[str]:
+    """Return the lines of a kernel."""
+    # Not inlined: a sample calls forward dynamics four times, and compilers take long over one huge function.
+    return [
+        f"static __attribute__((noinline)) void {kernel.name}(",
+        "    const V *restrict x, const V *m, V *restrict y)",
+        "{",
+        *kernel.code(dialect).lines,
+        "}",
+    ]
+
+
+def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
+    """Return the lines of the function that takes one sample."""
+    own = {str(symbol): i for i, symbol in enumerate(traced.own)}
+
+    def used(i: int, call: Call) -> list[str]:
+        return _call(i, call.kernel, own[str(call.parameters[0])] if call.parameters else 0)
+
+    calls = placed(
+        traced.calls,
+        # The arguments of a kernel are one array here, one after the other.
+        lambda i, k, j: f"x_{i}[{sum(traced.calls[i].kernel.sizes[:k]) + j}]",
+        lambda i, j: f"y{i}[{j}]",
+        used,
+    )
+    recorded = [x for name in names for x in traced.recorded[name]]
+    lines = straight_line(
+        [*_inputs(traced), *calls.inputs],
+        [*calls.outputs, *traced.after, *recorded],
+        [*calls.targets, *_numbered("z", traced.after), *_numbered("r", recorded)],
+        dialect,
+        calls.sites,
+        [*calls.order, *traced.joints, *(i % traced.n for i in range(len(recorded)))],
+    ).lines
+    buffers = [
+        f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];" for i, call in enumerate(traced.calls)
+    ]
+    return [
+        "static __attribute__((noinline)) void sample(const V *restrict s, V *restrict z, const double *p,",
+        "    const V *o, const V *t, const V *u, V k, V *restrict r)",
+        "{",
+        *buffers,
+        *lines,
+        "}",
+    ]
+
+
+def _inputs(traced: Trace) -> Iterator[tuple[Any, str]]:
+    """Yield the symbols of a trace, each with what it is in C."""
+    yield traced.k, "k"
+    yield from zip(traced.state, _numbered("s", traced.state), strict=True)
+    # Shared parameters are plain numbers in memory: a lane's worth of each would be read for nothing.
+    yield from ((x, f"v_set(p[{i}])") for i, x in enumerate(traced.shared))
+    yield from zip(traced.own, _numbered("o", traced.own), strict=True)
+    yield from zip(traced.table, _numbered("t", traced.table), strict=True)
+    draws = [x for draw in traced.draws for x in draw.symbols]
+    yield from zip(draws, _numbered("u", draws), strict=True)
+
+
+def _numbered(array: str, entries: list[Any]) -> list[str]:
+    """Return the entries of a C array."""
+    return [f"{array}[{i}]" for i in range(len(entries))]
+
+
+def _call(i: int, kernel: Kernel, first: int) -> list[str]:
+    """Return the lines of a call; where an argument makes the result zero, it costs nothing when it is."""
+    call = f"{kernel.name}(x_{i}, o + {first}, y{i});"
+    if kernel.skip is None:
+        return [call]
+    # D(q)^-1 of the saturation residual: most samples have none, in any lane.
+    start = sum(kernel.sizes[: kernel.skip])
+    places = range(start, start + kernel.sizes[kernel.skip])
+    tests = " | ".join(f"v_ne(x_{i}[{j}], v_set(0.0))" for j in places)
+    zeros = " ".join(f"y{i}[{j}] = v_set(0.0);" for j in range(kernel.size))
+    return [f"if (v_any({tests})) {call} else {{ {zeros} }}"]
+
+
+def _text(name: str) -> str:
+    """Return a file of C that comes with the package."""
+    return (files("armgpi.compiled") / name).read_text(encoding="utf-8")

@@ -1,0 +1,179 @@
+"""A plant, a controller and a reference together: what one sample of them is."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, ArrayLike, as_joint_array, new
+from armgpi.control.controller import Controller, FullState, Measurement, common_batch
+from armgpi.errors import ArrayError, ParameterError
+from armgpi.plants.plant import Plant, PlantState
+from armgpi.references.reference import Reference, Target
+
+
+class LoopState(NamedTuple):
+    """State of a closed loop.
+
+    Attributes:
+        k: number of samples taken.
+        plant: state of the plant.
+        controller: state of the controller.
+    """
+
+    k: int
+    plant: Any
+    controller: Any
+
+
+class LoopStep(NamedTuple):
+    """Result of one sample of a closed loop.
+
+    Attributes:
+        state: the next state.
+        measured: what the sensors said at the sample.
+        tau: torque that the controller asked for [N m or N], shape (n,) or (batch, n).
+    """
+
+    state: LoopState
+    measured: FullState
+    tau: Array
+
+
+class ClosedLoop:
+    """A plant under a controller that follows a reference, one sample at a time.
+
+    :func:`simulate` is a loop over :meth:`step`; use this class for a loop of your own.
+
+    Attributes:
+        plant: what moves.
+        controller: what moves it.
+        reference: where to.
+        dt: sample time [s], the controller's.
+        batch: number of rollouts, None for a single one.
+    """
+
+    def __init__(self, plant: Plant, controller: Controller, reference: Reference) -> None:
+        """Check that the three go together.
+
+        Raises:
+            ParameterError: when an argument is of another kind, or joints or batches differ.
+            ArrayError: when the reference has another number of joints.
+        """
+        for name, value, kind in (
+            ("plant", plant, Plant),
+            ("controller", controller, Controller),
+            ("reference", reference, Reference),
+        ):
+            if not isinstance(value, kind):
+                raise ParameterError(name, value, f"a {kind.__name__}")
+        if plant.robot.joint_names != controller.robot.joint_names:
+            raise ParameterError(
+                "controller",
+                ", ".join(controller.robot.joint_names),
+                f"for the plant's joints {', '.join(plant.robot.joint_names)}",
+            )
+        self.plant = plant
+        self.controller = controller
+        self.reference = reference
+        self.dt = controller.dt
+        first = _arrays(reference.at(0.0))
+        if first.q.ndim not in (1, 2) or first.q.shape[-1] != plant.robot.n:
+            raise ArrayError(
+                "reference",
+                f"expected targets of shape (n,) or (batch, n) with n = {plant.robot.n}, got {first.q.shape}",
+            )
+        self._target_shape = first.q.shape
+        self.batch = common_batch(plant.batch, controller.batch, first.q)
+        if self.batch == 0:
+            raise ArrayError("reference", "expected at least one rollout, got an empty batch")
+        self._measures_velocity = controller.measurement_type is FullState
+
+    def init(self, q0: ArrayLike | None = None, v0: ArrayLike | None = None) -> LoopState:
+        """Return the state at time 0.
+
+        Args:
+            q0: starting positions [rad or m], (n,) or (batch, n); the reference's when not given.
+            v0: starting velocities [rad/s or m/s], zero when not given.
+
+        Raises:
+            ArrayError: when an array is not as it should be.
+            LimitError: when the start is outside the joint limits.
+        """
+        robot = self.plant.robot
+        target = self.reference.at(0.0)
+        q = robot.check_position(target.q if q0 is None else q0, "the start q0")
+        v = np.zeros_like(q) if v0 is None else as_joint_array(v0, "v0", robot.joint_names)
+        batch = common_batch(self.batch, q, v)
+        if batch == 0:
+            raise ArrayError("q0", "expected at least one rollout, got an empty batch")
+        shape = (robot.n,) if batch is None else (batch, robot.n)
+        q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
+        state = self.plant.init(q, v)
+        return LoopState(0, state, self.controller.init(self._seen(self.plant.measure(state)), target))
+
+    def targets(self, times: Array) -> Target:
+        """Return the targets at some times [s], shape (k,): arrays (k, n) or (k, batch, n).
+
+        Raises:
+            ArrayError: when the reference, which may be a user's, gives something else.
+        """
+        target = _arrays(self.reference.at(times.copy()))
+        expected = (len(times), *self._target_shape)
+        if target.q.shape != expected:
+            raise ArrayError(
+                "reference",
+                f"expected targets of shape {expected} at {len(times)} times, got {target.q.shape}",
+            )
+        return target
+
+    def step(self, state: LoopState, target: Target | None = None) -> LoopStep:
+        """Take one sample: measure, control, and hold the torque until the next.
+
+        Args:
+            state: from :meth:`init` or the step before.
+            target: the reference at this time, if you have it; evaluated when not given.
+        """
+        if target is None:
+            target = self.reference.at(state.k * self.dt)
+        plant, controller, measured, tau = self._sample(state.plant, state.controller, target)
+        return LoopStep(LoopState(state.k + 1, plant, controller), measured, tau)
+
+    def _sample(self, plant: Any, controller: Any, target: Target) -> tuple[Any, Any, FullState, Array]:
+        """Return the next states of plant and controller, what was measured and the torque asked for."""
+        measured = self.plant.measure(plant)
+        seen = measured if self._measures_velocity else new(Measurement, (measured.q,))
+        tau, controller = self.controller.step(seen, target, controller)
+        return self.plant.step(tau, plant, self.dt), controller, measured, tau
+
+    def true_state(self, state: LoopState) -> PlantState:
+        """Return the true state of the plant."""
+        return self.plant.true_state(state.plant)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parts, and what the controller measures, as plain data for a rollout's provenance."""
+        return {
+            "plant": self.plant.describe(),
+            "controller": self.controller.describe(),
+            "reference": self.reference.describe(),
+            "measurement": self.controller.measurement_type.__name__,
+        }
+
+    def _seen(self, measured: FullState) -> Measurement | FullState:
+        """Return the part of a measurement that the controller may see."""
+        return measured if self._measures_velocity else Measurement(measured.q)
+
+
+def _arrays(target: Any) -> Target:
+    """Return a target whose three parts are arrays of floats and of one shape, or refuse it."""
+    if not isinstance(target, Target):
+        raise ArrayError("reference", f"expected a Target(q, v, a), got a {type(target).__name__}")
+    for name, part in zip(Target._fields, target, strict=True):
+        kind = part.dtype.str if isinstance(part, np.ndarray) else type(part).__name__
+        if kind != np.dtype(np.float64).str:
+            raise ArrayError("reference", f"expected targets of native float64, got {name} of {kind!r}")
+        if part.shape != target[0].shape:
+            shapes = f"{target[0].shape} and {part.shape}"
+            raise ArrayError("reference", f"expected q, v and a of one shape, got {shapes}")
+    return Target(*map(np.asarray, target))
