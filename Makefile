@@ -17,7 +17,7 @@ export MPLBACKEND ?= Agg
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format hooks types unit search docs examples wheel bench clean
+.PHONY: help install demo test lint format hooks types unit quick search docs examples wheel bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -52,8 +52,9 @@ $(FOR_ALL): pyproject.toml constraints.txt
 demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
 	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --report demo_out/report.html
 
-# The tests come last: cheap checks fail first, and the run ends with pytest's own summary.
-test: lint types docs examples wheel unit ## Everything CI checks
+# The tests come last: cheap checks fail first, and the run ends with pytest's own summary. They run the
+# examples as well.
+test: lint types docs wheel unit ## Everything CI checks
 
 lint: $(FOR_ALL) ## Style, complexity (ruff), layers of the packages, length of functions
 	$(BIN)/ruff check .
@@ -71,11 +72,15 @@ hooks: $(FOR_ALL) ## Let git check the style of each commit (pre-commit)
 types: $(FOR_ALL) ## Types, of the tests too (mypy --strict)
 	$(BIN)/mypy
 
+# Work stealing gives each process a stretch of the tests, which share what is made once for a file.
 unit: $(FOR_ALL) ## The tests
-	$(BIN)/pytest -n auto --durations=10
+	$(BIN)/pytest -n auto --dist worksteal --durations=10
+
+quick: $(FOR_ALL) ## The tests of what changed against main, and the fast ones of all
+	$(BIN)/python tools/quick.py
 
 search: $(FOR_ALL) ## The tests of what holds for every robot and file, with new random examples
-	$(BIN)/pytest -n auto -m hypothesis --hypothesis-profile=search
+	$(BIN)/pytest -n auto --dist worksteal -m "hypothesis or search" --hypothesis-profile=search
 
 docs: $(FOR_ALL) ## The documentation, into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -q docs build/docs

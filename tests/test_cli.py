@@ -110,6 +110,7 @@ def test_the_version_is_shown(cli: Callable[..., Answer]) -> None:
     assert cli("--version") == Answer(0, f"armgpi {armgpi.__version__}\n", "")
 
 
+@pytest.mark.slow
 def test_robots_are_listed_with_what_to_know_of_them(cli: Callable[..., Answer]) -> None:
     code, out, err = cli("robots")
     assert (code, err) == (0, "")
@@ -253,6 +254,7 @@ def test_a_path_with_spaces_is_a_robot(cli: Callable[..., Answer], tmp_path: Pat
     assert cli("run", path, *SHORT).code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("to", "goal"),
     [
@@ -510,6 +512,7 @@ def test_a_terminal_without_our_letters_gets_others() -> None:
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
 @pytest.mark.parametrize("arguments", [["robots"], ["run", ARM, *SHORT], ["run", ARM, *SHORT, "--json"]])
 def test_an_output_that_is_full_is_an_error_of_one_line(arguments: list[str]) -> None:
@@ -521,6 +524,7 @@ def test_an_output_that_is_full_is_an_error_of_one_line(arguments: list[str]) ->
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_costs_no_files(tmp_path: Path) -> None:
     with command("run", ARM, *SHORT, "--out", tmp_path) as process:
         assert process.stdout is not None
@@ -548,6 +552,7 @@ def test_a_rollout_that_diverges_exits_with_1_and_says_when(
     assert [record["status"] for record in json.loads(both.out)] == ["diverged", "finished"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "inherited", "sent", "code"),
     [
@@ -749,6 +754,7 @@ TYPED = st.dictionaries(st.sampled_from(sorted(VALUES)), st.none(), max_size=4).
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     robot=st.one_of(st.just(ARM), TEXTS),
@@ -786,6 +792,7 @@ def test_scenarios_are_listed_printed_and_run_by_name(
     assert "scenario-5.1" in nothing.err
 
 
+@pytest.mark.slow
 def test_reproduce_writes_tables_and_figures(tmp_path: Path) -> None:
     whole = [sys.executable, "-m", "armgpi.cli", "reproduce", "--quick", "--out", str(tmp_path / "out")]
     done = subprocess.run(whole, capture_output=True, text=True, check=False, timeout=500)

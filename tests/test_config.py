@@ -173,6 +173,7 @@ EXPERIMENT = section(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(EXPERIMENT)
 @pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")  # gains too fast for the sample time

@@ -12,10 +12,8 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-import os
 import re
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -26,7 +24,7 @@ from pydantic import BaseModel
 
 import armgpi
 from armgpi import config
-from armgpi.cli import app
+from armgpi.cli import app, main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -69,26 +67,25 @@ def check(shown: str, printed: str, place: str) -> None:
     assert agree(shown, printed), f"{place} shows\n{shown}\nbut it prints\n{printed}"
 
 
-def called(command: str, folder: Path, place: str) -> str:
-    """Return what a command of ours prints, warnings included; it must succeed."""
+def called(command: str, place: str) -> str:
+    """Return what a command of ours prints in this folder, warnings included; it must succeed."""
     if command == "make demo":  # as in the Makefile
         command = f"armgpi compare --config {shlex.quote(str(ROOT / 'examples' / 'demo.yaml'))}"
     if not command.startswith("armgpi "):
         return ""
-    words = shlex.split(command.split("  #")[0])[1:]
-    done = subprocess.run(
-        [sys.executable, "-m", "armgpi.cli", *words],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, f"{place}: {command}\n{done.stdout}"
-    return "\n".join(line for line in done.stdout.splitlines() if not line.startswith("wrote "))
+    output = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", shlex.split(command.split("  #")[0]))
+        patch.setenv("COLUMNS", "120")
+        patch.setattr(sys, "stdout", output)
+        patch.setattr(sys, "stderr", output)
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code, f"{place}: {command}\n{output.getvalue()}"
+    return "\n".join(line for line in output.getvalue().splitlines() if not line.startswith("wrote "))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_code_of_a_page_runs_and_prints_what_the_page_shows(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -111,7 +108,7 @@ def test_code_of_a_page_runs_and_prints_what_the_page_shows(
         elif block.language == "console":
             for entry in re.split(r"^\$ ", block.text.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
                 command, _, shown = entry.partition("\n")
-                result = called(command, tmp_path, place)
+                result = called(command, place)
                 if shown.strip():
                     check(shown, result, place)
 

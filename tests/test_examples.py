@@ -23,6 +23,7 @@ def test_there_are_examples() -> None:
     assert len(EXAMPLES) >= 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_runs_to_its_end_and_says_something(name: str, tmp_path: Path) -> None:
     without_a_screen = {key: value for key, value in os.environ.items() if key != "DISPLAY"}

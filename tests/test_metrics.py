@@ -161,6 +161,7 @@ def test_no_metric_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
         assert np.isfinite(table[name]).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(ERRORS, FACTORS)
 def test_metrics_scale_with_the_error_or_its_square(

@@ -223,6 +223,7 @@ def test_a_state_can_be_stepped_from_again_with_the_same_result() -> None:
 
 
 # 600 samples are more than two of the stretches that `simulate` works in.
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [None, 2])
 @pytest.mark.parametrize("controller_class", [GPI, PIDInversion])
 def test_steps_by_hand_equal_simulate_bit_by_bit(

@@ -57,6 +57,7 @@ def test_every_file_has_a_verdict() -> None:
     assert {name for name, _, _ in cases()} == {path.name for path in FOLDER.glob("*.urdf")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "verdict", "words"), cases(), ids=[name for name, _, _ in cases()])
 def test_a_file_ends_as_its_verdict_says(name: str, verdict: str, words: str) -> None:
     done = inspected(FOLDER / name, "--json")

@@ -378,6 +378,7 @@ def test_any_loop(loop: Loop) -> None:
     check(loop, 1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=3, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(robots(max_joints=4))
 def test_any_arm(robot: Robot) -> None:

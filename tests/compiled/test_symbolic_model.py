@@ -72,6 +72,7 @@ def worst(robot: Any, names: Any = KERNELS, states: int = 4) -> float:
     return factor / np.finfo(np.float64).eps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", robots.names())
 def test_every_arm_of_the_zoo_is_generated_right(name: str) -> None:
     with warnings.catch_warnings():

@@ -17,6 +17,7 @@ ARMS = [name for name in ("twodof", "anthropomorphic3", "ur5") if name in robots
 SECONDS = 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_agreement_up_to_an_edge(name: str) -> None:
     case = experiment(name)

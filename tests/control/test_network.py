@@ -151,6 +151,7 @@ def test_a_batch_of_networks_is_the_same_networks_one_by_one() -> None:
         np.testing.assert_array_equal(together["q"][row], one["q"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "fixed"), [(np.inf, 30.0), (0.12, 25.0)])
 def test_the_network_beats_a_fixed_gain_in_error_and_in_torque_variation_on_every_joint(
     rate: float, fixed: float

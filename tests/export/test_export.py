@@ -150,6 +150,7 @@ def logged(controller: Controller, seconds: float = 1.0) -> Log:
 # What compilers say.
 
 
+@pytest.mark.slow
 @compiled
 @every
 @pytest.mark.parametrize("real", ["double", "float"])
@@ -223,6 +224,7 @@ def test_samples_of_any_bits_give_torque_within_limits_under_the_sanitizers(
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize("name", ["network", "pid"])
 def test_the_folder_builds_and_replays_and_is_clean_under_sanitizers_and_valgrind(
@@ -293,6 +295,7 @@ def replayed(exported: ExportedController, log: Log) -> Any:
     return np.array(taus)
 
 
+@pytest.mark.slow
 @compiled
 @pytest.mark.parametrize(("realisation", "seconds"), [("bumpless", 40.0), ("paper", 10.0)])
 def test_equals_python_over_a_long_log_of_disturbed_motion(
@@ -318,6 +321,7 @@ def test_equals_python_over_a_long_log_of_disturbed_motion(
     assert done.measured.difference < (1e-12 if realisation == "bumpless" else 1e-10)
 
 
+@pytest.mark.slow
 @compiled
 @settings(max_examples=12)
 @given(robots_and_states(max_joints=5), st.sampled_from(["bumpless", "paper"]))
@@ -388,6 +392,7 @@ def test_single_precision_tracks_as_well_in_a_closed_loop() -> None:
     assert single.state_bytes < 0.6 * ExportedController.of(controller).state_bytes
 
 
+@pytest.mark.slow
 @compiled
 @every
 @pytest.mark.parametrize("real", ["double", "float"])

@@ -160,6 +160,7 @@ def test_without_knowing_what_was_applied_it_diverges(
     assert np.abs(e[-500:]).max() > 1.0
 
 
+@pytest.mark.slow
 @given(st.floats(0.7, 2.0), st.floats(0.3, 10.0), st.floats(0.003, 1.0))
 @settings(max_examples=10)
 def test_saturated_loops_of_any_sound_tuning_come_to_rest(zeta: float, ratio: float, share: float) -> None:

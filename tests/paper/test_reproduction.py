@@ -28,6 +28,7 @@ def pid() -> xr.Dataset:
     return runs.ideal_pid(runs.QUICK)
 
 
+@pytest.mark.slow
 def test_with_ideal_sensors_the_networks_reach_every_published_itae_at_the_cost_of_holding() -> None:
     ideal = runs.ideal_gpi(FINE)
     for table in published.TABLES:

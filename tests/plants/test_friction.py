@@ -66,6 +66,7 @@ def test_a_sled_with_coulomb_friction_stops_where_it_should_and_stays() -> None:
     assert abs(float(later.q[0] - stopped.q[0])) < STICK * DT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [1.0, 1e-2, 1e-4])
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
 def test_a_force_below_breakaway_only_creeps_however_light_the_joint(mass: float, share: float) -> None:

@@ -54,6 +54,7 @@ def test_the_frame_is_on_the_path_inside_the_limits(robot: Robot, frame: str, he
         np.testing.assert_allclose(pose.rotation @ axis, np.tile(held["direction"], (150, 1)), atol=1e-9)
 
 
+@pytest.mark.slow
 @each_follower
 def test_velocity_and_acceleration_are_derivatives_of_position(
     robot: Robot, frame: str, held: dict[str, Any]
@@ -87,6 +88,7 @@ def test_the_answer_depends_on_no_question_before() -> None:
     np.testing.assert_allclose(backwards.q[::-1], many.at(TIMES).q, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_joints_to_spare_come_back_to_where_the_path_began() -> None:
     path = Circle([0.45, 0.0, 0.4], 0.1, 5.0)
     reference = follow(PANDA, "panda_hand_tcp", path, rate=5.0)

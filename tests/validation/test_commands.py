@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ARM = "anthropomorphic3"
 
 
@@ -15,6 +17,7 @@ def run(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
 
 
+@pytest.mark.slow
 def test_a_derived_module_agrees_and_a_changed_one_differs(tmp_path: Path) -> None:
     derived = run("derive", ARM, "-o", "arm.py", folder=tmp_path)
     assert (derived.returncode, derived.stdout, derived.stderr) == (0, "", "wrote arm.py\n")
@@ -31,6 +34,7 @@ def test_a_derived_module_agrees_and_a_changed_one_differs(tmp_path: Path) -> No
     assert wrong.stderr == ""
 
 
+@pytest.mark.slow
 def test_bad_input_ends_with_2(tmp_path: Path) -> None:
     for arguments in (
         ("validate", "nothing.py", "--robot", ARM),

@@ -49,6 +49,7 @@ def test_every_short_robot_we_know_agrees_with_pinocchio(name: str, numbers: boo
     check(robot, derive(robot, numbers=numbers))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CHAINS if name in robots.names()])
 def test_the_first_joints_of_longer_ones_do_too(name: str) -> None:
     robot = Robot.load(name, keep=CHAINS[name])

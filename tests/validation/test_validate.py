@@ -56,6 +56,7 @@ def test_energy_is_kept_over_a_swing(paper: DynamicsReport) -> None:
 # The battery.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BATTERY, ids=lambda case: case.name)
 def test_a_planted_mistake_is_found_placed_and_explained(case: Case) -> None:
     robot = ARMS[case.name.split(":")[0]]().robot
@@ -83,6 +84,7 @@ def test_a_right_model_agrees(name: str) -> None:
     assert all(verdict in ("holds", "note") for verdict in (law.verdict for law in report.laws))
 
 
+@pytest.mark.search
 @pytest.mark.parametrize("make", [planar, scara], ids=["planar", "scara"])
 def test_no_false_alarm_on_random_parameters(make: object) -> None:
     for seed in range(2, 8):
@@ -93,6 +95,7 @@ def test_no_false_alarm_on_random_parameters(make: object) -> None:
 # Value or formula.
 
 
+@pytest.mark.slow
 def test_a_wrong_value_is_told_from_a_wrong_formula() -> None:
     robot = Robot.load("anthropomorphic3")
     (cause,) = validate(PaperArm(ArmParameters(m3=0.6)), robot).causes
@@ -108,6 +111,7 @@ def test_two_wrong_links_are_found_by_least_squares() -> None:
     assert "link 1 and link 2" in cause.text
 
 
+@pytest.mark.slow
 def test_what_nothing_explains_gets_no_cause_but_evidence() -> None:
     robot, model = planar(1)
     odd = {**model, "gravity": lambda q: model["gravity"](q) + np.array([0.0, np.exp(np.sin(3.0 * q[0]))])}
@@ -117,6 +121,7 @@ def test_what_nothing_explains_gets_no_cause_but_evidence() -> None:
     assert cause.evidence
 
 
+@pytest.mark.slow
 def test_a_torque_that_is_not_quadratic_in_v_is_said_to_be() -> None:
     robot, model = planar(1)
     odd = {**model, "coriolis_torque": lambda q, v: model["coriolis_torque"](q, v) + 0.1 * v**3}
@@ -125,6 +130,7 @@ def test_a_torque_that_is_not_quadratic_in_v_is_said_to_be() -> None:
     assert "degree two" in report.term("coriolis_torque").note
 
 
+@pytest.mark.slow
 def test_friction_in_the_coriolis_torque_is_named() -> None:
     robot, model = planar(1)
     rough = {**model, "coriolis_torque": lambda q, v: model["coriolis_torque"](q, v) + np.array([0.3, 0]) * v}
@@ -160,6 +166,7 @@ def test_a_consequence_is_told_from_its_cause() -> None:
 # Any of the functions alone.
 
 
+@pytest.mark.slow
 def test_every_function_may_come_alone() -> None:
     arm, robot = PaperArm(), Robot.load("anthropomorphic3")
     for name in ("inverse_dynamics", "forward_dynamics", "kinetic_energy", "potential_energy"):
@@ -187,6 +194,7 @@ def test_kinematics_and_jacobian() -> None:
 # Laws without a reference.
 
 
+@pytest.mark.slow
 def test_laws_alone_pass_a_right_model_and_name_what_fails() -> None:
     _, model = planar(1)
     assert validate(model).agrees
@@ -209,6 +217,7 @@ def test_g_that_is_not_the_slope_of_v_fails() -> None:
 # The report.
 
 
+@pytest.mark.slow
 def test_the_report_is_text_json_and_a_page(tmp_path: Path) -> None:
     case = BATTERY[0]
     report = validate(case.model, ARMS["planar"]().robot)
@@ -223,6 +232,7 @@ def test_the_report_is_text_json_and_a_page(tmp_path: Path) -> None:
         report.term("jacobian")
 
 
+@pytest.mark.slow
 def test_names_in_the_page_are_escaped() -> None:
     model = planar(1).model
     robot = planar(1).robot
@@ -250,6 +260,7 @@ def test_bad_arguments_are_refused(options: dict[str, object], error: type[Excep
 # A URDF for a model without one.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [planar, stanford], ids=["planar", "stanford"])
 def test_a_suggested_urdf_gives_the_model(make: object) -> None:
     robot, model = make(3)  # type: ignore[operator]
@@ -262,6 +273,7 @@ def test_a_suggested_urdf_gives_the_model(make: object) -> None:
     assert not [note for note in validate(model, found, rtol=1e-6).notes if "no rigid body" in note]
 
 
+@pytest.mark.slow
 def test_a_suggested_urdf_on_a_given_chain() -> None:
     robot, model = spatial(4)
     suggestion = suggest_urdf(model, robot)

@@ -80,6 +80,7 @@ CASES: dict[str, tuple[Callable[[], Robot], Callable[[Robot], xr.Dataset]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_links_are_where_pinocchio_puts_them(case: str, chromium: browsers.Browser, tmp_path: Path) -> None:
     load, make = CASES[case]
@@ -260,6 +261,7 @@ def test_a_robot_has_a_slider_for_every_joint(chromium: browsers.Browser, tmp_pa
 # The report.
 
 
+@pytest.mark.slow
 def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_path: Path) -> None:
     rollout = compared(soft=moving(ARM), stiff=run(ARM, omega=40.0))
     shown = opened(chromium, report.build(rollout, ARM, configuration="robot: {name: mine}"), tmp_path)
@@ -294,6 +296,7 @@ def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_
     quiet(shown)
 
 
+@pytest.mark.slow
 def test_the_data_of_the_report_are_the_rollout(chromium: browsers.Browser, tmp_path: Path) -> None:
     rollout = moving(ARM)
     html = report.build(rollout, ARM)
@@ -347,6 +350,7 @@ def test_thinned_lines_keep_their_extremes() -> None:
     assert (np.diff(x) > 0).all()
 
 
+@pytest.mark.slow
 def test_a_report_without_its_robot_says_so(chromium: browsers.Browser, tmp_path: Path) -> None:
     rollout = moving(chain(3))  # from text: there is no file to load again
     shown = opened(chromium, report.build(rollout), tmp_path)
@@ -356,6 +360,7 @@ def test_a_report_without_its_robot_says_so(chromium: browsers.Browser, tmp_path
     quiet(shown)
 
 
+@pytest.mark.slow
 def test_a_browser_without_3d_still_shows_plots(tmp_path: Path, chromium: browsers.Browser) -> None:
     html = report.build(moving(ARM), ARM)
     broken = html.replace("<head>", "<head>", 1)
@@ -389,6 +394,7 @@ def test_the_same_rollout_makes_the_same_page() -> None:
 # What files say never becomes part of the page.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["robot", "rollout", "report"])
 def test_hostile_names_are_text(kind: str, chromium: browsers.Browser, tmp_path: Path) -> None:
     joints, links = list(HOSTILE[:3]), [*HOSTILE[:3], "'\"--><svg onload=alert(1)>"]
@@ -449,6 +455,7 @@ def test_the_page_served_live(chromium: browsers.Browser) -> None:
         assert all(url.startswith((server.url, "data:", "blob:")) for url in shown.requests)
 
 
+@pytest.mark.slow
 def test_scenes_are_small() -> None:
     if "panda" not in robots.names():
         pytest.skip("example-robot-data is not installed")
@@ -481,6 +488,7 @@ SPOILED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
 @pytest.mark.parametrize("draw", [plots.overview, meshcat.rollout_page, report.build])
 @pytest.mark.parametrize("what", SPOILED)

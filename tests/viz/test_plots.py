@@ -79,6 +79,7 @@ def test_axes_say_joint_quantity_and_unit() -> None:
     assert [axes.get_xlabel() for axes in rows[2]] == ["time [s]"] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 5, 14])
 @pytest.mark.parametrize("draw", [plots.overview, plots.torques])
 def test_no_text_covers_another(n: int, draw: object) -> None:
@@ -90,6 +91,7 @@ def test_no_text_covers_another(n: int, draw: object) -> None:
     assert texts_overlap(draw(rollout)) == []  # type: ignore[operator]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", plots.FORMATS)
 def test_the_same_rollout_makes_the_same_file(kind: str, tmp_path: Path) -> None:
     first = plots.save(plots.errors(TWO, ["q1"]), tmp_path / f"a.{kind}").read_bytes()
@@ -188,6 +190,7 @@ def test_a_rollout_that_diverged_ends_with_a_cross() -> None:
     assert np.isnan(line(axes, "actual")[rollout["time"] > t_end]).all()
 
 
+@pytest.mark.slow
 def test_names_are_shown_to_the_letter(tmp_path: Path) -> None:
     rollout = compared(**{name: made_up(chain(4, joints=list(HOSTILE))) for name in HOSTILE})
     figure = plots.overview(rollout)
@@ -209,6 +212,7 @@ def test_any_text_is_a_label(name: str) -> None:
     assert not shown.startswith("_")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RolloutError, match="no samples"):
         plots.overview(ONE.isel(time=slice(0)))

@@ -44,6 +44,7 @@ def poses(arm: Scene, q: np.ndarray) -> list[np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(robots_and_states())
 def test_bodies_of_any_robot_are_where_pinocchio_puts_them(case: tuple[Robot, object]) -> None:
@@ -60,6 +61,7 @@ def test_bodies_of_any_robot_are_where_pinocchio_puts_them(case: tuple[Robot, ob
     assert np.allclose(tip[:3, 3], robot.frame_pose(robot.tip, state.q).translation, atol=1e-9)  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_robots_are_drawn_from_their_own_meshes(name: str) -> None:
     with warnings.catch_warnings():

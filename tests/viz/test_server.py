@@ -101,6 +101,7 @@ def rollout(tmp_path: Path) -> Path:
     return armgpi.save(run(Robot.load(ARM), t_final=0.1), tmp_path / "rollout.nc")
 
 
+@pytest.mark.slow
 def test_pictures_of_a_run(cli, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     files = {
         "--plot": tmp_path / "a.svg",
@@ -175,6 +176,7 @@ def test_a_report_finds_its_robot_and_its_experiment_file(cli, tmp_path: Path) -
 
 # Only one of the two may look for the first free port: run side by side, the second would take the port
 # that the first has just given back, and answer there.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [["view", ARM, "--port", "0"], ["run", ARM, "--t-final", "0.02", "--view"]]
 )

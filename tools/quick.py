@@ -1,0 +1,72 @@
+"""Run the tests of the packages that a change touches, and the fast tests of all.
+
+Usage: python tools/quick.py [options for pytest]
+
+A change is what differs from `main`, committed or not. `armgpi/X/Y.py` has its tests in `tests/X/`,
+`tests/test_X*.py` and `tests/test_Y*.py`. Tests marked `slow` are for `make test` alone.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+#: They look at much in some seconds.
+FAST = """
+    arrays public_names robot robots urdf crosscheck meshes grippers locking mimic health scenario experiment
+    control/gains control/gpi control/realisation control/network control/splines references/bezier
+    references/waypoints references/reference plants/loads plants/actuators plants/sensors plants/turns
+    paper/scenarios compiled/lanes compiled/refusals
+"""
+
+
+def git(*arguments: str) -> list[str]:
+    """Return what git prints, line by line."""
+    return subprocess.run(
+        ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+
+
+def file_of(name: str) -> Path:
+    """Return the tests in `tests/` that go by a name: control/gains -> tests/control/test_gains.py."""
+    return (ROOT / "tests" / name).with_name(f"test_{Path(name).name}.py")
+
+
+def tests_of(path: Path) -> list[Path]:
+    """Return the tests of a file of the project: itself, those of its package and module, or none."""
+    if path.parts[0] == "tests" and path.name.startswith("test_"):
+        return [ROOT / path]
+    if path.parts[0] != "armgpi":
+        return []
+    names = {Path(part).stem for part in path.parts[1:]}
+    return [
+        ROOT / "tests" / path.parts[1],
+        *(one for name in names for one in ROOT.glob(f"tests/test_{name}*.py")),
+    ]
+
+
+def main() -> None:
+    """Find the tests and run them."""
+    base = git("merge-base", "HEAD", "main")
+    changed = git("diff", "--name-only", *base) + git("ls-files", "--others", "--exclude-standard")
+    own = {test for path in changed for test in tests_of(Path(path))}
+    tests = {str(test) for test in own.union(map(file_of, FAST.split())) if test.exists()}
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-n",
+        "auto",
+        "--dist",
+        "worksteal",
+        "-m",
+        "not search and not slow",
+    ]
+    sys.exit(subprocess.call([*command, *sys.argv[1:], *sorted(tests)], cwd=ROOT))
+
+
+if __name__ == "__main__":
+    main()
