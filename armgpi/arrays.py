@@ -7,14 +7,14 @@ word, so nothing reaches it unchecked. Inside the package arrays are trusted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.errors import ArrayError, ParameterError
+from armgpi.errors import ArrayError, NameNotFound, ParameterError
 
 #: A native float64 array.
 Array = npt.NDArray[np.float64]
@@ -98,6 +98,39 @@ def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, 
             name, f"expected {expected} values, got {array[index]:g} for joint {joint_names[index[-1]]!r}"
         )
     return array
+
+
+def quantity(
+    value: Any, name: str, joint_names: Sequence[str], default: Array | float | None = None
+) -> Array:
+    """Return a per-joint quantity given as a number, a list or a mapping as an array (n,).
+
+    Args:
+        value: a number for all joints, one per joint, or joint -> number.
+        name: name of the quantity, for the message.
+        joint_names: names of the n joints.
+        default: what joints get that a mapping leaves out; None when it must name them all.
+
+    Raises:
+        ArrayError: when the number of numbers is another one, or joints are left out.
+        NameNotFound: when a mapping names a joint that does not exist.
+    """
+    n = len(joint_names)
+    if not isinstance(value, Mapping):
+        array = as_float_array(value, name)
+        if array.shape not in ((), (n,)):
+            raise ArrayError(name, f"expected {n} numbers ({', '.join(joint_names)}), got {array.size}")
+        return np.array(np.broadcast_to(array, (n,)))
+    for joint in value:
+        if joint not in joint_names:
+            raise NameNotFound("joint", joint, joint_names)
+    missing = [joint for joint in joint_names if joint not in value]
+    if missing and default is None:
+        raise ArrayError(name, f"needs a value for {', '.join(missing)} as well")
+    filled = np.array(np.broadcast_to(0.0 if default is None else default, (n,)), dtype=np.float64)
+    for joint, number in value.items():
+        filled[list(joint_names).index(joint)] = as_number(number, name)
+    return filled
 
 
 #: Makes a NamedTuple, ``new(Kind, (a, b))``, in half the time of ``Kind(a, b)``: for the control loop.

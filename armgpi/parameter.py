@@ -21,13 +21,40 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from typing_extensions import dataclass_transform
 
-from armgpi.arrays import Array, PerJointInput, as_float_array, check_number, check_whole, per_joint
+from armgpi.arrays import (
+    Array,
+    ArrayLike,
+    PerJointInput,
+    as_float_array,
+    check_number,
+    check_whole,
+    per_joint,
+)
 from armgpi.errors import ArrayError, ParameterError
 
+
+class _Required(Enum):
+    REQUIRED = "required"
+
+
 #: What a parameter's value is. A box is (lower, upper), or one value that does not vary.
-Kind = Literal["number", "integer", "choice", "flag", "box", "vector", "numbers", "group", "other"]
+#: A group has parameters of its own below it; a variant is one of the named classes below a base class.
+Kind = Literal[
+    "number",
+    "integer",
+    "choice",
+    "flag",
+    "text",
+    "box",
+    "vector",
+    "numbers",
+    "times",
+    "points",
+    "group",
+    "variant",
+]
 #: Stands for the default of a parameter that must be given.
-REQUIRED: Any = Enum("Required", "REQUIRED").REQUIRED
+REQUIRED: Any = _Required.REQUIRED
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -42,8 +69,17 @@ if TYPE_CHECKING:
         def __set__(self, instance: object, value: PerJointInput) -> None:
             """Take what the constructor takes."""
 
+    class Vector:
+        """Type of a field of three numbers: given as a list or an array; an array once it is checked."""
+
+        def __get__(self, instance: object, owner: type) -> Array:
+            """Return the checked array."""
+
+        def __set__(self, instance: object, value: ArrayLike) -> None:
+            """Take what the constructor takes."""
+
 else:
-    PerJoint = PerJointInput
+    PerJoint, Vector = PerJointInput, ArrayLike
 
 
 @dataclass(frozen=True)
@@ -66,7 +102,8 @@ class Parameter:
         chosen: what an experiment takes when its file says nothing; the class works it out.
         key: its name in an experiment file and on the command line; its own name when empty.
         in_file: whether it is there at all. What is not comes from the experiment: robot, dt, seed.
-        group: for kind "group", the class whose parameters stand below it.
+        group: the class of a group, or the base class of a variant.
+        follows: the parameter whose value it takes where it is None.
         short: its option of the command line in few words; `text` when empty.
         log: whether it is to be varied by factors, not by differences.
         structural: whether it decides the form of the generated code, so that it cannot vary by rollout.
@@ -91,6 +128,7 @@ class Parameter:
     key: str = ""
     in_file: bool = True
     group: type | None = None
+    follows: str = ""
     short: str = ""
     log: bool = False
     structural: bool = False
@@ -115,6 +153,16 @@ class Parameter:
         if math.isfinite(self.least):
             return f"{'above' if self.above else 'at least'} {self.least:g}{unit}"
         return f"finite{unit}"
+
+    @property
+    def optional(self) -> bool:
+        """Whether it may be null in an experiment file."""
+        return bool(self.none or self.chosen or self.unlimited)
+
+    @property
+    def file_default(self) -> Any:
+        """Its default in an experiment file."""
+        return None if self.chosen or self.default == math.inf else plain(self.default)
 
     @property
     def meaning(self) -> str:
@@ -155,6 +203,8 @@ class Parameter:
             return self._box(value, joint_names)
         if self.kind in ("vector", "numbers"):
             return self._numbers(value)
+        if self.kind == "text" and not isinstance(value, str):
+            raise ParameterError(self.name, value, "text")
         if self.kind in ("number", "integer"):
             return self._per_joint(value, joint_names) if self.per_joint else self._number(value)
         return value

@@ -391,7 +391,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
         2,
         "give one of the two",
     ),
-    "frame without path": ("reference: {frame: tool}", "reference.frame", 2, "goes with path"),
+    "frame without path": ("reference: {frame: tool}", "reference.frame", 2, "requires path"),
     "unknown frame of a path": (
         "reference: {path: {type: laser}, frame: tol}",
         "reference.frame",

@@ -11,40 +11,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, quantity
 from armgpi.config.reading import Origin, Path_
-from armgpi.config.schema import (
-    BoxSection,
-    CircleSection,
-    ControllerSection,
-    ExperimentConfig,
-    GPISection,
-    LaserSection,
-    LissajousSection,
-    NetworkSection,
-    PaperLoad,
-    PathSection,
-    PIDSection,
-    PlantSection,
-    ReferenceSection,
-    RobotSection,
-)
+from armgpi.config.schema import KINDS, ExperimentConfig, ReferenceSection, RobotSection
 from armgpi.control.controller import Controller
-from armgpi.control.gains import FixedGains, Gains, default_omega
-from armgpi.control.gpi import GPI
-from armgpi.control.network import BSplineNetwork
-from armgpi.control.payload import payload_range
-from armgpi.control.pid import PIDInversion
-from armgpi.errors import ArmgpiError, ConfigError, EffortError, NameNotFound
-from armgpi.paper.arm import PaperArm
-from armgpi.plants import actuators, loads, sensors
-from armgpi.plants.plant import Plant
+from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
+from armgpi.parameter import REQUIRED, Parameter, parameters
+from armgpi.plants.loads import Load
+from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.rigid_body import RigidBodyPlant
-from armgpi.references import paths
+from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
-from armgpi.references.cartesian import CartesianReference, Inverse
+from armgpi.references.cartesian import CartesianReference, ClosedForm, Inverse
+from armgpi.references.paths import Eased, Path
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
+from armgpi.registry import Context, registered, subclasses
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
@@ -67,10 +49,6 @@ _PATH_TIME = 18.0
 #: Size of a path that is chosen for an arm, as a share of how far from the base it is; and the number of
 #: configurations among which the roomiest is looked for.
 _PATH_SIZE, _CANDIDATES = 0.1, 256
-#: Ends of a network's box when nothing is said, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
-_CALM, _ALERT = 22.0 / 30.0, 2.0
-#: Resolution that stands for the scale of errors where there is no encoder.
-_FINE_BITS = 22
 
 
 class _Place(NamedTuple):
@@ -126,9 +104,15 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     """
     top = _Place(origin or Origin())
     robot = _robot(config.robot, top.at("robot"))
-    plant = _plant(config, robot, top.at("plant"))
+    delay = getattr(config.plant, "delay", None) or 0
+    bits = getattr(config.plant, "encoder_bits", None)
+    if bits is not None:
+        bits = _per_joint(bits, robot, top.at("plant", "encoder_bits"), parameters(Encoder)["bits"].default)
+    dt = config.sample_time
+    context = Context(robot, dt, config.seed, delay * dt, bits)
+    plant = _plant(config, context, top.at("plant"))
     controllers: dict[str, Controller] = {}
-    sections: list[ControllerSection] = []
+    sections: list[Any] = []
     for index, section in enumerate(config.controllers):
         place = top.at("controllers", index)
         label = section.label or section.type
@@ -138,7 +122,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             raise place.at("label").error(f"another controller is labelled {label!r} as well")
         try:
             with place.error_context():
-                section, controllers[label] = _controller(config, section, robot, place)
+                section, controllers[label] = _controller(section, context, place)
         except ConfigError as error:
             if isinstance(error.__cause__, EffortError):
                 raise top.at("robot", "effort").error(str(error.__cause__)) from None
@@ -178,9 +162,9 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
     return robot
 
 
-def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
-    """Return the plant with its loads and wires."""
-    section = config.plant
+def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
+    """Return the plant with its loads, sensors and actuators."""
+    section, robot = config.plant, context.robot
     real = robot
     if section.payload is not None:
         with place.at("payload").error_context():
@@ -189,140 +173,105 @@ def _plant(config: ExperimentConfig, robot: Robot, place: _Place) -> Plant:
     if section.armature is not None:
         armature = _per_joint(section.armature, robot, place.at("armature"), robot.armature)
         real = real.with_armature(armature)
-    torques: list[loads.Load] = []
+    torques: list[Load] = []
     for index, item in enumerate(section.loads):
-        with place.at("loads", index).error_context():
-            torques += _loads(item, robot, place.at("loads", index))
+        here = place.at("loads", index)
+        with here.error_context():
+            kind = registered(Load)[item.type]
+            torques += kind.configured(_given(item, parameters(kind), robot, here, {}, 0.0), context)
     with place.error_context():
-        plant: Plant = RigidBodyPlant(
-            real,
-            torques,
-            friction="urdf" if section.friction == "urdf" else None,
-            substeps=section.substeps,
-        )
-        if section.torque_rate is not None:
-            rate = _per_joint(section.torque_rate, robot, place.at("torque_rate"), None)
-            plant = actuators.RateLimited(plant, rate)
-        plant = actuators.Saturated(plant)
-        if section.noise is not None:
-            noise = section.noise
-            plant = sensors.Noisy(plant, noise.position, noise.velocity, config.seed)
-        if section.encoder_bits is not None:
-            plant = sensors.Encoder(plant, section.encoder_bits)
-        if section.velocity_bandwidth is not None:
-            plant = sensors.Differentiated(plant, section.velocity_bandwidth)
-        if section.drop_out:
-            plant = sensors.DropOut(plant, section.drop_out, config.seed)
-        if section.delay:
-            plant = sensors.Delayed(plant, section.delay)
+        friction = "urdf" if section.friction == "urdf" else None
+        plant: Plant = RigidBodyPlant(real, torques, friction=friction, substeps=section.substeps)
+    for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: item[1].order):
+        value = getattr(section, name)
+        given = None
+        own = {key: each for key, each in parameters(wrapper).items() if each.in_file}
+        if value is not None and value != wrapper.off:
+            if len(own) == 1:  # a bare value
+                ((key, declared),) = own.items()
+                default = declared.default if declared.default is not REQUIRED else None
+                given = {key: _value(declared, value, robot, place.at(name), default)}
+            else:
+                given = _given(value, own, robot, place.at(name))
+        with place.at(name).error_context():
+            plant = wrapper.configured(plant, given, context)
     return plant
 
 
-def _loads(section: BaseModel, robot: Robot, place: _Place) -> list[loads.Load]:
-    """Return the loads of one entry."""
-    if isinstance(section, PaperLoad):
-        if robot.n != 3:
-            raise place.error(f"eqs. 29-31 are for an arm of 3 joints, this one has {robot.n}")
-        return [*loads.paper_disturbances()]
-    kinds: dict[str, Any] = {"step": loads.Step, "ramp": loads.Ramp, "sine": loads.Sine, "pulse": loads.Pulse}
-    given = section.model_dump(exclude_none=True)
-    kind = kinds[given.pop("type")]
-    for key in ("amplitude", "slope", "omega", "phase"):
-        if key in given:
-            given[key] = _per_joint(given[key], robot, place.at(key), 0.0)
-    load: loads.Load = kind(**given)
-    return [load]
-
-
-def _controller(
-    config: ExperimentConfig, section: ControllerSection, robot: Robot, place: _Place
-) -> tuple[ControllerSection, Controller]:
+def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
     """Return one controller, and its section with the defaults filled in."""
-    dt = config.sample_time
-    nominal = robot if section.inertia_scale == 1.0 else robot.scaled_inertia(section.inertia_scale)
-    if isinstance(section, PIDSection):
-        defaults = {"kp": 400.0, "ki": 500.0, "kd": 40.0}
-        gains = {
-            key: _per_joint(getattr(section, key), robot, place.at(key), default)
-            for key, default in defaults.items()
-        }
-        return section, PIDInversion(nominal, dt, **gains, bias_robot=robot)
-    delay = config.plant.delay * dt
-    omega = default_omega(dt, delay)
-    law: dict[str, Any] = {"realisation": section.realisation, "start": section.start, "delay": delay}
-    if section.payload_range is not None:
-        span = section.payload_range
-        frame = span.frame or robot.tip
-        with place.at("payload_range").error_context():
-            found = payload_range(robot, span.lightest, span.heaviest, frame, span.com, dt=dt, delay=delay)
-        omega = found.omega_c
-        law |= {"payload": (span.lightest, span.heaviest), "frame": frame, "com": span.com}
-    adapted: Gains
-    if isinstance(section, NetworkSection):
-        section, adapted = _network(section, robot, omega, config.plant, place)
-    else:
-        section, adapted = _fixed_gains(section, robot, omega, place)
-    return section, GPI(nominal, dt, adapted, **law)
-
-
-def _fixed_gains(
-    section: GPISection, robot: Robot, omega: float, place: _Place
-) -> tuple[GPISection, FixedGains]:
-    """Return constant gains, `omega` where no bandwidth is given."""
-    if section.omega is None:
-        section = section.model_copy(update={"omega": omega})
-    omegas = _per_joint(section.omega or omega, robot, place.at("omega"), omega)
-    zetas = _per_joint(section.zeta, robot, place.at("zeta"), 1.0)
-    ps = None if section.p is None else _per_joint(section.p, robot, place.at("p"), omegas)
-    return section, FixedGains(omegas, zetas, ps)
-
-
-def _network(
-    section: NetworkSection, robot: Robot, omega: float, plant: PlantSection, place: _Place
-) -> tuple[NetworkSection, BSplineNetwork]:
-    """Return networks; where nothing is given, their box is around the default bandwidth `omega`."""
-    count = 2.0 * math.pi / 2.0 ** (plant.encoder_bits or _FINE_BITS)
-    filled = {
-        "omega": BoxSection(lower=omega * _CALM, upper=omega * _ALERT),
-        "error_range": count,
-        "dead_zone": 2.0 * count if plant.encoder_bits else 0.0,
-    }
-    missing = {key: value for key, value in filled.items() if getattr(section, key) is None}
-    section = section.model_copy(update=missing)
-
-    def box(key: str) -> Any:
-        value = getattr(section, key)
-        if value is None:
-            return None
-        if isinstance(value, BoxSection):
-            here = place.at(key)
-            ends = ("lower", "upper")
-            low, high = (_per_joint(getattr(value, end), robot, here.at(end), None) for end in ends)
-            if np.any(low > high):
-                raise here.error(f"expected lower <= upper, got {low.tolist()} above {high.tolist()}")
-            return low, high
-        return _per_joint(value, robot, place.at(key), None)
-
-    def each(key: str) -> Any:
-        value = getattr(section, key)
-        return None if value is None else _per_joint(value, robot, place.at(key), None)
-
-    network = BSplineNetwork(
-        omega_c=box("omega"),
-        zeta_c=box("zeta"),
-        p_c=box("p"),
-        learning=section.learning,
-        learning_rate=each("learning_rate"),
-        error_range=each("error_range"),
-        derivative_range=each("derivative_range"),
-        dead_zone=each("dead_zone"),
-        leak=section.leak,
-        rate=math.inf if section.rate is None else each("rate"),
-        bandwidth=section.bandwidth,
-        knots=section.knots,
-        order=section.order,
+    robot, kind = context.robot, KINDS[section.type]
+    scale = section.inertia_scale
+    declared = parameters(kind.law)
+    context = context._replace(
+        nominal=robot if scale == 1.0 else robot.scaled_inertia(scale),
+        error_context=lambda name: place.at(declared[name].key or name).error_context(),
     )
-    return section, network
+    law = _given(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
+    context = kind.law.context_for(law, context)
+    source: Any = kind.variant or kind.law
+    chosen = source.chosen(context)
+    keys = {parameters(source)[name].key or name: _as_section(value) for name, value in chosen.items()}
+    missing = {key: value for key, value in keys.items() if getattr(section, key) is None}
+    section = type(section).model_validate({**section.model_dump(), **missing})
+    if kind.variant is not None:
+        law[kind.part] = kind.variant(**_given(section, parameters(kind.variant), robot, place, chosen))
+    else:
+        law = _given(section, declared, robot, place, chosen)
+    return section, kind.law.configured(law, context)
+
+
+def _as_section(value: Any) -> Any:
+    """Return a chosen value as an experiment file has it: one number where all are the same."""
+    if isinstance(value, tuple):
+        return {"lower": _as_section(value[0]), "upper": _as_section(value[1])}
+    array = np.asarray(value, dtype=np.float64)
+    return float(array.flat[0]) if (array == array.flat[0]).all() else array.tolist()
+
+
+def _given(
+    section: Any,
+    declared: Mapping[str, Parameter],
+    robot: Robot,
+    place: _Place,
+    chosen: Mapping[str, Any] | None = None,
+    others: float | None = None,
+) -> dict[str, Any]:
+    """Return what a section gives of declared parameters, by their names, as constructors take it.
+
+    Args:
+        section: of the file.
+        declared: the parameters.
+        robot: the arm.
+        place: of the section.
+        chosen: defaults that were worked out for this experiment.
+        others: what joints get that a mapping leaves out and that have no default.
+    """
+    found: dict[str, Any] = {}
+    for name, each in declared.items():
+        value = getattr(section, each.key or name, None) if each.in_file else None
+        if value is None:
+            continue
+        default = (chosen or {}).get(name, found.get(each.follows, each.default))
+        if default is REQUIRED or default is None or isinstance(default, tuple):
+            default = others
+        found[name] = _value(each, value, robot, place.at(each.key or name), default)
+    return found
+
+
+def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default: Any) -> Any:
+    """Return one value as constructors take it."""
+    if declared.kind == "group":
+        assert declared.group is not None
+        with place.error_context():
+            return declared.group(**_given(value, parameters(declared.group), robot, place))
+    if declared.kind == "box" and isinstance(value, BaseModel):
+        ends = [_per_joint(getattr(value, end), robot, place.at(end), None) for end in ("lower", "upper")]
+        if np.any(ends[0] > ends[1]):
+            low, high = (end.tolist() for end in ends)
+            raise place.error(f"expected lower <= upper, got {low} above {high}")
+        return tuple(ends)
+    return _per_joint(value, robot, place, default) if declared.per_joint else value
 
 
 def _reference(
@@ -331,44 +280,49 @@ def _reference(
     """Return the reference, when it has ended [s], and its section with the defaults filled in."""
     if section.path is None:
         if section.frame is not None:
-            raise place.at("frame").error("goes with path")
+            raise place.at("frame").error("requires path")
         return _moves(section, robot, place)
     for key in ("points", "durations", "holds"):
         if getattr(section, key) is not None:
-            raise place.at(key).error("cannot stand beside path: give one of the two")
+            raise place.at(key).error("path and this key are mutually exclusive: give one of the two")
     frame = section.frame or robot.tip
     with place.at("frame").error_context():
         robot.frame_pose(frame, robot.middle())
     axis = section.tool_axis or [0.0, 0.0, 1.0]
-    inverse: Inverse = PaperArm().inverse_kinematics
-    if section.direction is not None or not _is_paper_arm(robot, frame):
+    closed = (each() for each in subclasses(ClosedForm) if each.fits(robot, frame))
+    inverse: Inverse | None = next(closed, None)
+    if section.direction is not None or inverse is None:
         with place.error_context():
             inverse = TrackingInverse(robot, frame, direction=section.direction, tool_axis=axis)
     elif section.tool_axis is not None:
-        raise place.at("tool_axis").error("goes with direction")
+        raise place.at("tool_axis").error("requires direction")
     with place.at("path").error_context():
-        drawn = _fitted(section.path, robot, frame, section.direction, axis)
-        path = _path(drawn)
+        drawn, path = _path(section.path, robot, frame, section.direction, axis)
         reference = CartesianReference(robot, frame, path, inverse)
     end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
     return reference, end, section.model_copy(update={"frame": frame, "path": drawn})
 
 
-def _is_paper_arm(robot: Robot, frame: str) -> bool:
-    """Tell whether a frame moves as the paper's tool does: then eq. 2 is its inverse kinematics."""
-    if robot.n != 3:
-        return False
-    q = np.array([[0.0, 0.0, 0.0], [0.3, 0.5, -0.7], [-1.1, 0.2, 0.9]])
-    there = robot.frame_pose(frame, q).translation
-    return bool(np.abs(there - PaperArm().forward_kinematics(q)).max() < 1e-9)
+def _path(
+    section: Any, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
+) -> tuple[Any, Path]:
+    """Return a path, and its section with what was left out chosen for the arm."""
+    kind = registered(Path)[section.type]
+    own = parameters(kind)
+    missing = [
+        name for name, each in own.items() if each.chosen and getattr(section, each.key or name) is None
+    ]
+    if missing:
+        point = _roomiest(robot, frame, direction, axis)
+        chosen = kind.fitted(point, _PATH_SIZE * float(np.linalg.norm(point)))
+        update = {own[name].key or name: np.asarray(chosen[name]).tolist() for name in missing}
+        section = section.model_copy(update=update)
+    path = kind(**{name: getattr(section, each.key or name) for name, each in own.items() if each.in_file})
+    return section, Eased(path, section.ease) if kind.starts_moving and section.ease else path
 
 
-def _fitted(
-    section: PathSection, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
-) -> PathSection:
-    """Return a path with what was left out chosen for the arm: around a point where it has clearance."""
-    if isinstance(section, LaserSection):
-        return section
+def _roomiest(robot: Robot, frame: str, direction: list[float] | None, axis: list[float]) -> Array:
+    """Return the point at which the arm has the most clearance, of some."""
     clearance = TrackingInverse(robot, frame, direction=direction, tool_axis=axis).clearance
     q = random_configurations(robot, _CANDIDATES, seed=0)
     points = robot.frame_pose(frame, q).translation
@@ -376,34 +330,8 @@ def _fitted(
         found = inverse_kinematics(robot, frame, points, direction=direction, tool_axis=axis, restarts=4)
         if found.reached.any():
             q, points = found.q[found.reached], points[found.reached]
-    point = points[np.argmax(clearance(q))]
-    size = _PATH_SIZE * float(np.linalg.norm(point))
-    chosen: dict[str, Any]
-    if isinstance(section, LissajousSection):
-        chosen = {"centre": point, "amplitude": np.array([0.0, size, 0.5 * size])}
-    elif isinstance(section, CircleSection):
-        chosen = {"centre": point, "radius": size}
-    else:
-        square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], dtype=np.float64)
-        chosen = {"corners": point + size * (square - [0.5, 0.5, 0.0])}
-    missing = {
-        key: np.asarray(value).tolist() for key, value in chosen.items() if getattr(section, key) is None
-    }
-    return section.model_copy(update=missing)
-
-
-def _path(section: PathSection) -> paths.Path:
-    """Return a path in space."""
-    kinds: dict[str, Any] = {
-        "laser": paths.LaserPath,
-        "lissajous": paths.Lissajous,
-        "circle": paths.Circle,
-        "polyline": paths.Polyline,
-    }
-    given = section.model_dump()
-    ease = given.pop("ease", 0.0)
-    path: paths.Path = kinds[given.pop("type")](**given)
-    return paths.Eased(path, ease) if ease else path
+    point: Array = points[np.argmax(clearance(q))]
+    return point
 
 
 def _moves(
@@ -467,19 +395,11 @@ def _per_joint(
     place: _Place,
     default: Array | float | None,
 ) -> Array:
-    """Return a per-joint quantity as an array (n,); joints that a mapping leaves out get the default."""
-    names = robot.joint_names
-    if isinstance(value, Mapping):
-        for joint in value:
-            if joint not in names:
-                raise place.at(joint).error(str(NameNotFound("joint", joint, names)))
-        missing = [joint for joint in names if joint not in value]
-        if missing and default is None:
-            raise place.error(f"needs a value for {', '.join(missing)} as well")
-        result = np.array(np.broadcast_to(0.0 if default is None else default, (robot.n,)), dtype=np.float64)
-        for joint, number in value.items():
-            result[names.index(joint)] = number
-        return result
-    if isinstance(value, list) and len(value) != robot.n:
-        raise place.error(f"expected {robot.n} numbers ({', '.join(names)}), got {len(value)}")
-    return np.array(np.broadcast_to(np.array(value, dtype=np.float64), (robot.n,)))
+    """Return a per-joint quantity as an array (n,); see :func:`armgpi.arrays.quantity`."""
+    name = str(place.path[-1])
+    try:
+        return quantity(value, name, robot.joint_names, default)
+    except NameNotFound as error:
+        raise place.at(str(error.name)).error(str(error)) from None
+    except ArrayError as error:
+        raise place.error(str(error).removeprefix(f"{name}: ")) from None

@@ -1,5 +1,8 @@
 """What may stand in an experiment file: its sections and keys, as pydantic models.
 
+Sections of controllers, loads, sensors, actuators and paths are made from the parameters that their classes
+declare (:mod:`armgpi.parameter`); the others are below.
+
 Every quantity is in SI units. A per-joint quantity is a number for all joints, a list, or a mapping from
 joint names.
 """
@@ -7,9 +10,28 @@ joint names.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Iterable, Mapping
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    StrictBool,
+    Tag,
+    create_model,
+)
+
+from armgpi.control.controller import Controller
+from armgpi.parameter import REQUIRED, Parameter, parameters
+from armgpi.plants.loads import Load
+from armgpi.plants.plant import Wrapper
+from armgpi.references.paths import Path
+from armgpi.registry import registered, subclasses
 
 
 def _number(value: Any) -> Any:
@@ -50,38 +72,45 @@ Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 Whole = Annotated[int, BeforeValidator(_whole)]
 
-PerJoint = Annotated[
-    Annotated[Number, Tag("number")]
-    | Annotated[list[Number], Tag("list")]
-    | Annotated[dict[str, Number], Tag("mapping")],
-    Discriminator(_shape),
-]
-PerJointPositive = Annotated[
-    Annotated[Positive, Tag("number")]
-    | Annotated[list[Positive], Tag("list")]
-    | Annotated[dict[str, Positive], Tag("mapping")],
-    Discriminator(_shape),
-]
-PerJointNotNegative = Annotated[
-    Annotated[NotNegative, Tag("number")]
-    | Annotated[list[NotNegative], Tag("list")]
-    | Annotated[dict[str, NotNegative], Tag("mapping")],
-    Discriminator(_shape),
-]
+
+def per_joint(element: Any) -> Any:
+    """Return the type of a per-joint quantity of such elements."""
+    return Annotated[
+        Annotated[element, Tag("number")]
+        | Annotated[list[element], Tag("list")]
+        | Annotated[dict[str, element], Tag("mapping")],
+        Discriminator(_shape),
+    ]
+
+
+def one_or_several(element: Any) -> Any:
+    """Return the type of a number or a list of them."""
+    return Annotated[
+        Annotated[element, Tag("number")] | Annotated[list[element], Tag("list")],
+        Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
+    ]
+
+
+if TYPE_CHECKING:  # what type checkers take these types for
+    PerJoint: TypeAlias = float | list[float] | dict[str, float]
+    PerJointNotNegative: TypeAlias = PerJoint
+    Times: TypeAlias = float | list[float]
+    Stands: TypeAlias = Times
+else:
+    PerJoint = per_joint(Number)
+    PerJointNotNegative = per_joint(NotNegative)
+    Times, Stands = one_or_several(Positive), one_or_several(NotNegative)
 Names = Annotated[list[str], BeforeValidator(_names)]
 #: Names, or name -> value; a name without a value is locked where ``Robot.load`` chooses.
 Locks = Annotated[
     Annotated[Names, Tag("list")] | Annotated[dict[str, Number | None], Tag("mapping")],
     Discriminator(lambda value: "mapping" if isinstance(value, dict) else "list"),
 ]
-Times = Annotated[
-    Annotated[Positive, Tag("number")] | Annotated[list[Positive], Tag("list")],
-    Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
-]
-Stands = Annotated[
-    Annotated[NotNegative, Tag("number")] | Annotated[list[NotNegative], Tag("list")],
-    Discriminator(lambda value: "list" if isinstance(value, list) else "number"),
-]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+#: Sections by the steps of pydantic's locations: keys, and the tags of unions.
+SECTIONS: dict[str, type[BaseModel]] = {}
 
 
 class _Section(BaseModel):
@@ -90,26 +119,88 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class BoxSection(_Section):
-    """Lowest and highest value of a tuning parameter."""
-
-    lower: PerJointPositive
-    upper: PerJointPositive
-
-
 def _box_shape(value: Any) -> str:
     """Tell how a box is given: by its two ends, or as one value that does not adapt."""
     ends = isinstance(value, dict) and {"lower", "upper"} & set(value)
-    return "box" if ends or isinstance(value, BoxSection) else _shape(value)
+    return "box" if ends or isinstance(value, BaseModel) else _shape(value)
 
 
-Box = Annotated[
-    Annotated[BoxSection, Tag("box")]
-    | Annotated[Positive, Tag("number")]
-    | Annotated[list[Positive], Tag("list")]
-    | Annotated[dict[str, Positive], Tag("mapping")],
-    Discriminator(_box_shape),
-]
+def box(element: Any) -> Any:
+    """Return the type of a box of such elements."""
+    ends: dict[str, Any] = dict.fromkeys(("lower", "upper"), (per_joint(element), ...))
+    model = create_model("BoxSection", __base__=_Section, **ends)
+    SECTIONS["box"] = model
+    return Annotated[
+        Annotated[model, Tag("box")]
+        | Annotated[element, Tag("number")]
+        | Annotated[list[element], Tag("list")]
+        | Annotated[dict[str, element], Tag("mapping")],
+        Discriminator(_box_shape),
+    ]
+
+
+def annotation(declared: Parameter) -> Any:
+    """Return the type that a declared parameter has in an experiment file."""
+    kind: Any = declared.kind
+    if kind == "choice":
+        return Literal[declared.choices]
+    if kind == "flag":
+        return StrictBool
+    if kind == "text":
+        return str
+    if kind == "group":
+        assert declared.group is not None
+        return section(declared.key or declared.name, declared.group)
+    limits = {
+        ("gt" if declared.above else "ge"): declared.least,
+        ("lt" if declared.below else "le"): declared.most,
+    }
+    finite: dict[str, Any] = {key: limit for key, limit in limits.items() if math.isfinite(limit)}
+    number: Any = Whole if kind == "integer" else Number
+    element: Any = Annotated[number, Field(**finite)]
+    kinds: dict[str, Callable[[Any], Any]] = {
+        "box": box,
+        "vector": lambda _: Vector,
+        "numbers": lambda _: list[Number],
+        "times": one_or_several,
+        "points": lambda _: Annotated[list[Vector], Field(min_length=2)],
+    }
+    form = kinds.get(kind, per_joint if declared.per_joint else lambda item: item)
+    return form(element)
+
+
+def field_of(declared: Parameter) -> tuple[Any, Any]:
+    """Return type and default of the key of a declared parameter."""
+    kind, default = annotation(declared), declared.file_default
+    if default is REQUIRED:
+        return kind, ...
+    return (kind | None if declared.optional else kind), default
+
+
+def keys_of(declared: Mapping[str, Parameter]) -> dict[str, Any]:
+    """Return the keys of declared parameters with their types and defaults."""
+    return {each.key or name: field_of(each) for name, each in declared.items() if each.in_file}
+
+
+def section(name: str, cls: type, declared: Mapping[str, Parameter] | None = None, **keys: Any) -> Any:
+    """Return the section of the experiment file for a class, from its declarations.
+
+    Args:
+        name: how the section is called.
+        cls: the class.
+        declared: its parameters, when they are not all.
+        **keys: further keys, name -> (type, default).
+    """
+    own = keys_of(parameters(cls) if declared is None else declared)
+    made = create_model(f"{cls.__name__}Section", __base__=_Section, **{**keys, **own})
+    made.__doc__ = cls.__doc__
+    SECTIONS[name] = made
+    return made
+
+
+def one_of(sections: Iterable[Any]) -> Any:
+    """Return the type of a section that is one of several, by its `type`."""
+    return Annotated[reduce(or_, sections), Field(discriminator="type")]
 
 
 class RobotSection(_Section):
@@ -138,62 +229,15 @@ class PayloadSection(_Section):
     com: list[Number] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
 
 
-class StepLoad(_Section):
-    """A constant disturbance torque; see :class:`armgpi.Step`."""
-
-    type: Literal["step"]
-    amplitude: PerJoint
-    onset: Number = 0.0
-    end: Number | None = None
+def _load(name: str, cls: type) -> Any:
+    return section(name, cls, type=(Literal[name], ...))
 
 
-class RampLoad(_Section):
-    """A disturbance torque that grows; see :class:`armgpi.Ramp`."""
-
-    type: Literal["ramp"]
-    slope: PerJoint
-    onset: Number = 0.0
-    end: Number | None = None
-
-
-class SineLoad(_Section):
-    """A vibrating disturbance torque; see :class:`armgpi.Sine`."""
-
-    type: Literal["sine"]
-    amplitude: PerJoint
-    omega: PerJoint
-    phase: PerJoint = 0.0
-    onset: Number = 0.0
-    end: Number | None = None
-
-
-class PulseLoad(_Section):
-    """A push; see :class:`armgpi.Pulse`."""
-
-    type: Literal["pulse"]
-    amplitude: PerJoint
-    onset: Number
-    duration: Positive
-
-
-class PaperLoad(_Section):
-    """The disturbance torques of eqs. 29-31, for the paper's arm."""
-
-    type: Literal["paper"]
-
-
-LoadSection = Annotated[StepLoad | RampLoad | SineLoad | PulseLoad | PaperLoad, Field(discriminator="type")]
-
-
-class NoiseSection(_Section):
-    """White noise on the measurements: standard deviations [rad or m, rad/s or m/s]."""
-
-    position: NotNegative = 0.0
-    velocity: NotNegative = 0.0
+LoadSection: Any = one_of(_load(name, cls) for name, cls in registered(Load).items())
 
 
 class PlantSection(_Section):
-    """What differs from the model that the controller has, and what is on the wires.
+    """What differs from the nominal model; sensors and actuators come to it from their declarations.
 
     Attributes:
         payload: a load that the controller does not know.
@@ -201,13 +245,6 @@ class PlantSection(_Section):
         friction: "urdf" for the URDF's friction coefficients, "none".
         loads: disturbance torques.
         substeps: integration steps per sample.
-        encoder_bits: encoder resolution; exact positions when not given.
-        delay: samples by which measurements are late.
-        drop_out: share of measurements lost.
-        noise: measurement noise.
-        torque_rate: highest rate of change of torque [N m/s or N/s].
-        velocity_bandwidth: when given, velocities come from differences of the measured positions, filtered
-            with it [rad/s]; exact velocities when not. GPI sees none.
     """
 
     payload: PayloadSection | None = None
@@ -215,148 +252,71 @@ class PlantSection(_Section):
     friction: Literal["urdf", "none"] = "none"
     loads: list[LoadSection] = []
     substeps: Whole = Field(default=1, ge=1, le=1000)
-    encoder_bits: Annotated[Whole, Field(ge=1, le=52)] | None = None
-    delay: Whole = Field(default=0, ge=0, le=10_000)
-    drop_out: NotNegative = Field(default=0.0, lt=1.0)
-    noise: NoiseSection | None = None
-    torque_rate: PerJointPositive | None = None
-    velocity_bandwidth: Positive | None = None
 
 
-class RangeSection(_Section):
-    """Loads that a controller shall stand: masses [kg] at com [m] in a frame (the tip when not given)."""
-
-    lightest: NotNegative = 0.0
-    heaviest: NotNegative
-    frame: str | None = None
-    com: Annotated[list[Number], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
+def _wrapper(name: str, cls: type[Wrapper]) -> tuple[Any, Any]:
+    """Return type and default of a wrapper's key: a bare value where it has one parameter, else a mapping."""
+    own = [each for each in parameters(cls).values() if each.in_file]
+    kind = annotation(own[0]) if len(own) == 1 else section(name, cls)
+    return kind | None, cls.off
 
 
-class GPISection(_Section):
-    """A GPI controller; see :class:`armgpi.GPI`. `inertia_scale` multiplies the D(q) that it believes in.
-
-    `payload_range` are loads that it shall stand: it believes in the heaviest.
-    """
-
-    type: Literal["gpi"]
-    label: str | None = None
-    omega: PerJointPositive | None = None
-    zeta: PerJointPositive = 1.0
-    p: PerJointPositive | None = None
-    realisation: Literal["bumpless", "paper"] = "bumpless"
-    start: Literal["hold", "zero"] = "hold"
-    inertia_scale: Positive = 1.0
-    payload_range: RangeSection | None = None
+_WRAPPERS: dict[str, Any] = {name: _wrapper(name, cls) for name, cls in registered(Wrapper).items()}
+if not TYPE_CHECKING:
+    PlantSection = create_model("PlantSection", __base__=PlantSection, **_WRAPPERS)
 
 
-class NetworkSection(_Section):
-    """GPI with gains that B-spline networks adapt; see :class:`armgpi.BSplineNetwork`.
+class Kind(NamedTuple):
+    """What `type` of a controller's section may name.
 
     Attributes:
-        label: name in tables.
-        omega: box of the natural frequency [rad/s]; from 22/30 of the default bandwidth to twice it when not
-            given, as the sample time and the delay allow.
-        zeta: box of the damping ratio, or one value.
-        p: box of the real pole [rad/s], or one value; follows omega when not given.
-        learning: "magnitude" or "signed" (eq. 23 to the letter).
-        learning_rate: l of eq. 23.
-        error_range: error at which a gain's aim is the upper end [rad or m]; an encoder count when not given.
-        derivative_range: end of the range of the filtered derivative [rad/s or m/s].
-        dead_zone: error that raises no gain [rad or m]; two encoder counts when not given.
-        leak: how fast what was learned is forgotten [1/s].
-        rate: rho of abs(d omega/dt) <= rho omega^2; no limit when not given.
-        bandwidth: of the derivative's filter [rad/s].
-        knots: of the basis functions over inputs scaled to [-1, 1], symmetric; two functions per input when
-            not given.
-        order: of the basis functions.
-        realisation: "bumpless" or "paper".
-        start: "hold" or "zero".
-        inertia_scale: multiplies the D(q) that it believes in.
-        payload_range: loads that it shall stand: it believes in the heaviest.
+        law: the controller.
+        variant: the class of its part that may be one of several, if it has one; see `GPI.gains`.
+        part: name of that part.
     """
 
-    type: Literal["network"]
-    label: str | None = None
-    omega: Box | None = None
-    zeta: Box = 0.75
-    p: Box | None = None
-    learning: Literal["magnitude", "signed"] = "magnitude"
-    learning_rate: PerJointNotNegative = 0.2
-    error_range: PerJointPositive | None = None
-    derivative_range: PerJointPositive = 1.0
-    dead_zone: PerJointNotNegative | None = None
-    leak: NotNegative = 5.0
-    rate: PerJointPositive | None = None
-    bandwidth: Positive = 60.0
-    knots: list[Number] | None = None
-    order: Whole = 3
-    realisation: Literal["bumpless", "paper"] = "bumpless"
-    start: Literal["hold", "zero"] = "hold"
-    inertia_scale: Positive = 1.0
-    payload_range: RangeSection | None = None
+    law: type[Controller]
+    variant: type | None = None
+    part: str = ""
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Declared parameters that are keys of the section."""
+        both = {**(parameters(self.variant) if self.variant else {}), **parameters(self.law)}
+        return {name: each for name, each in both.items() if each.in_file}
 
 
-class PIDSection(_Section):
-    """PID with dynamic inversion; see :class:`armgpi.PIDInversion`. `inertia_scale` scales its D(q) alone."""
-
-    type: Literal["pid"]
-    label: str | None = None
-    kp: PerJointNotNegative = 400.0
-    ki: PerJointNotNegative = 500.0
-    kd: PerJointNotNegative = 40.0
-    inertia_scale: Positive = 1.0
-
-
-ControllerSection = Annotated[GPISection | NetworkSection | PIDSection, Field(discriminator="type")]
+def _kinds() -> dict[str, Kind]:
+    """Return what controllers may be, by their names."""
+    found = {name: Kind(cls) for name, cls in registered(Controller).items()}
+    for law in subclasses(Controller):
+        for part in parameters(law).values():
+            if part.kind == "variant" and part.group is not None:
+                variants = registered(part.group).items()
+                found |= {name: Kind(law, variant, part.name) for name, variant in variants}
+    return dict(sorted(found.items()))
 
 
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+def _controller(name: str, kind: Kind) -> Any:
+    more: dict[str, Any] = {
+        "type": (Literal[name], ...),
+        "label": (str | None, None),
+        "inertia_scale": (Positive, 1.0),
+    }
+    return section(name, kind.variant or kind.law, kind.parameters, **more)
 
 
-class LaserSection(_Section):
-    """The laser path of eq. 28; see :class:`armgpi.references.paths.LaserPath`."""
-
-    type: Literal["laser"]
-    rate: Positive = 1.0 / 9.0
+#: Controllers by the names that a file may call them.
+KINDS = _kinds()
+ControllerSection: Any = one_of(_controller(name, kind) for name, kind in KINDS.items())
 
 
-class LissajousSection(_Section):
-    """A Lissajous curve; see :class:`armgpi.references.paths.Lissajous`.
-
-    What is not given is chosen for the arm: an eight around a point where it has room.
-    """
-
-    type: Literal["lissajous"]
-    centre: Vector | None = None
-    amplitude: Vector | None = None
-    omega: Vector = [1.0, 1.0, 2.0]
-    phase: Vector = [0.0, 0.0, 0.0]
-    ease: NotNegative = 1.0
+def _path(name: str, cls: type[Path]) -> Any:
+    eased: dict[str, Any] = {"ease": (NotNegative, 1.0)} if cls.starts_moving else {}
+    return section(name, cls, type=(Literal[name], ...), **eased)
 
 
-class CircleSection(_Section):
-    """A circle; see :class:`armgpi.references.paths.Circle`; chosen for the arm where nothing is given."""
-
-    type: Literal["circle"]
-    centre: Vector | None = None
-    radius: Positive | None = None
-    period: Positive = 6.0
-    normal: Vector = [0.0, 0.0, 1.0]
-    ease: NotNegative = 1.0
-
-
-class PolylineSection(_Section):
-    """Straight lines; see :class:`armgpi.references.paths.Polyline`; a square for the arm by default."""
-
-    type: Literal["polyline"]
-    corners: Annotated[list[Vector], Field(min_length=2)] | None = None
-    durations: Times = 2.0
-    holds: NotNegative = 0.0
-
-
-PathSection = Annotated[
-    LaserSection | LissajousSection | CircleSection | PolylineSection, Field(discriminator="type")
-]
+PathSection: Any = one_of(_path(name, cls) for name, cls in registered(Path).items())
 
 
 class ReferenceSection(_Section):
@@ -399,7 +359,7 @@ class ExperimentConfig(_Section):
 
     robot: RobotSection
     plant: PlantSection = PlantSection()
-    controllers: list[ControllerSection] = Field(default=[GPISection(type="gpi")], min_length=1)
+    controllers: list[ControllerSection] = Field(default=[SECTIONS["gpi"](type="gpi")], min_length=1)
     reference: ReferenceSection = ReferenceSection()
     sample_time: Number = Field(default=1e-3, ge=1e-9)
     t_final: Positive | None = None
@@ -407,29 +367,11 @@ class ExperimentConfig(_Section):
     seed: Whole = Field(default=0, ge=0, le=2**63 - 1)
 
 
-#: Sections by the steps of pydantic's locations: keys, and the tags of unions.
-SECTIONS: dict[str, type[BaseModel]] = {
+SECTIONS |= {
     "robot": RobotSection,
     "plant": PlantSection,
     "payload": PayloadSection,
-    "step": StepLoad,
-    "ramp": RampLoad,
-    "sine": SineLoad,
-    "pulse": PulseLoad,
-    "paper": PaperLoad,
-    "noise": NoiseSection,
-    "gpi": GPISection,
-    "network": NetworkSection,
-    "box": BoxSection,
-    "pid": PIDSection,
     "reference": ReferenceSection,
-    "payload_range": RangeSection,
-    "laser": LaserSection,
-    "lissajous": LissajousSection,
-    "circle": CircleSection,
-    "polyline": PolylineSection,
 }
-#: Of these, the ones that are keys.
-_KEYS = {"robot", "plant", "payload", "payload_range", "noise", "reference"}
 #: Steps of pydantic's locations that are tags and no keys.
-TAGS = {"number", "list", "mapping", "[key]", "box", *(tag for tag in SECTIONS if tag not in _KEYS)}
+TAGS = {"number", "list", "mapping", "[key]", "box", *KINDS, *registered(Load), *registered(Path)}

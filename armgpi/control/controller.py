@@ -13,6 +13,7 @@ from armgpi.arrays import Array, PerJointInput
 from armgpi.errors import EffortError, ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
+from armgpi.registry import Context
 from armgpi.robot.robot import AnyRobot, Robot, RobotBatch
 
 
@@ -111,6 +112,26 @@ class Controller(Parametrised, ABC):
             raise EffortError(self.robot.joint_names[index[-1]], self.effort[index])
         self._floor = -self.effort
         self.batch = common_batch(*batches(self))
+
+    @classmethod
+    def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
+        """Return the context for `chosen` defaults, after the parameters of the law that were given."""
+        return context
+
+    @classmethod
+    def chosen(cls, context: Context) -> dict[str, Any]:
+        """Return what an experiment takes for `chosen` parameters."""
+        return {}
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> Controller:
+        """Return the controller that an experiment describes.
+
+        Args:
+            given: its parameters by their names, but for those that are not in the file.
+            context: what else the experiment is.
+        """
+        return cls(context.nominal, context.dt, **given)
 
     @abstractmethod
     def init(self, measurement: Any, target: Target) -> Any:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_number, per_joint, positive
+from armgpi.arrays import Array, check_number
 from armgpi.control.controller import common_batch
+from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
+from armgpi.registry import Context
 
 #: Share of the delay margin that the default bandwidth uses: omega_c (1.5 dt + delay) = 0.1.
 _DEFAULT_PHASE = 0.1
@@ -68,16 +70,28 @@ class GainStep(NamedTuple):
     state: Any
 
 
-class Gains(ABC):
+class Gains(Parametrised, ABC):
     """Where the tuning parameters of a GPI controller come from.
 
     Attributes:
         adaptive: whether they change; when they do not, the controller works its gains out once.
         batch: number of rollouts that they are for, None when they fit any.
+        config_name: in experiment files, the `type` of a GPI controller with such gains; None for none.
     """
+
+    config_name: ClassVar[str | None] = None
 
     adaptive: bool = True
     batch: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on the joints; :meth:`prepare` checks the rest."""
+        self.check_parameters(only=lambda each: not each.per_joint)
+
+    @classmethod
+    def chosen(cls, context: Context) -> dict[str, Any]:
+        """Return what an experiment takes for `chosen` parameters."""
+        return {}
 
     @abstractmethod
     def prepare(self, joint_names: Sequence[str], dt: float) -> Gains:
@@ -110,30 +124,67 @@ class Gains(ABC):
         return {name: value.tolist() for name, value in self.nominal()._asdict().items()}
 
 
+@with_parameters
 class FixedGains(Gains):
-    """Tuning parameters that do not change.
+    """Tuning parameters that do not change: numbers, or arrays of shape (n,) or (batch, n).
 
     Attributes:
         omega_c: natural frequency [rad/s].
         zeta_c: damping ratio [-].
-        p_c: real pole [rad/s].
+        p_c: real pole [rad/s]; omega_c when not given.
     """
 
     adaptive = False
+    config_name: ClassVar[str | None] = "gpi"
 
-    def __init__(
-        self, omega_c: PerJointInput, zeta_c: PerJointInput = 1.0, p_c: PerJointInput | None = None
-    ) -> None:
-        """Fix the tuning; each parameter a number, or an array of shape (n,) or (batch, n).
+    omega_c: PerJoint = parameter(
+        "natural frequency",
+        unit="rad/s",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        chosen="what sample time and delay allow",
+        key="omega",
+        log=True,
+        search=(1.0, 200.0),
+        slider=(1.0, 100.0),
+    )
+    zeta_c: PerJoint = parameter(
+        "damping ratio",
+        default=1.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="zeta",
+        log=True,
+        search=(0.3, 3.0),
+        slider=(0.3, 2.0),
+    )
+    p_c: PerJoint = parameter(
+        "real pole",
+        unit="rad/s",
+        default=None,
+        none="omega",
+        follows="omega_c",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="p",
+        log=True,
+        search=(1.0, 200.0),
+        slider=(1.0, 100.0),
+    )
 
-        Args:
-            omega_c: natural frequency [rad/s], positive.
-            zeta_c: damping ratio, positive.
-            p_c: real pole [rad/s], positive; omega_c when not given.
-        """
-        self.omega_c = omega_c
-        self.zeta_c = zeta_c
-        self.p_c = omega_c if p_c is None else p_c
+    def __post_init__(self) -> None:
+        """Let the pole follow omega_c when it is not given."""
+        super().__post_init__()
+        self.fill("p_c", self.omega_c)
+        self._tuning = Tuning(self.omega_c, self.zeta_c, self.p_c)
+
+    @classmethod
+    def chosen(cls, context: Context) -> dict[str, Any]:
+        """Return the default bandwidth; see :meth:`Gains.chosen`."""
+        return {"omega_c": context.omega_c}
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> FixedGains:
         """Return the gains as arrays over the joints.
@@ -141,12 +192,10 @@ class FixedGains(Gains):
         Raises:
             ArrayError: when a value is not positive or a shape does not fit.
         """
-        arrays = [
-            per_joint(getattr(self, name), name, joint_names, "positive", positive) for name in Tuning._fields
-        ]
-        gains = FixedGains(*arrays)
-        gains._tuning = Tuning(*arrays)
-        gains.batch = common_batch(*arrays)
+        gains = FixedGains(self.omega_c, self.zeta_c, self.p_c)
+        gains.check_parameters(joint_names)
+        gains._tuning = Tuning(gains.omega_c, gains.zeta_c, gains.p_c)
+        gains.batch = common_batch(*gains._tuning)
         return gains
 
     def init(self, e: Array) -> None:
@@ -159,12 +208,6 @@ class FixedGains(Gains):
     def nominal(self) -> Tuning:
         """Return the fixed tuning."""
         return self._tuning
-
-    def __repr__(self) -> str:
-        """Return a one-line description."""
-        return f"FixedGains(omega_c={self.omega_c!r}, zeta_c={self.zeta_c!r}, p_c={self.p_c!r})"
-
-    _tuning: Tuning
 
 
 def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float:

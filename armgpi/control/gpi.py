@@ -8,14 +8,16 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, PerJointInput, check_number, new
-from armgpi.control.controller import Controller, ControlStep, Measurement, common_batch
+from armgpi.arrays import Array, new
+from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.gains import FixedGains, Gains, default_omega, delay_margin
-from armgpi.control.payload import PayloadRange, payload_range
+from armgpi.control.payload import LoadRange, PayloadRange
 from armgpi.control.realisation import REALISATIONS
 from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.parameter import Vector, parameter, with_parameters
 from armgpi.references.reference import Target
-from armgpi.robot.robot import AnyRobot, Robot
+from armgpi.registry import Context
+from armgpi.robot.robot import Robot
 
 
 class GPIState(NamedTuple):
@@ -32,6 +34,7 @@ class GPIState(NamedTuple):
     learn: Array
 
 
+@with_parameters
 class GPI(Controller):
     """Generalised proportional-integral control, tau = D(q) v with v = -C(s) (q - q*).
 
@@ -39,43 +42,60 @@ class GPI(Controller):
     loads are the disturbance that its two integrators reject (constant and ramp without error).
 
     Attributes:
-        gains: the tuning per joint.
-        realisation: "bumpless" or "paper".
-        start: "hold" or "zero".
-        delay: transport delay that it was told of [s].
-        payload: the range of loads that it was told of, None for none.
+        robot: nominal model; only D(q) is used, and G(q) once to start. With `payload`, the one with the
+            heaviest load.
+        gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
+        realisation: "bumpless" (three bounded states) or "paper" (as printed).
+        start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero" with
+            none.
+        delay: transport delay in the loop [s], besides the sample and hold.
+        payload: lightest and heaviest load [kg] that `robot` may carry, or a :class:`LoadRange`: the nominal
+            model then has the heaviest, and the default gains suit the lightest
+            (:func:`armgpi.payload_range`). Of a controller, the :class:`armgpi.PayloadRange` found; None for
+            none.
+        frame: frame that carries the load; the robot's tip when not given.
+        com: centre of mass of the load in that frame [m], shape (3,).
     """
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
 
-    def __init__(
-        self,
-        robot: AnyRobot,
-        dt: float,
-        gains: Gains | None = None,
-        realisation: str = "bumpless",
-        effort: PerJointInput | None = None,
-        start: str = "hold",
-        delay: float = 0.0,
-        payload: tuple[float, float] | None = None,
-        frame: str | None = None,
-        com: ArrayLike = (0.0, 0.0, 0.0),
-    ) -> None:
-        """Define the controller.
+    gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
+    realisation: str = parameter(
+        "discrete form of the law; paper is as printed",
+        kind="choice",
+        default="bumpless",
+        choices=("bumpless", "paper"),
+        structural=True,
+    )
+    start: str = parameter(
+        "start with the torque that holds the arm, or with none",
+        kind="choice",
+        default="hold",
+        choices=("hold", "zero"),
+        structural=True,
+    )
+    delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
+    payload: Any = parameter(
+        "loads that it must tolerate; its nominal model has the heaviest",
+        kind="group",
+        group=LoadRange,
+        default=None,
+        none="none",
+        key="payload_range",
+    )
+    frame: str | None = parameter(
+        "frame that carries the load", kind="text", default=None, none="the tip", in_file=False
+    )
+    com: Vector = parameter(
+        "centre of mass of the load in that frame",
+        unit="m",
+        kind="vector",
+        default=(0.0, 0.0, 0.0),
+        in_file=False,
+    )
 
-        Args:
-            robot: the robot that it believes in; only D(q) is used, and G(q) once to start.
-            dt: sample time [s].
-            gains: tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
-            realisation: "bumpless" (three bounded states) or "paper" (as printed).
-            effort: torque limits [N m or N], a number, (n,) or (batch, n); the robot's when not given.
-            start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero"
-                with none.
-            delay: transport delay in the loop [s], besides the sample and hold.
-            payload: lightest and heaviest load [kg] that `robot` may carry: the controller then believes in
-                the heaviest, and its default gains suit the lightest (:func:`armgpi.payload_range`).
-            frame: frame that carries the load; the robot's tip when not given.
-            com: centre of mass of the load in that frame [m], shape (3,).
+    def __post_init__(self) -> None:
+        """Check the parameters and work out what `step` needs of them.
 
         Raises:
             PayloadError: when no bandwidth serves the loads.
@@ -83,31 +103,39 @@ class GPI(Controller):
             ArrayError: for gains that are not positive or do not fit the joints.
             EffortError: when a joint has no torque.
         """
-        self.delay = check_number(delay, "delay", "zero or positive [s]")
-        self.payload: PayloadRange | None = None
-        if payload is not None:
-            self.payload = _payload(robot, payload, frame, com, dt, self.delay, gains)
-            robot = self.payload.nominal
-        elif frame is not None:
-            raise ParameterError("frame", frame, "left out where there is no payload")
-        super().__init__(robot, dt, effort)
-        if realisation not in REALISATIONS:
-            raise ParameterError("realisation", realisation, f"one of {', '.join(REALISATIONS)}")
-        if start not in ("hold", "zero"):
-            raise ParameterError("start", start, "one of hold, zero")
-        if gains is None:
+        given: Any = self.gains
+        if self.payload is not None:
+            self.keep("payload", self._found())
+            self.keep("robot", self.payload.nominal)
+        elif self.frame is not None:
+            raise ParameterError("frame", self.frame, "left out where there is no payload")
+        self.check_parameters()
+        if given is None:
             omega_c = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
-            gains = FixedGains(omega_c)
-        if not isinstance(gains, Gains):
-            raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
-        self.gains = gains.prepare(robot.joint_names, self.dt)
-        self.realisation = realisation
-        self.start = start
-        self.batch = common_batch(self.batch, self.gains.batch)
-        self._law = REALISATIONS[realisation]
-        self._dynamics = robot.dynamics
+            given = FixedGains(omega_c)
+        if not isinstance(given, Gains):
+            raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
+        self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
+        super().__post_init__()
+        self._law = REALISATIONS[self.realisation]
+        self._dynamics = self.robot.dynamics
         self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
         self._warn_of_delay()
+
+    @classmethod
+    def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
+        """Return the context with the bandwidth that sample time, delay and loads allow."""
+        payload = given.get("payload")
+        omega_c = default_omega(context.dt, context.delay)
+        if payload is not None:
+            with context.error_context("payload"):
+                omega_c = payload.found(context.robot, context.dt, context.delay).omega_c
+        return context._replace(omega_c=omega_c)
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> GPI:
+        """Return the controller; see :meth:`Controller.configured`."""
+        return cls(context.nominal, context.dt, delay=context.delay, **given)
 
     def init(self, measurement: Measurement, target: Target) -> GPIState:
         """Return the state before the first sample; see :meth:`Controller.init`."""
@@ -144,19 +172,26 @@ class GPI(Controller):
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data."""
-        return {
-            **super().describe(),
-            "gains": {"type": type(self.gains).__name__, **self.gains.describe()},
-            "realisation": self.realisation,
-            "start": self.start,
-            "delay": self.delay,
-            **({} if self.payload is None else {"payload": _plain(self.payload)}),
-            "robot": self.robot.provenance,
-        }
+        told = super().describe()
+        for name in ("payload", "frame", "com"):
+            del told[name]
+        told["gains"] = {"type": type(self.gains).__name__, **self.gains.describe()}
+        if self.payload is not None:  # its nominal model is the robot
+            told["payload"] = {
+                key: value for key, value in self.payload._asdict().items() if key != "nominal"
+            }
+        return told
 
-    def __repr__(self) -> str:
-        """Return a one-line description."""
-        return f"GPI({self.robot.name!r}, dt={self.dt:g}, realisation={self.realisation!r})"
+    def _found(self) -> PayloadRange:
+        """Return the range of loads; who brings gains of their own chooses how slow they are."""
+        if not isinstance(self.robot, Robot):
+            raise ParameterError("robot", self.robot, "a single Robot where there is a payload")
+        loads = self.payload
+        if not isinstance(loads, LoadRange):
+            if not isinstance(loads, tuple | list) or len(loads) != 2:
+                raise ParameterError("payload", loads, "two masses [kg], the lightest and the heaviest")
+            loads = LoadRange(loads[0], heaviest=loads[1], frame=self.frame, com=self.com)
+        return loads.found(self.robot, self.dt, self.delay, slowest=None if self.gains is None else 1e-9)
 
     def _warn_of_delay(self) -> None:
         """Warn when hold and transport take more than the loop's delay margin."""
@@ -169,32 +204,9 @@ class GPI(Controller):
             enough = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
             warnings.warn(
                 f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of "
-                f"{self.delay:g} s: the loop stands a delay of {margin:.3g} s, hold and transport take "
+                f"{self.delay:g} s: the loop tolerates a delay of {margin:.3g} s, hold and transport take "
                 f"{spent:.3g} s, so it will be unstable; "
                 f"{enough:.3g} rad/s would do",
                 ArmgpiWarning,
                 stacklevel=3,
             )
-
-
-def _payload(
-    robot: AnyRobot,
-    payload: tuple[float, float],
-    frame: str | None,
-    com: ArrayLike,
-    dt: float,
-    delay: float,
-    gains: Gains | None,
-) -> PayloadRange:
-    """Return the range of loads; who brings gains of their own chooses how slow they are."""
-    if not isinstance(payload, tuple | list) or len(payload) != 2:
-        raise ParameterError("payload", payload, "two masses [kg], the lightest and the heaviest")
-    if not isinstance(robot, Robot):
-        raise ParameterError("robot", robot, "a single Robot where there is a payload")
-    slowest = {} if gains is None else {"slowest": 1e-9}
-    return payload_range(robot, payload[0], payload[1], frame, com, dt=dt, delay=delay, **slowest)
-
-
-def _plain(payload: PayloadRange) -> dict[str, Any]:
-    """Return a range of loads as plain data, without the robot, which stands beside it."""
-    return {key: value for key, value in payload._asdict().items() if key != "nominal"}

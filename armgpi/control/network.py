@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import (
-    Array,
-    PerJointInput,
-    as_float_array,
-    check_number,
-    not_negative,
-    per_joint,
-    positive,
-)
-from armgpi.control.controller import common_batch
+from armgpi.arrays import Array, PerJointInput
+from armgpi.control.controller import batches, common_batch
 from armgpi.control.gains import Gains, GainStep, Tuning
 from armgpi.control.splines import BSplineBasis
 from armgpi.errors import ArrayError, ParameterError
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.plants.sensors import encoder_count
+from armgpi.registry import Context
 
+#: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
+_CALM, _ALERT = 22.0 / 30.0, 2.0
+#: Resolution that stands for the scale of errors where there is no encoder.
+_FINE_BITS = 22
 #: Lowest and highest value of a tuning parameter; one number for one that does not adapt.
 Box = PerJointInput | tuple[PerJointInput, PerJointInput]
 
@@ -42,6 +41,7 @@ class NetworkState(NamedTuple):
     tuning: Tuning
 
 
+@with_parameters
 class BSplineNetwork(Gains):
     """One network per joint and tuning parameter: y = nominal + a w, w learned at every sample.
 
@@ -65,73 +65,150 @@ class BSplineNetwork(Gains):
         boxes: once prepared, the lower and upper end of every tuning parameter by its name.
     """
 
-    boxes: Mapping[str, tuple[Array, Array]]
+    config_name: ClassVar[str | None] = "network"
 
-    def __init__(
-        self,
-        omega_c: Box = (22.0, 60.0),
-        zeta_c: Box = 0.75,
-        p_c: Box | None = None,
-        learning: str = "magnitude",
-        learning_rate: PerJointInput = 0.2,
-        error_range: PerJointInput = 1e-4,
-        derivative_range: PerJointInput = 1.0,
-        dead_zone: PerJointInput = 2e-4,
-        leak: float = 5.0,
-        rate: PerJointInput = math.inf,
-        bandwidth: float = 60.0,
-        knots: Sequence[float] | None = None,
-        order: int = 3,
-    ) -> None:
-        """Define the networks; per-joint quantities are numbers or arrays (n,) or (batch, n).
+    omega_c: Box = parameter(
+        "natural frequency; the lower end is the nominal value",
+        unit="rad/s",
+        kind="box",
+        default=(22.0, 60.0),
+        least=0.0,
+        above=True,
+        per_joint=True,
+        chosen="from 22/30 of the default bandwidth to twice it",
+        key="omega",
+        log=True,
+        search=(1.0, 200.0),
+        slider=(1.0, 200.0),
+    )
+    zeta_c: Box = parameter(
+        "damping ratio",
+        kind="box",
+        default=0.75,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="zeta",
+        log=True,
+        search=(0.3, 3.0),
+        slider=(0.3, 2.0),
+    )
+    p_c: Box | None = parameter(
+        "real pole",
+        unit="rad/s",
+        kind="box",
+        default=None,
+        none="follows omega",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="p",
+        log=True,
+        search=(1.0, 200.0),
+        slider=(1.0, 200.0),
+    )
+    learning: str = parameter(
+        "rule of learning; signed is eq. 23 to the letter",
+        kind="choice",
+        default="magnitude",
+        choices=("magnitude", "signed"),
+        structural=True,
+    )
+    learning_rate: PerJoint = parameter(
+        "l of eq. 23, per sample; below 2 for magnitude, where normalised LMS is stable",
+        default=0.2,
+        least=0.0,
+        per_joint=True,
+        search=(0.01, 1.0),
+        slider=(0.0, 1.0),
+    )
+    error_range: PerJoint = parameter(
+        "error at which a gain's aim is its upper end",
+        unit="rad or m",
+        default=1e-4,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        chosen="an encoder count; one of 22 bits without encoder",
+        log=True,
+        search=(1e-6, 1e-2),
+    )
+    derivative_range: PerJoint = parameter(
+        "end of the range of the error's filtered derivative",
+        unit="rad/s or m/s",
+        default=1.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(0.01, 100.0),
+    )
+    dead_zone: PerJoint = parameter(
+        "error that raises no gain, such as two encoder counts",
+        unit="rad or m",
+        default=2e-4,
+        least=0.0,
+        per_joint=True,
+        chosen="two encoder counts; 0 without encoder",
+        log=True,
+        search=(1e-6, 1e-2),
+    )
+    leak: float = parameter(
+        "how fast what was learned is forgotten", unit="1/s", default=5.0, least=0.0, search=(0.1, 50.0)
+    )
+    rate: PerJoint = parameter(
+        "rho of abs(d omega/dt) <= rho omega^2",
+        default=math.inf,
+        unlimited="no limit",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(0.01, 10.0),
+    )
+    bandwidth: float = parameter(
+        "bandwidth of the derivative's filter",
+        unit="rad/s",
+        default=60.0,
+        least=0.0,
+        above=True,
+        log=True,
+        search=(10.0, 500.0),
+    )
+    knots: Sequence[float] | None = parameter(
+        "symmetric knots of the basis functions over inputs scaled to [-1, 1]",
+        kind="numbers",
+        default=None,
+        none="two functions per input",
+        structural=True,
+    )
+    order: int = parameter(
+        "order of the basis functions", kind="integer", default=3, least=1, structural=True
+    )
 
-        Args:
-            omega_c: box of the natural frequency [rad/s]; its lower end is the nominal value.
-            zeta_c: box of the damping ratio, or one value.
-            p_c: box of the real pole [rad/s], or one value; follows omega_c when not given.
-            learning: "magnitude" or "signed".
-            learning_rate: l of eq. 23, per sample; in [0, 2) for "magnitude", where normalised LMS is stable.
-            error_range: error at which the aim reaches the upper end; end of the input's range [rad or m].
-            derivative_range: end of the range of the error's filtered derivative [rad/s or m/s].
-            dead_zone: error that raises no gain, such as two encoder steps [rad or m].
-            leak: how fast what was learned is forgotten [1/s].
-            rate: rho in the limit |d omega/dt| <= rho omega^2; infinite for none.
-            bandwidth: of the derivative's filter [rad/s].
-            knots: symmetric knots over inputs scaled to [-1, 1]; when not given, two functions per input.
-            order: order of the functions.
+    def __post_init__(self) -> None:
+        """Check what does not depend on the joints, and make the basis functions.
 
         Raises:
             ParameterError: for a bad learning rule, rate or bandwidth.
             ArrayError: for bad knots.
         """
-        if learning not in ("magnitude", "signed"):
-            raise ParameterError("learning", learning, "one of magnitude, signed")
-        rates = as_float_array(learning_rate, "learning_rate")
-        if (rates < 0.0).any():
-            raise ParameterError("learning_rate", float(rates.min()), "zero or positive")
-        if learning == "magnitude" and (rates >= 2.0).any():
-            raise ParameterError(
-                "learning_rate", float(rates.max()), "below 2, where normalised LMS is stable"
-            )
-        self.learning_rate = learning_rate
-        self.leak = check_number(leak, "leak", "zero or positive [1/s]")
-        self.rate = None if np.ndim(rate) == 0 and rate == math.inf else rate
-        if self.rate is not None and not (as_float_array(self.rate, "rate") > 0.0).all():
-            raise ParameterError("rate", rate, "positive")
-        self.bandwidth = check_number(bandwidth, "bandwidth", "positive [rad/s]", open_=True)
-        self.omega_c, self.zeta_c, self.p_c = omega_c, zeta_c, p_c
-        self.learning = learning
-        self.error_range, self.derivative_range, self.dead_zone = error_range, derivative_range, dead_zone
+        super().__post_init__()
+        self.check_parameters(only=lambda each: each.name in ("learning_rate", "rate"))
+        if self.learning == "magnitude" and (self.learning_rate >= 2.0).any():
+            worst = float(self.learning_rate.max())
+            raise ParameterError("learning_rate", worst, "below 2, where normalised LMS is stable")
+        knots = self.knots
         if knots is None:
             # Four functions on [-1, 1], folded into two even ones.
             knots = [-1, -1, -1, 0, 1, 1, 1]
-            if order != 3:
-                raise ParameterError("order", order, "3 with the default knots; give knots as well")
-        self.basis = BSplineBasis(knots, order)
+            if self.order != 3:
+                raise ParameterError("order", self.order, "3 with the default knots; give knots as well")
+        self.basis = BSplineBasis(knots, self.order)
         mirrored = -self.basis.knots[::-1]
         if np.allclose(self.basis.knots, mirrored, rtol=0.0, atol=1e-12 * self.basis.knots[-1]):
             # But for rounding, as numpy.linspace makes them.
-            self.basis = BSplineBasis(0.5 * (self.basis.knots + mirrored), order)
+            self.basis = BSplineBasis(0.5 * (self.basis.knots + mirrored), self.order)
         else:
             raise ArrayError("knots", f"expected knots symmetric about 0, got {self.basis.knots}")
         self.size = 2 * ((self.basis.size + 1) // 2)
@@ -150,42 +227,39 @@ class BSplineNetwork(Gains):
             raise ParameterError("leak", self.leak, f"below {(2.0 - highest) / dt:g} 1/s at this dt")
         ready = object.__new__(BSplineNetwork)
         ready.__dict__.update(self.__dict__)
-        names = joint_names
-        boxes = {name: _box(getattr(self, name), name, names) for name in ("omega_c", "zeta_c")}
-        boxes["p_c"] = boxes["omega_c"] if self.p_c is None else _box(self.p_c, "p_c", names)
-        ready.boxes = boxes
-        ready._lower = Tuning(*(boxes[name][0] for name in Tuning._fields))
-        ready._upper = Tuning(*(boxes[name][1] for name in Tuning._fields))
-        ready._adapted = tuple(
+        ready.check_parameters(joint_names)
+        ready._derive(dt)
+        return ready
+
+    def _derive(self, dt: float) -> None:
+        """Work out what `step` needs."""
+        boxes: dict[str, Any] = {"omega_c": self.omega_c, "zeta_c": self.zeta_c}
+        boxes["p_c"] = self.omega_c if self.p_c is None else self.p_c
+        self.boxes: Mapping[str, tuple[Array, Array]] = boxes
+        self._lower = Tuning(*(boxes[name][0] for name in Tuning._fields))
+        self._upper = Tuning(*(boxes[name][1] for name in Tuning._fields))
+        self._adapted = tuple(
             name
             for name in Tuning._fields
             if (boxes[name][1] > boxes[name][0]).any() and not (name == "p_c" and self.p_c is None)
         )
-        ready._error_range, ready._derivative_range = (
-            per_joint(getattr(self, name), name, names, "positive", positive)
-            for name in ("error_range", "derivative_range")
-        )
-        ready._per_error, ready._per_derivative = 1.0 / ready._error_range, 1.0 / ready._derivative_range
-        ready._dead_zone, ready._learning_rate = (
-            per_joint(getattr(self, name), name, names, "zero or positive", not_negative)
-            for name in ("dead_zone", "learning_rate")
-        )
-        ready._rate = None
-        if self.learning == "magnitude" and self.rate is not None:
-            ready._rate = per_joint(self.rate, "rate", names, "positive", positive)
-        ready._dt = dt
+        self._per_error, self._per_derivative = 1.0 / self.error_range, 1.0 / self.derivative_range
+        limited = self.learning == "magnitude" and not np.all(np.isinf(self.rate))
+        self._rate = self.rate if limited else None
+        self._dt = dt
         # Share forgotten in a sample; what learns nothing forgets nothing.
-        ready._leak = np.where(ready._learning_rate > 0.0, self.leak * dt, 0.0)
-        ready.batch = common_batch(
-            *ready._lower,
-            *ready._upper,
-            ready._error_range,
-            ready._derivative_range,
-            ready._dead_zone,
-            ready._learning_rate,
-            *(() if ready._rate is None else (ready._rate,)),
-        )
-        return ready
+        self._leak = np.where(self.learning_rate > 0.0, self.leak * dt, 0.0)
+        self.batch = common_batch(*batches(self))
+
+    @classmethod
+    def chosen(cls, context: Context) -> dict[str, Any]:
+        """Return a box around the default bandwidth, and scales from encoders; see :meth:`Gains.chosen`."""
+        count = encoder_count(context.robot, _FINE_BITS if context.bits is None else context.bits)
+        return {
+            "omega_c": (context.omega_c * _CALM, context.omega_c * _ALERT),
+            "error_range": count,
+            "dead_zone": 0.0 * count if context.bits is None else 2.0 * count,
+        }
 
     def nominal(self) -> Tuning:
         """Return the tuning where the error is small: the lower ends of the boxes."""
@@ -209,16 +283,16 @@ class BSplineNetwork(Gains):
         power = _dot(a, a)
         magnitude = self.learning == "magnitude"
         if magnitude:
-            size = np.minimum(np.maximum(np.abs(e) - self._dead_zone, 0.0) * self._per_error, 1.0)
+            size = np.minimum(np.maximum(np.abs(e) - self.dead_zone, 0.0) * self._per_error, 1.0)
         tuning, weights = {}, []
         for name, old in zip(self._adapted, state.weights, strict=True):
             low, high = getattr(self._lower, name), getattr(self._upper, name)
             raised = _dot(a, old)
             if magnitude:
                 short = np.maximum((high - low) * size - raised, 0.0)
-                change = learn * (self._learning_rate * short - self._leak * raised)
+                change = learn * (self.learning_rate * short - self._leak * raised)
             else:
-                change = learn * (self._learning_rate * e)
+                change = learn * (self.learning_rate * e)
             gain = change / power  # eq. 23
             weights.append(tuple([w + gain * x for w, x in zip(old, a, strict=True)]))
             output = low + (raised + change)  # eq. 22 with the new weights: a a cancels
@@ -240,23 +314,9 @@ class BSplineNetwork(Gains):
 
     def describe(self) -> Mapping[str, Any]:
         """Return the parameters as plain data."""
-        boxes = {
-            name: [low.tolist(), high.tolist()]
-            for name, low, high in zip(Tuning._fields, self._lower, self._upper, strict=True)
-        }
-        return {
-            **boxes,
-            "learning": self.learning,
-            "learning_rate": self._learning_rate.tolist(),
-            "leak": self.leak,
-            "rate": None if self._rate is None else self._rate.tolist(),
-            "bandwidth": self.bandwidth,
-            "error_range": self._error_range.tolist(),
-            "derivative_range": self._derivative_range.tolist(),
-            "dead_zone": self._dead_zone.tolist(),
-            "knots": self.basis.knots.tolist(),
-            "order": self.basis.order,
-        }
+        boxes = {name: [low.tolist(), high.tolist()] for name, (low, high) in self.boxes.items()}
+        rate = None if self._rate is None else self._rate.tolist()
+        return {**self.values(), **boxes, "rate": rate, "knots": self.basis.knots.tolist()}
 
     def _limited(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
         """Return a whole tuning, omega_c within its rate limit, what is not adapted as it was."""
@@ -266,30 +326,6 @@ class BSplineNetwork(Gains):
             omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
         p = omega if self.p_c is None else tuning.get("p_c", last.p_c)
         return Tuning(omega, tuning.get("zeta_c", last.zeta_c), p)
-
-    _lower: Tuning
-    _upper: Tuning
-    _adapted: tuple[str, ...]
-    _error_range: Array
-    _derivative_range: Array
-    _dead_zone: Array
-    _per_error: Array
-    _per_derivative: Array
-    _learning_rate: Array
-    _rate: Array | None
-    _dt: float
-    _leak: Array
-
-
-def _box(value: Any, name: str, joint_names: Sequence[str]) -> tuple[Array, Array]:
-    """Return the lower and upper end of a parameter's box."""
-    ends = value if isinstance(value, tuple) else (value, value)
-    if len(ends) != 2:
-        raise ParameterError(name, value, "a number or (lower, upper)")
-    low, high = (per_joint(end, name, joint_names, "positive", positive) for end in ends)
-    if (low > high).any():
-        raise ArrayError(name, f"expected lower <= upper, got {low.tolist()} above {high.tolist()}")
-    return low, high
 
 
 def _dot(a: Sequence[Array], w: Sequence[Array]) -> Array:

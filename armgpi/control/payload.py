@@ -20,6 +20,7 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
 from armgpi.control.gains import default_omega
 from armgpi.errors import ParameterError, PayloadError
+from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -53,6 +54,34 @@ class PayloadRange(NamedTuple):
     nominal: Robot
     delta: tuple[float, float]
     omega_c: float
+
+
+@with_parameters
+class LoadRange(Parametrised):
+    """Loads that a controller must tolerate.
+
+    Attributes:
+        lightest: lightest load [kg], zero for none.
+        heaviest: heaviest load [kg].
+        frame: frame that carries it; the robot's tip when not given.
+        com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
+    """
+
+    lightest: float = parameter("lightest load", unit="kg", default=0.0, least=0.0)
+    heaviest: float = parameter("heaviest load", unit="kg", least=0.0, kw_only=True)
+    frame: str | None = parameter(
+        "frame that carries it", kind="text", default=None, none="the tip", kw_only=True
+    )
+    com: Vector = parameter(
+        "centre of mass in that frame", unit="m", kind="vector", default=(0.0, 0.0, 0.0), kw_only=True
+    )
+
+    def found(self, robot: Robot, dt: float, delay: float, slowest: float | None = None) -> PayloadRange:
+        """Return nominal model and bandwidth for them; see :func:`payload_range`."""
+        least = _SLOWEST if slowest is None else slowest
+        return payload_range(
+            robot, self.lightest, self.heaviest, self.frame, self.com, dt=dt, delay=delay, slowest=least
+        )
 
 
 class LargestPayload(NamedTuple):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import field
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from armgpi.control.controller import Controller, ControlStep, FullState
 from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
+from armgpi.registry import Context
 from armgpi.robot.robot import AnyRobot
 
 
@@ -91,6 +93,11 @@ class PIDInversion(Controller):
         self._kp_now = self.kp + 0.5 * self._ki_dt
         # Anti-windup by back-calculation with the tracking time Kp / Ki, but no less than a sample.
         self._back = np.minimum(self._ki_dt / np.maximum(self.kp, 1e-300), 1.0)
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> PIDInversion:
+        """Return the controller; a scaled inertia varies D alone, as in the paper."""
+        return cls(context.nominal, context.dt, **given, bias_robot=context.robot)
 
     def init(self, measurement: FullState, target: Target) -> PIDState:
         """Return the state before the first sample; see :meth:`Controller.init`."""

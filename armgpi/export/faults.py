@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_j
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
 from armgpi.plants.sensors import encoder_count
-
-if TYPE_CHECKING:
-    from armgpi.config.schema import PlantSection
 
 #: A measurement that stands still for so long [s], while it should not, is frozen.
 _FROZEN_TIME = 0.05
@@ -104,7 +101,7 @@ def bounds(faults: Faults, controller: Controller) -> Bounds:
     )
 
 
-def suited(faults: Faults, plant: PlantSection, controller: Controller) -> Faults:
+def suited(faults: Faults, plant: Any, controller: Controller) -> Faults:
     """Return settings in which what is not given suits an experiment's encoder, noise and delay."""
     if faults.resolution is None:
         count = default_resolution(controller, plant.encoder_bits or _BITS)

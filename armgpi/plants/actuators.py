@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.parameter import PerJoint, parameter, with_parameters
-from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
+from armgpi.plants.plant import Plant, StatefulWrapper, Wrapped, Wrapper
+from armgpi.registry import Context
 
 
 @with_parameters
@@ -19,10 +21,11 @@ class Saturated(Wrapper):
         effort: highest torque [N m or N], shape (n,) or (batch, n).
     """
 
+    config_name: ClassVar[str | None] = "torque_limit"
     order: ClassVar[float] = 20.0
 
     effort: PerJoint = parameter(
-        "highest torque",
+        "highest torque of the motors",
         unit="N m or N",
         default=None,
         none="the robot's effort limits",
@@ -36,6 +39,11 @@ class Saturated(Wrapper):
         """Check the limits; the robot's when none are given."""
         super().__post_init__()
         self.fill("effort", self.robot.limits.effort)
+
+    @classmethod
+    def configured(cls, plant: Plant, given: Mapping[str, Any] | None, context: Context) -> Plant:
+        """Return the plant with limits: motors always have some."""
+        return super().configured(plant, given or {}, context)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:
         """Return the next state under the limited torque."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar
 
@@ -17,6 +17,7 @@ import numpy as np
 from armgpi.arrays import Array, PerJointInput
 from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, plain, with_parameters
+from armgpi.registry import Context
 
 
 class Load(Parametrised, ABC):
@@ -27,6 +28,11 @@ class Load(Parametrised, ABC):
     """
 
     config_name: ClassVar[str | None] = None
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> list[Load]:
+        """Return the loads that an entry of an experiment file describes."""
+        return [cls(**given)]
 
     @abstractmethod
     def torque(self, t: Array) -> Array:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState, batches, common_batch
-from armgpi.parameter import Parametrised, with_parameters
+from armgpi.parameter import Parametrised, parameters, with_parameters
+from armgpi.registry import Context
 from armgpi.robot.robot import AnyRobot
 
 
@@ -88,6 +90,20 @@ class Wrapper(Parametrised, Plant):
         self.robot = self.plant.robot
         self.check_parameters(self.robot.joint_names)
         self.batch = common_batch(*batches(self))
+
+    @classmethod
+    def configured(cls, plant: Plant, given: Mapping[str, Any] | None, context: Context) -> Plant:
+        """Return a plant with what an experiment file says around it.
+
+        Args:
+            plant: the plant.
+            given: parameters by their names, but for those that are not in the file; None for no wrapper.
+            context: what else the experiment is.
+        """
+        if given is None:
+            return plant
+        own = parameters(cls)
+        return cls(plant, **given, **({"seed": context.seed} if "seed" in own else {}))
 
     def init(self, q: Array, v: Array) -> Any:
         """Return the wrapped plant's state."""

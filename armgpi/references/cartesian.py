@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,20 @@ from armgpi.robot.robot import Robot
 #: From points (k, 3) [m] to the joint positions (k, n) that put the frame there, all of one branch; raises
 #: ReachError for a point out of reach.
 Inverse = Callable[[Array], Array]
+
+
+class ClosedForm(ABC):
+    """An inverse kinematics in closed form: an :data:`Inverse` that experiments find by themselves."""
+
+    @classmethod
+    @abstractmethod
+    def fits(cls, robot: Robot, frame: str) -> bool:
+        """Tell whether it is the inverse kinematics of a frame."""
+
+    @abstractmethod
+    def __call__(self, points: Array) -> Array:
+        """Return joint positions (k, n) for points (k, 3) [m]."""
+
 
 #: Distance by which the frame may miss the path [m].
 _MISS = 1e-6

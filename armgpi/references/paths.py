@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import field
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.arrays import Array, ArrayLike, as_float_array
 from armgpi.errors import ArrayError, ParameterError
+from armgpi.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.references.waypoints import Waypoints
+
+#: What an experiment takes for the place and size of a path that is not given.
+_CHOSEN = "a place where the arm has room, a tenth of its distance from the base"
 
 
 class PathPoint(NamedTuple):
@@ -28,12 +33,17 @@ class PathPoint(NamedTuple):
     a: Array
 
 
-class Path(ABC):
+class Path(Parametrised, ABC):
     """A curve x(t) in the base frame, with two derivatives.
 
     Attributes:
         t_end: when it is over [s]; infinite for a curve that goes on.
+        config_name: its `type` in experiment files; None for one that has none there.
+        starts_moving: whether an experiment eases its beginning (:class:`Eased`).
     """
+
+    config_name: ClassVar[str | None] = None
+    starts_moving: ClassVar[bool] = False
 
     t_end: float = math.inf
 
@@ -41,16 +51,23 @@ class Path(ABC):
     def at(self, t: float | Array) -> PathPoint:
         """Return the point at time(s) `t` [s]."""
 
+    @classmethod
+    def fitted(cls, point: Array, size: float) -> dict[str, Any]:
+        """Return what an experiment takes for `chosen` parameters.
+
+        Args:
+            point: around which the arm has room [m], shape (3,).
+            size: of the path [m].
+        """
+        return {}
+
     def describe(self) -> dict[str, Any]:
         """Return the path as plain data: its public attributes."""
-        values = {
-            name: value.tolist() if isinstance(value, np.ndarray) else value
-            for name, value in vars(self).items()
-            if not name.startswith("_")
-        }
+        values = {name: plain(value) for name, value in vars(self).items() if not name.startswith("_")}
         return {"type": type(self).__name__, **values}
 
 
+@with_parameters
 class LaserPath(Path):
     """The laser path of the paper, eq. 28.
 
@@ -62,9 +79,11 @@ class LaserPath(Path):
         rate: path parameter per second; 1/9 in the paper.
     """
 
-    def __init__(self, rate: float = 1.0 / 9.0) -> None:
-        """Set the speed along the path."""
-        self.rate = check_number(rate, "rate", "positive [1/s]", open_=True)
+    config_name: ClassVar[str | None] = "laser"
+
+    rate: float = parameter(
+        "path parameter per second; 1/9 in the paper", unit="1/s", default=1.0 / 9.0, least=0.0, above=True
+    )
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
@@ -80,6 +99,7 @@ class LaserPath(Path):
         )
 
 
+@with_parameters
 class Lissajous(Path):
     """x_i(t) = centre_i + amplitude_i sin(omega_i t + phase_i) on each axis.
 
@@ -90,19 +110,20 @@ class Lissajous(Path):
         phase: phases [rad], shape (3,).
     """
 
-    def __init__(
-        self, centre: ArrayLike, amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike = (0.0, 0.0, 0.0)
-    ) -> None:
-        """Define the curve; each argument has three numbers, one per axis."""
-        self.centre, self.amplitude, self.omega, self.phase = (
-            _vector(value, name)
-            for value, name in (
-                (centre, "centre"),
-                (amplitude, "amplitude"),
-                (omega, "omega"),
-                (phase, "phase"),
-            )
-        )
+    config_name: ClassVar[str | None] = "lissajous"
+    starts_moving: ClassVar[bool] = True
+
+    centre: Vector = parameter("centre", unit="m", kind="vector", chosen=_CHOSEN)
+    amplitude: Vector = parameter("amplitude on each axis", unit="m", kind="vector", chosen=_CHOSEN)
+    omega: Vector = parameter(
+        "angular frequency on each axis", unit="rad/s", kind="vector", default=(1.0, 1.0, 2.0)
+    )
+    phase: Vector = parameter("phase on each axis", unit="rad", kind="vector", default=(0.0, 0.0, 0.0))
+
+    @classmethod
+    def fitted(cls, point: Array, size: float) -> dict[str, Any]:
+        """Return an eight; see :meth:`Path.fitted`."""
+        return {"centre": point, "amplitude": np.array([0.0, size, 0.5 * size])}
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
@@ -114,6 +135,7 @@ class Lissajous(Path):
         )
 
 
+@with_parameters
 class Circle(Path):
     """A circle at constant speed.
 
@@ -124,22 +146,32 @@ class Circle(Path):
         normal: axis that it turns about, right-handed, shape (3,), of length one.
     """
 
-    def __init__(
-        self, centre: ArrayLike, radius: float, period: float, normal: ArrayLike = (0.0, 0.0, 1.0)
-    ) -> None:
-        """Define the circle; it begins at the point nearest to the direction of +x (or +y)."""
-        self.centre = _vector(centre, "centre")
-        self.radius = check_number(radius, "radius", "positive [m]", open_=True)
-        self.period = check_number(period, "period", "positive [s]", open_=True)
-        axis = _vector(normal, "normal")
-        length = float(np.linalg.norm(axis))
+    config_name: ClassVar[str | None] = "circle"
+    starts_moving: ClassVar[bool] = True
+
+    centre: Vector = parameter("centre", unit="m", kind="vector", chosen=_CHOSEN)
+    radius: float = parameter("radius", unit="m", least=0.0, above=True, chosen=_CHOSEN)
+    period: float = parameter("time of a turn", unit="s", default=6.0, least=0.0, above=True)
+    normal: Vector = parameter(
+        "axis that it turns about, right-handed", kind="vector", default=(0.0, 0.0, 1.0)
+    )
+
+    def __post_init__(self) -> None:
+        """Check the circle; it begins at the point nearest to the direction of +x (or +y)."""
+        super().__post_init__()
+        length = float(np.linalg.norm(self.normal))
         if length == 0.0:
-            raise ParameterError("normal", normal, "a direction")
-        self.normal = axis / length
+            raise ParameterError("normal", self.normal, "a direction")
+        self.keep("normal", self.normal / length)
         along = np.eye(3)[0 if abs(self.normal[0]) < 0.9 else 1]
         first = along - self.normal * (self.normal @ along)
         self._first = first / np.linalg.norm(first)
         self._second = np.cross(self.normal, self._first)
+
+    @classmethod
+    def fitted(cls, point: Array, size: float) -> dict[str, Any]:
+        """Return centre and radius; see :meth:`Path.fitted`."""
+        return {"centre": point, "radius": size}
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
@@ -150,6 +182,7 @@ class Circle(Path):
         return PathPoint(self.centre + out, omega * ahead, -omega * omega * out)
 
 
+@with_parameters
 class Polyline(Path):
     """Straight lines from corner to corner, stopping smoothly at each (Bezier moves, eq. 26).
 
@@ -159,20 +192,32 @@ class Polyline(Path):
         holds: how long it stands at each corner [s].
     """
 
-    def __init__(
-        self, corners: Sequence[ArrayLike], durations: float | Sequence[float], holds: float = 0.0
-    ) -> None:
-        """Define the corners, the durations of the lines [s] and the time to stand at each corner [s]."""
-        self.corners = np.stack([_vector(corner, "corners") for corner in corners])
-        self.durations, self.holds = durations, holds
-        self._moves = Waypoints(list(self.corners), durations, holds)
+    config_name: ClassVar[str | None] = "polyline"
+
+    corners: Any = parameter("corners", unit="m", kind="points", chosen=_CHOSEN)
+    durations: float | Sequence[float] = parameter(
+        "duration of the lines, or of each", unit="s", kind="times", default=2.0, least=0.0, above=True
+    )
+    holds: float = parameter("how long it stands at each corner", unit="s", default=0.0, least=0.0)
+
+    def __post_init__(self) -> None:
+        """Check the corners and make moves of them."""
+        self.keep("corners", np.stack([_vector(corner, "corners") for corner in self.corners]))
+        self._moves = Waypoints(list(self.corners), self.durations, self.holds)
         self.t_end = float(self._moves.t_end)
+
+    @classmethod
+    def fitted(cls, point: Array, size: float) -> dict[str, Any]:
+        """Return a square; see :meth:`Path.fitted`."""
+        square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], dtype=np.float64)
+        return {"corners": point + size * (square - [0.5, 0.5, 0.0])}
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
         return PathPoint(*self._moves.at(t))
 
 
+@with_parameters
 class Eased(Path):
     """A path that begins at rest and comes up to its own speed, along the same curve.
 
@@ -184,11 +229,13 @@ class Eased(Path):
         duration: how long the start takes [s].
     """
 
-    def __init__(self, path: Path, duration: float = 1.0) -> None:
-        """Ease the beginning of `path`."""
-        self.path = path
-        self.duration = check_number(duration, "duration", "positive [s]", open_=True)
-        self.t_end = path.t_end + 0.5 * self.duration
+    path: Path = field()
+    duration: float = parameter("how long the start takes", unit="s", default=1.0, least=0.0, above=True)
+
+    def __post_init__(self) -> None:
+        """Check the duration."""
+        super().__post_init__()
+        self.t_end = self.path.t_end + 0.5 * self.duration
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
