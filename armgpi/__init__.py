@@ -65,12 +65,12 @@ if TYPE_CHECKING:
     from armgpi.references.reference import Target as Target
     from armgpi.references.waypoints import Waypoints as Waypoints
     from armgpi.robot import robots as robots
+    from armgpi.robot.batch import RobotBatch as RobotBatch
+    from armgpi.robot.equations import Friction as Friction
     from armgpi.robot.kinematics import InverseSolution as InverseSolution
     from armgpi.robot.kinematics import TrackingInverse as TrackingInverse
     from armgpi.robot.kinematics import inverse_kinematics as inverse_kinematics
-    from armgpi.robot.robot import Friction as Friction
     from armgpi.robot.robot import Robot as Robot
-    from armgpi.robot.robot import RobotBatch as RobotBatch
     from armgpi.validation.check import validate as validate
     from armgpi.validation.derivation import Derivation as Derivation
     from armgpi.validation.derivation import derive as derive
@@ -100,7 +100,9 @@ _NAMES = {
     "references.cartesian": ("CartesianReference",),
     "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),
     "references.waypoints": ("Waypoints",),
-    "robot.robot": ("Friction", "Robot", "RobotBatch"),
+    "robot.batch": ("RobotBatch",),
+    "robot.equations": ("Friction",),
+    "robot.robot": ("Robot",),
     "loop.rollout": ("Status", "load", "save"),
     "loop.closed_loop": ("ClosedLoop",),
     "loop.simulation": ("simulate",),

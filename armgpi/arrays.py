@@ -101,7 +101,11 @@ def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, 
 
 
 def quantity(
-    value: Any, name: str, joint_names: Sequence[str], default: Array | float | None = None
+    value: Any,
+    name: str,
+    joint_names: Sequence[str],
+    default: Array | float | None = None,
+    infinite: bool = False,
 ) -> Array:
     """Return a per-joint quantity given as a number, a list or a mapping as an array (n,).
 
@@ -110,6 +114,7 @@ def quantity(
         name: name of the quantity, for the message.
         joint_names: names of the n joints.
         default: what joints get that a mapping leaves out; None when it must name them all.
+        infinite: whether infinity is as good as a number here.
 
     Raises:
         ArrayError: when the number of numbers is another one, or joints are left out.
@@ -117,7 +122,7 @@ def quantity(
     """
     n = len(joint_names)
     if not isinstance(value, Mapping):
-        array = as_float_array(value, name)
+        array = as_float_array(value, name, infinite)
         if array.shape not in ((), (n,)):
             raise ArrayError(name, f"expected {n} numbers ({', '.join(joint_names)}), got {array.size}")
         return np.array(np.broadcast_to(array, (n,)))
@@ -129,7 +134,7 @@ def quantity(
         raise ArrayError(name, f"needs a value for {', '.join(missing)} as well")
     filled = np.array(np.broadcast_to(0.0 if default is None else default, (n,)), dtype=np.float64)
     for joint, number in value.items():
-        filled[list(joint_names).index(joint)] = as_number(number, name)
+        filled[list(joint_names).index(joint)] = as_number(number, f"{name}[{joint!r}]", infinite)
     return filled
 
 

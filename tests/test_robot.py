@@ -5,7 +5,11 @@ That the equations of motion are right is in `test_dynamics.py` and `laws/test_e
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import copy
+import pickle
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -364,6 +368,125 @@ def test_the_pinocchio_model_is_a_copy() -> None:
 def test_a_robot_says_what_it_is() -> None:
     assert repr(ARM) == "Robot('anthropomorphic3', n=3, joints=q1, q2, q3)"
     assert ARM.tip == "tool"
+
+
+# --- Frozen, safe in threads, picklable ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", [ARM, RobotBatch([ARM, ARM.scaled_inertia(1.2)])])
+def test_no_attribute_of_a_robot_can_be_assigned_or_deleted(robot: Robot | RobotBatch) -> None:
+    names = [name for name in (*vars(robot), *vars(type(robot))) if not name.startswith("_")]
+    assert {"limits", "dynamics", "name"} <= set(names)
+    for name in [*names, "n", "prismatic", "provenance", "batch", "a_name_of_ones_own"]:
+        with pytest.raises(ParameterError, match=f"^{name} must be left as it is: a Robot") as caught:
+            setattr(robot, name, None)
+        assert (caught.value.name, caught.value.value) == (name, None)
+        with pytest.raises(ParameterError, match=name):
+            delattr(robot, name)
+
+
+def test_the_provenance_is_the_callers_own() -> None:
+    given: dict[str, Any] = {"source": "a file", "locked": {}, "changes": []}
+    robot = Robot(ARM.pinocchio_model(), "arm", ARM.joint_types, ARM.limits, ARM.friction, given)
+    given["locked"]["q1"] = 1.0
+    provenance = robot.provenance
+    provenance["changes"].append("a forgery")
+    provenance["source"] = "another file"
+    assert robot.provenance == {"source": "a file", "locked": {}, "changes": []}
+    assert robot.with_limits(effort=1.0).provenance["changes"] == [{"limits": {"effort": [1.0, 1.0, 1.0]}}]
+
+
+@pytest.fixture
+def impatient_threads() -> Iterator[None]:
+    """Make Python change threads as often as it can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def answers(robot: Robot, q: Array) -> list[Array]:
+    """Return what every function of a robot says at some configurations, one by one and as a batch."""
+    calls = [
+        lambda q: robot.frame_pose("tool", q).translation,
+        lambda q: robot.frame_jacobian("tool", q),
+        lambda q: robot.frame_drift("tool", q, q),
+        lambda q: robot.mass_matrix(q),
+        lambda q: robot.forward_dynamics(q, q, q),
+        lambda q: robot.inverse_dynamics(q, q, q),
+        lambda q: robot.inertia_times(q, q),
+        lambda q: robot.inertia_solve(q, q),
+    ]
+    return [np.array([call(row) for row in q]) for call in calls] + [np.array(call(q)) for call in calls]
+
+
+@pytest.mark.usefixtures("impatient_threads")
+@pytest.mark.parametrize("robot", [ARM, ARM.with_payload("tool", 0.3), ARM.scaled_inertia(0.8)])
+def test_threads_may_use_one_robot_at_the_same_time(robot: Robot) -> None:
+    # With one working memory for all of them, threads read each other's poses.
+    configurations = np.random.default_rng(5).uniform(-1.0, 1.0, (4, 300, 3))
+    expected = [answers(robot, q) for q in configurations]
+    with ThreadPoolExecutor(4) as pool:
+        got = list(pool.map(lambda q: answers(robot, q), [*configurations] * 3))
+    for one, other in zip(got, expected * 3, strict=True):
+        for values, right in zip(one, other, strict=True):
+            np.testing.assert_array_equal(values, right)
+
+
+COPIES: dict[str, Callable[[Any], Any]] = {
+    "pickle": lambda thing: pickle.loads(pickle.dumps(thing)),
+    "deepcopy": copy.deepcopy,
+    "copy": copy.copy,
+}
+
+
+@pytest.mark.parametrize("used", [False, True])
+@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Robot.load("anthropomorphic3"),
+        lambda: Robot.load("anthropomorphic3").with_payload("tool", 0.3).scaled_inertia(0.8),
+        lambda: Robot.load("z1", mimic="follow"),
+    ],
+)
+def test_a_copy_of_a_robot_says_the_same_before_and_after_use(
+    make: Callable[[], Robot], way: str, used: bool
+) -> None:
+    robot = make()
+    q = robot.random_positions(20)
+    if used:
+        call_all(robot, q)
+    other = COPIES[way](robot)
+    for one, two in zip(call_all(other, q), call_all(robot, q), strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert (other.provenance, other.joint_names, other.tip) == (
+        robot.provenance,
+        robot.joint_names,
+        robot.tip,
+    )
+    for array in (*other.limits, *other.friction, *(other.coupling or ())):
+        assert not array.flags.writeable
+
+
+def call_all(robot: Robot | RobotBatch, q: Array) -> list[Array]:
+    """Return what the equations of motion, and the frames of a single robot, say."""
+    results = [getattr(robot, name)(*(q for _ in arguments)) for name, arguments in FUNCTIONS.items()]
+    if isinstance(robot, Robot):
+        results += [robot.frame_pose(robot.tip, q).rotation, robot.frame_jacobian(robot.tip, q)]
+    return results
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_of_a_robot_batch_says_the_same_and_keeps_its_groups(way: str) -> None:
+    robots = RobotBatch([ARM, ARM.scaled_inertia(1.2), ARM.with_payload("tool", 0.3), ARM])
+    q = ARM.random_positions(4)
+    call_all(robots, q)
+    other = COPIES[way](robots)
+    for one, two in zip(call_all(other, q), call_all(robots, q), strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert len(other.dynamics.groups) == len(robots.dynamics.groups) == 2
+    assert not other.limits.effort.flags.writeable
 
 
 # --- One robot per rollout -----------------------------------------------------------------------

@@ -30,8 +30,9 @@ from armgpi.control.splines import BSplineBasis
 from armgpi.plants.loads import Load
 from armgpi.plants.rigid_body import LoadTable
 from armgpi.references.reference import Reference, Target
+from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.dynamics import Dynamics, ScaledDynamics
-from armgpi.robot.robot import AnyRobot, Robot, RobotBatch
+from armgpi.robot.robot import Robot
 
 #: What is taken as it is: it does not change.
 _PLAIN = (
@@ -234,12 +235,12 @@ class Tracer:
 
     def _robot(self, robot: AnyRobot) -> Any:
         """Return a robot with traced dynamics."""
-        made = copy.copy(robot)
-        self._copies[id(robot)] = made
-        made.dynamics = self(robot.dynamics)
-        for name in ("limits", "friction"):
-            values = getattr(robot, name)
-            setattr(made, name, type(values)(*(self(a) if a.ndim == 2 else a for a in values)))
+        dynamics = self(robot.dynamics)
+        limits, friction = (
+            type(values)(*(self(a) if a.ndim == 2 else a for a in values))
+            for values in (robot.limits, robot.friction)
+        )
+        made = robot._replaced(dynamics=dynamics, limits=limits, friction=friction)
         return self._noted(robot, made)
 
     def _dynamics(self, dynamics: Dynamics) -> Any:

@@ -14,7 +14,8 @@ from armgpi.errors import EffortError, ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.robot import AnyRobot, Robot, RobotBatch
+from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.robot import Robot
 
 
 class Measurement(NamedTuple):

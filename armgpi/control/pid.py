@@ -14,7 +14,7 @@ from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.robot import AnyRobot
+from armgpi.robot.batch import AnyRobot
 
 
 class PIDState(NamedTuple):

@@ -22,8 +22,9 @@ from armgpi.control.gains import Tuning, betas, default_omega
 from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning
 from armgpi.robot import grippers, robots, urdf, urdf_model
+from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
-from armgpi.robot.robot import PerJoint, Robot
+from armgpi.robot.robot import Robot
 
 Level = Literal["stop", "warn", "note"]
 LEVELS: tuple[Level, ...] = ("stop", "warn", "note")
@@ -529,7 +530,7 @@ def _of_model(robot: Robot, samples: _Samples) -> Iterator[Finding]:
     for index in range(1, model.njoints):
         mass, name = float(model.inertias[index].mass), model.names[index]
         if mass < _LEAST_MASS:
-            links = ", ".join(map(repr, robot._links_moved_by(name)))
+            links = ", ".join(map(repr, robot.links_moved_by(name)))
             what = "nothing of its own" if mass == 0.0 else f"only {mass:.3g} kg"
             message = f"carries {what} (links {links}), besides what hangs on the joints after it"
             repair = "give these links their mass and inertia, if they are more than frames"

@@ -20,7 +20,8 @@ from armgpi.plants.actuators import Saturated
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Encoder
 from armgpi.robot import grippers, robots, urdf
-from armgpi.robot.robot import Robot, RobotBatch
+from armgpi.robot.batch import RobotBatch
+from armgpi.robot.robot import Robot
 
 #: What every arm is run with.
 SCALES, DT, DELAY, BITS, HORIZON = (0.8, 1.0, 1.2), 1e-3, 1, 16, 8.0

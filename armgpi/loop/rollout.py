@@ -35,7 +35,7 @@ import xarray as xr
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
-from armgpi.robot.robot import AnyRobot
+from armgpi.robot.batch import AnyRobot
 
 #: Version of the layout described above.
 FORMAT = 1

@@ -11,7 +11,7 @@ from armgpi.arrays import Array
 from armgpi.control.controller import FullState, batches, common_batch
 from armgpi.parameter import Parametrised, parameters, with_parameters
 from armgpi.registry import Context
-from armgpi.robot.robot import AnyRobot
+from armgpi.robot.batch import AnyRobot
 
 
 class PlantState(NamedTuple):

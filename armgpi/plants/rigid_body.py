@@ -14,7 +14,8 @@ from armgpi.control.controller import FullState, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
-from armgpi.robot.robot import AnyRobot, Friction
+from armgpi.robot.batch import AnyRobot
+from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction: 1e-9 of it is left after 16 for all of 12,000 random arms.
 _NEWTON_STEPS = 16

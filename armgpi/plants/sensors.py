@@ -11,7 +11,7 @@ from armgpi.control.controller import FullState
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
-from armgpi.robot.robot import AnyRobot
+from armgpi.robot.batch import AnyRobot
 
 
 def encoder_count(robot: AnyRobot, bits: Array | int) -> Array:

@@ -7,6 +7,7 @@ native float64 and trusted; :class:`armgpi.robot.robot.Robot` has the same funct
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -49,6 +50,33 @@ class Dynamics(Protocol):
         """Return D(q), shape (..., n, n) [kg m^2, kg m or kg]."""
 
 
+class Workspace(threading.local):
+    """Pinocchio's working memory for one model; every thread has its own, made at its first use.
+
+    A pickle or copy of it has the model alone.
+
+    Attributes:
+        model: the `pin.Model`, not to be changed.
+        data: its `pin.Data`.
+    """
+
+    def __init__(self, model: Any) -> None:
+        """Make the memory for `model`; Python calls this again in every further thread."""
+        self.model = model
+        self.data = model.createData()
+        self._pool: Any = None
+
+    def pool(self, threads: int) -> Any:
+        """Return the `pin.ModelPool` that batch kernels of so many threads work in."""
+        if self._pool is None:
+            self._pool = pin.ModelPool(self.model, threads)
+        return self._pool
+
+    def __reduce__(self) -> tuple[type[Workspace], tuple[Any]]:
+        """Return how to make it anew: `pin.Data` cannot be pickled, and belongs to one thread."""
+        return Workspace, (self.model,)
+
+
 class PinocchioDynamics:
     """Kernels of one Pinocchio model.
 
@@ -62,35 +90,35 @@ class PinocchioDynamics:
     def __init__(self, model: Any) -> None:
         """Take over a `pin.Model` (nq = nv) that nobody else may change."""
         self.model = model
-        self._data = model.createData()
+        self._workspace = Workspace(model)
         # The same masses in free fall: with v = 0, inverse dynamics is D(q) a alone.
-        self._free = model.copy()
-        self._free.gravity = pin.Motion.Zero()
-        self._free_data = self._free.createData()
+        free = model.copy()
+        free.gravity = pin.Motion.Zero()
+        self._free = free
+        self._free_workspace = Workspace(free)
         self._rest = np.zeros(model.nv)
         self._threads = thread_count()
-        self._pools: dict[bool, Any] = {}
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration by the articulated-body algorithm (Featherstone 2008, ch. 7)."""
         if q.ndim == 1:
-            a: Array = _aba(self.model, self._data, q, v, tau, _WORLD)
+            a: Array = _aba(self.model, self._workspace.data, q, v, tau, _WORLD)
             return a
-        return self._parallel(pin.abaInParallel, False, q, v, tau)
+        return self._parallel(pin.abaInParallel, self._workspace, q, v, tau)
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Return the torque by the recursive Newton-Euler algorithm (Featherstone 2008, ch. 5)."""
         if q.ndim == 1:
-            tau: Array = _rnea(self.model, self._data, q, v, a)
+            tau: Array = _rnea(self.model, self._workspace.data, q, v, a)
             return tau
-        return self._parallel(pin.rneaInParallel, False, q, v, a)
+        return self._parallel(pin.rneaInParallel, self._workspace, q, v, a)
 
     def inertia_times(self, q: Array, a: Array) -> Array:
         """Return D(q) a by the Newton-Euler recursion in free fall at rest."""
         if q.ndim == 1:
-            tau: Array = _rnea(self._free, self._free_data, q, self._rest, a)
+            tau: Array = _rnea(self._free, self._free_workspace.data, q, self._rest, a)
             return tau
-        return self._parallel(pin.rneaInParallel, True, q, np.zeros_like(q), a)
+        return self._parallel(pin.rneaInParallel, self._free_workspace, q, np.zeros_like(q), a)
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau by the articulated-body algorithm in free fall at rest.
@@ -100,12 +128,12 @@ class PinocchioDynamics:
         if not np.count_nonzero(tau):
             return tau
         if q.ndim == 1:
-            a: Array = _aba(self._free, self._free_data, q, self._rest, tau, _WORLD)
+            a: Array = _aba(self._free, self._free_workspace.data, q, self._rest, tau, _WORLD)
             return a
         rows = np.flatnonzero(tau.any(axis=-1))
         q, tau_rows = q[rows], tau[rows]
         a = np.zeros_like(tau)
-        a[rows] = self._parallel(pin.abaInParallel, True, q, np.zeros_like(q), tau_rows)
+        a[rows] = self._parallel(pin.abaInParallel, self._free_workspace, q, np.zeros_like(q), tau_rows)
         return a
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
@@ -119,19 +147,16 @@ class PinocchioDynamics:
     def mass_matrix(self, q: Array) -> Array:
         """Return D(q) by the composite-rigid-body algorithm (Featherstone 2008, ch. 6)."""
         if q.ndim == 1:
-            matrix: Array = np.array(pin.crba(self.model, self._data, q))
+            matrix: Array = np.array(pin.crba(self.model, self._workspace.data, q))
             return matrix
-        return np.array([pin.crba(self.model, self._data, row) for row in q]).reshape(*q.shape, q.shape[-1])
+        data = self._workspace.data
+        return np.array([pin.crba(self.model, data, row) for row in q]).reshape(*q.shape, q.shape[-1])
 
-    def _parallel(self, kernel: Any, free_fall: bool, q: Array, v: Array, x: Array) -> Array:
+    def _parallel(self, kernel: Any, workspace: Workspace, q: Array, v: Array, x: Array) -> Array:
         """Run a batch kernel; Pinocchio wants (n, batch), which a transposed row-major array is."""
-        pool = self._pools.get(free_fall)
-        if pool is None:
-            pool = pin.ModelPool(self._free if free_fall else self.model, self._threads)
-            self._pools[free_fall] = pool
         out = np.empty(q.shape)
         threads = 1 if len(q) < _SERIAL_BELOW else self._threads
-        kernel(threads, pool, q.T, v.T, x.T, out.T)
+        kernel(threads, workspace.pool(self._threads), q.T, v.T, x.T, out.T)
         return out
 
 

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number, check_whole
 from armgpi.errors import ArrayError, ParameterError, ReachError
-from armgpi.robot.robot import Pose, Robot
+from armgpi.robot.frames import Pose
+from armgpi.robot.robot import Robot
 
 Rows = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]

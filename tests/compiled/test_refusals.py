@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import copy
 import os
 import random
 import sys
@@ -195,8 +194,7 @@ def test_dynamics_of_a_users_own() -> None:
         def __getattr__(self, name: str) -> Any:
             return getattr(self.base, name)
 
-    robot = copy.copy(ARM)
-    robot.dynamics = Own(ARM.dynamics)
+    robot = ARM._replaced(dynamics=Own(ARM.dynamics))
     falls_back(GPI(ARM, DT), "its dynamics are Own, not Pinocchio's", plant=RigidBodyPlant(robot))
 
 

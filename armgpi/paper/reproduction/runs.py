@@ -30,7 +30,8 @@ from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Differentiated, Encoder
 from armgpi.references.reference import Reference, ReferenceBatch
 from armgpi.references.waypoints import Waypoints
-from armgpi.robot.robot import Robot, RobotBatch
+from armgpi.robot.batch import RobotBatch
+from armgpi.robot.robot import Robot
 
 #: Factors on the D(q) that controllers believe in, in the order of Tables 2 to 4.
 SCALES = tuple(table.inertia_scale for table in TABLES)

@@ -1,0 +1,187 @@
+"""Robots made from robots: a payload, rotor inertia, scaled inertia, another gravity, other limits."""
+
+from __future__ import annotations
+
+import copy
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi.arrays import Array, ArrayLike, as_float_array, as_number, frozen, quantity
+from armgpi.errors import ArrayError, LimitError, ParameterError
+from armgpi.robot.dynamics import CoupledDynamics, PinocchioDynamics, ScaledDynamics, Workspace
+from armgpi.robot.equations import Limits, PerJoint
+from armgpi.robot.frames import Frames
+from armgpi.robot.urdf_model import Coupling
+
+#: A tensor of inertia may have eigenvalues so far below zero by rounding [kg m^2].
+_TENSOR_ROUNDING = 1e-12
+
+_Same = TypeVar("_Same", bound="Edits")
+
+
+class Edits(Frames):
+    """What makes another robot of one; the robot itself stays as it is.
+
+    Every edit is remembered in the provenance of the robot that it makes.
+    """
+
+    _provenance: Mapping[str, Any]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where the model came from and what was done to it, as plain data, the caller's own."""
+        return copy.deepcopy(dict(self._provenance))
+
+    @property
+    def armature(self) -> Array:
+        """Rotor inertia seen at every joint [kg m^2 or kg], shape (n,)."""
+        return np.array(self._model.armature)[self._own]
+
+    def with_payload(
+        self: _Same,
+        frame: str,
+        mass: float,
+        com: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+    ) -> _Same:
+        """Return the robot with a load fixed to a frame.
+
+        Args:
+            frame: the frame that carries it.
+            mass: its mass [kg], not negative.
+            com: its centre of mass in that frame [m], shape (3,).
+            inertia: its inertia about that centre, in the frame's axes [kg m^2], shape (3, 3); a point
+                mass when not given.
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ParameterError: when the mass is negative or the frame does not move.
+            ArrayError: when `com` or `inertia` is not as it should be.
+        """
+        mass = as_number(mass, "mass")
+        if mass < 0.0:
+            raise ParameterError("mass", mass, "zero or positive [kg]")
+        centre = _shaped(com, "com", (3,))
+        tensor = np.zeros((3, 3)) if inertia is None else _shaped(inertia, "inertia", (3, 3))
+        if not np.allclose(tensor, tensor.T) or np.linalg.eigvalsh(tensor)[0] < -_TENSOR_ROUNDING:
+            raise ArrayError("inertia", "expected a symmetric tensor without negative eigenvalues")
+        element = self._model.frames[self._frame(frame)]
+        joint = int(element.parentJoint)
+        if joint == 0:
+            raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
+        model = self._model.copy()
+        model.inertias[joint] += element.placement.act(pin.Inertia(mass, centre, tensor))
+        change = {"payload": {"frame": frame, "mass": mass, "com": centre.tolist()}}
+        if inertia is not None:
+            change["payload"]["inertia"] = tensor.tolist()
+        return self._changed(change, **parts_of(model, self.coupling))
+
+    def with_armature(self: _Same, armature: PerJoint) -> _Same:
+        """Return the robot with rotor inertia (gear ratio squared times rotor) at its joints.
+
+        Args:
+            armature: [kg m^2 or kg], a number, shape (n,), or name -> value (the others keep theirs).
+        """
+        model = self._model.copy()
+        values = self._bounded("armature", armature, self.armature, 0.0, sys.float_info.max)
+        whole = np.array(model.armature)
+        whole[self._own] = values
+        model.armature = whole
+        return self._changed({"armature": values.tolist()}, **parts_of(model, self.coupling))
+
+    def scaled_inertia(self: _Same, factor: float) -> _Same:
+        """Return the robot with every mass and inertia multiplied by `factor`.
+
+        D, C and G all scale. For a controller that uses D alone (GPI) this is the paper's variation of
+        D(q); see ``PIDInversion`` for a law that uses C and G as well.
+        """
+        factor = as_number(factor, "factor")
+        if factor <= 0.0:
+            raise ParameterError("factor", factor, "positive")
+        model = self._model.copy()
+        for index, inertia in enumerate(self._model.inertias):
+            # Not a pin.Inertia product: mass and tensor scale, the centre of mass stays.
+            model.inertias[index] = pin.Inertia(
+                factor * inertia.mass, inertia.lever, factor * inertia.inertia
+            )
+        model.armature = factor * model.armature
+        # Not the kernels of the scaled model: rollouts that differ by the factor alone share theirs.
+        own = self.dynamics
+        base, scale = (own.base, factor * own.scale) if isinstance(own, ScaledDynamics) else (own, factor)
+        dynamics = ScaledDynamics(base, scale)
+        parts = {**parts_of(model, self.coupling), "dynamics": dynamics}
+        return self._changed({"inertia_scale": factor}, **parts)
+
+    def with_gravity(self: _Same, gravity: ArrayLike) -> _Same:
+        """Return the robot under another gravity [m/s^2], a vector of shape (3,) in the base frame."""
+        model = self._model.copy()
+        vector = _shaped(gravity, "gravity", (3,))
+        model.gravity = pin.Motion(vector, np.zeros(3))
+        return self._changed({"gravity": vector.tolist()}, **parts_of(model, self.coupling))
+
+    def with_limits(
+        self: _Same,
+        lower: PerJoint | None = None,
+        upper: PerJoint | None = None,
+        velocity: PerJoint | None = None,
+        effort: PerJoint | None = None,
+    ) -> _Same:
+        """Return the robot with other limits; each a number, shape (n,), or name -> value.
+
+        Args:
+            lower: lowest positions [rad or m].
+            upper: highest positions [rad or m].
+            velocity: highest speeds [rad/s or m/s].
+            effort: highest torques or forces [N m or N].
+        """
+        given = {"lower": lower, "upper": upper, "velocity": velocity, "effort": effort}
+        changed = {key: value for key, value in given.items() if value is not None}
+        arrays = {}
+        for key, value in changed.items():
+            lowest = -math.inf if key in ("lower", "upper") else 0.0
+            current = getattr(self.limits, key)
+            arrays[key] = self._bounded(key, value, current, lowest, math.inf)
+        limits = self.limits._replace(**arrays)
+        for j, (low, high) in enumerate(zip(limits.lower, limits.upper, strict=True)):
+            if low > high:
+                raise LimitError("the lower limit", self.joint_names[j], low, -math.inf, high)
+        change = {"limits": {key: array.tolist() for key, array in arrays.items()}}
+        return self._changed(change, limits=Limits(*map(frozen, limits)))
+
+    def _bounded(self, name: str, value: PerJoint, current: Array, lowest: float, highest: float) -> Array:
+        """Return a quantity of every joint, (n,); joints that a mapping leaves out keep the current one."""
+        values = quantity(value, name, self.joint_names, current, infinite=True)
+        for joint, number in zip(self.joint_names, values, strict=True):
+            if not lowest <= number <= highest:
+                raise LimitError(name, joint, number, lowest, highest)
+        return values
+
+    def _changed(self: _Same, change: Mapping[str, Any], **attributes: Any) -> _Same:
+        """Return a robot with other attributes that remembers the change."""
+        changes = [*self._provenance["changes"], dict(change)]
+        return self._replaced(_provenance={**self._provenance, "changes": changes}, **attributes)
+
+    @property
+    def _own(self) -> list[int]:
+        """Where the n joints stand among the model's coordinates."""
+        return [int(self._model.joints[self._model.getJointId(name)].idx_v) for name in self.joint_names]
+
+
+def parts_of(model: Any, coupling: Coupling | None) -> dict[str, Any]:
+    """Return the attributes of a robot that depend on its `pin.Model`, which nobody else may change."""
+    whole = PinocchioDynamics(model)
+    dynamics = whole if coupling is None else CoupledDynamics(whole, *coupling)
+    return {"_model": model, "_workspace": Workspace(model), "dynamics": dynamics}
+
+
+def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+    """Return `value` as an array of exactly `shape`."""
+    array = as_float_array(value, name)
+    if array.shape != shape:
+        raise ArrayError(name, f"expected shape {shape}, got {array.shape}")
+    return array

@@ -1,0 +1,326 @@
+"""The equations of motion of an arm, D(q) a + C(q, v) v + G(q) = tau, with their arguments checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, NoReturn, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array, ArrayLike, as_joint_array
+from armgpi.errors import ArrayError, LimitError, ParameterError, Remedy
+from armgpi.robot.dynamics import Dynamics
+
+#: A quantity of every joint: a number, shape (n,), or joint name -> value.
+PerJoint = ArrayLike | Mapping[str, float]
+#: By how much a value may be beyond a bound by rounding, relative to the value, or to 1 where that is less.
+_ROUNDING = 1e-9
+#: Travel that an encoder of a prismatic joint without limits divides [m].
+_ENCODER_TRAVEL = 1.0
+
+_Same = TypeVar("_Same", bound="Equations")
+
+
+class Limits(NamedTuple):
+    """Limits of every joint, arrays of shape (n,), read-only; infinite where the URDF has none.
+
+    Attributes:
+        lower: lowest position [rad or m].
+        upper: highest position [rad or m].
+        velocity: highest speed [rad/s or m/s].
+        effort: highest torque or force [N m or N].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+
+class Friction(NamedTuple):
+    """Joint friction as the URDF's ``<dynamics>`` gives it, arrays of shape (n,), read-only.
+
+    Attributes:
+        viscous: viscous coefficient [N m s/rad or N s/m].
+        coulomb: Coulomb torque or force [N m or N].
+    """
+
+    viscous: Array
+    coulomb: Array
+
+
+class Pose(NamedTuple):
+    """Pose of a frame in the base frame.
+
+    Attributes:
+        rotation: rotation matrix, shape (..., 3, 3).
+        translation: position [m], shape (..., 3).
+    """
+
+    rotation: Array
+    translation: Array
+
+
+class Outside(NamedTuple):
+    """The first of some positions that is outside the joint limits.
+
+    Attributes:
+        place: index into the array of positions.
+        joint: name of the joint.
+        value: the position [rad or m].
+        lower: lowest position [rad or m].
+        upper: highest position [rad or m].
+    """
+
+    place: tuple[int, ...]
+    joint: str
+    value: float
+    lower: float
+    upper: float
+
+
+class Equations:
+    """The equations of motion with their arguments checked; what a robot and a batch of them have in common.
+
+    Frozen: an attribute cannot be assigned. Rows of a batch are states.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    joint_types: tuple[str, ...]
+    limits: Limits
+    friction: Friction
+    dynamics: Dynamics
+    batch: int | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of joints, coordinates and velocities."""
+        return len(self.joint_names)
+
+    @property
+    def prismatic(self) -> npt.NDArray[np.bool_]:
+        """Which joints are prismatic, shape (n,): their units are m and N, not rad and N m."""
+        return np.array([kind == "prismatic" for kind in self.joint_types])
+
+    def mass_matrix(self, q: ArrayLike) -> Array:
+        """Return the inertia matrix D(q), by CRBA.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            D, shape (n, n) or (batch, n, n), symmetric and positive definite.
+
+        Raises:
+            ArrayError: when `q` has another shape or dtype or is not finite.
+        """
+        (q_,) = self._states(q=q)
+        return self.dynamics.mass_matrix(q_)
+
+    def gravity(self, q: ArrayLike) -> Array:
+        """Return the gravity torque G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
+        (q_,) = self._states(q=q)
+        return self.dynamics.gravity(q_)
+
+    def nonlinear_effects(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return C(q, v) v + G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
+        q_, v_ = self._states(q=q, v=v)
+        return self.dynamics.nonlinear_effects(q_, v_)
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
+        """Return the acceleration D(q)^-1 (tau - C(q, v) v - G(q)), by ABA.
+
+        Friction of the URDF is not part of it; a plant adds that (see ``armgpi.RigidBodyPlant``).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+            tau: torques [N m or N], same shape.
+
+        Returns:
+            Accelerations [rad/s^2 or m/s^2], same shape.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
+        """
+        q_, v_, tau_ = self._states(q=q, v=v, tau=tau)
+        return self.dynamics.forward(q_, v_, tau_)
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Return D(q) a + C(q, v) v + G(q) [N m or N], by RNEA; shapes as in `forward_dynamics`."""
+        q_, v_, a_ = self._states(q=q, v=v, a=a)
+        return self.dynamics.inverse(q_, v_, a_)
+
+    def inertia_times(self, q: ArrayLike, a: ArrayLike) -> Array:
+        """Return D(q) a [N m or N] without building D; shapes (n,) or (batch, n)."""
+        q_, a_ = self._states(q=q, a=a)
+        return self.dynamics.inertia_times(q_, a_)
+
+    def inertia_solve(self, q: ArrayLike, tau: ArrayLike) -> Array:
+        """Return D(q)^-1 tau [rad/s^2 or m/s^2] without building D; shapes (n,) or (batch, n)."""
+        q_, tau_ = self._states(q=q, tau=tau)
+        return self.dynamics.inertia_solve(q_, tau_).copy()
+
+    def check_position(self, q: ArrayLike, what: str) -> Array:
+        """Return positions as an array, refusing those outside the joint limits.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            what: what they are, for the message ("the start").
+
+        Raises:
+            ArrayError: when the shape or dtype is wrong or a value is not finite.
+            LimitError: when a position is outside its joint's limits by more than rounding.
+        """
+        (positions,) = self._states(**{what: q})
+        outside = self.outside(positions)
+        if outside is not None:
+            raise LimitError(what, *outside[1:])
+        return positions
+
+    def outside(self, q: Array) -> Outside | None:
+        """Return the first position that is outside the joint limits by more than rounding, if there is one.
+
+        Args:
+            q: positions [rad or m], shape (..., n), which broadcasts against the limits; not checked.
+        """
+        slack = _ROUNDING * np.maximum(1.0, np.abs(q))
+        lower, upper = self.limits.lower, self.limits.upper
+        beyond = np.asarray((q < lower - slack) | (q > upper + slack))
+        if not beyond.any():
+            return None
+        index = tuple(int(i) for i in np.argwhere(beyond)[0])
+        value, low, high = (float(np.broadcast_to(x, beyond.shape)[index]) for x in (q, lower, upper))
+        return Outside(index, self.joint_names[index[-1]], value, low, high)
+
+    def holding_share(self, q: ArrayLike) -> Array:
+        """Return the share of the effort limits that it takes to hold the arm at rest, |G(q)| / effort.
+
+        Above 1 the motor of that joint cannot hold the arm. 0 where gravity asks for nothing, infinite where
+        it asks for something and the effort limit is 0.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            Shares, shape as `q`.
+
+        Raises:
+            ArrayError: when `q` has another shape or dtype or is not finite.
+        """
+        holding = np.abs(self.gravity(q))
+        effort = np.broadcast_to(self.limits.effort, holding.shape)
+        weak = np.where(holding > 0.0, math.inf, 0.0)
+        return np.divide(holding, effort, out=weak, where=effort > 0.0)
+
+    def check_holding(self, q: ArrayLike, what: str) -> None:
+        """Refuse configurations at which gravity exceeds a joint's effort limit: nothing holds the arm there.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            what: what they are, for the message ("the start").
+
+        Raises:
+            ArrayError: when `q` is not as it should be.
+            LimitError: when a joint cannot hold the arm.
+        """
+        beyond = np.argwhere(self.holding_share(q) > 1.0 + _ROUNDING)
+        if not len(beyond):
+            return
+        index, torque = tuple(int(i) for i in beyond[0]), self.gravity(q)
+        holding, joint = torque[index], self.joint_names[index[-1]]
+        effort = np.broadcast_to(self.limits.effort, torque.shape)[index]
+        enough = float(f"{1.5 * abs(holding):.3g}")
+        remedy = f"robot.with_limits(effort={{{joint!r}: {enough:g}}})"
+        raise LimitError(
+            f"the torque that holds the arm at {what}",
+            joint,
+            holding,
+            -effort,
+            effort,
+            f"begin elsewhere, or give the joint more with {remedy}",
+        ).suggesting(Remedy("effort", (joint,), enough))
+
+    def encoder_count(self, bits: float | Array) -> Array:
+        """Return one count of an absolute encoder at every joint [rad or m], shape (n,) or (batch, n).
+
+        It is a turn / 2^bits; for a prismatic joint its travel / 2^bits, or 1 m / 2^bits without limits.
+
+        Args:
+            bits: resolution, a number or an array that broadcasts against (n,); not checked.
+        """
+        travel = self.limits.upper - self.limits.lower
+        travel = np.where(np.isfinite(travel) & (travel > 0.0), travel, _ENCODER_TRAVEL)
+        return np.asarray(np.where(self.prismatic, travel, 2.0 * math.pi) / 2.0**bits)
+
+    def middle(self) -> Array:
+        """Return the middle of the joint ranges [rad or m], shape (n,) or (batch, n).
+
+        It is 0, or the limit nearest to it, for a joint that lacks a limit.
+        """
+        lower, upper = self.limits.lower, self.limits.upper
+        bounded = np.isfinite(lower) & np.isfinite(upper)
+        nearest_zero = np.clip(0.0, lower, upper)
+        centre = 0.5 * (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0))
+        return np.where(bounded, np.clip(centre, lower, upper), nearest_zero)
+
+    def wrap(self, q: ArrayLike, near: ArrayLike | None = None) -> Array:
+        """Return positions with every continuous joint moved by whole turns to within half a turn of `near`.
+
+        Nothing here wraps by itself: a continuous joint is an unbounded angle, and a goal of 6 pi is three
+        turns away. This is the choice of the short way.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            near: positions, same shape; zero when not given.
+        """
+        arguments = {"q": q} if near is None else {"q": q, "near": near}
+        q_, *given = self._states(**arguments)
+        centre = given[0] if given else np.zeros_like(q_)
+        continuous = np.array([kind == "continuous" for kind in self.joint_types])
+        turns = np.round((q_ - centre) / (2.0 * math.pi))
+        return np.where(continuous, q_ - 2.0 * math.pi * turns, q_)
+
+    def _states(self, **arguments: ArrayLike) -> tuple[Array, ...]:
+        """Check state-like arguments and give them one shape; a single state goes with any batch."""
+        arrays = [as_joint_array(value, name, self.joint_names) for name, value in arguments.items()]
+        shapes = [array.shape for array in arrays]
+        if self.batch is not None:
+            shapes.append((self.batch, self.n))
+        try:
+            shape = np.broadcast_shapes(*shapes)
+        except ValueError:
+            names = ", ".join(arguments)
+            raise ArrayError(names, f"shapes do not go together: {', '.join(map(str, shapes))}") from None
+        if self.batch is not None and shape != (self.batch, self.n):
+            raise ArrayError(", ".join(arguments), f"expected {self.batch} rows, got shape {shape}")
+        return tuple(np.ascontiguousarray(np.broadcast_to(array, shape)) for array in arrays)
+
+    def _replaced(self: _Same, **attributes: Any) -> _Same:
+        """Return a copy with other attributes, which are not checked; all else is shared."""
+        made = object.__new__(type(self))
+        vars(made).update({**vars(self), **attributes})
+        return made
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse to assign an attribute."""
+        self._refuse(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        """Refuse to delete an attribute."""
+        self._refuse(name, None)
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Take the state of a pickle or copy; its arrays lost their protection on the way."""
+        vars(self).update(state)
+        for array in (*self.limits, *self.friction, *(state.get("coupling") or ())):
+            array.setflags(write=False)
+
+    def _refuse(self, name: str, value: object) -> NoReturn:
+        expected = (
+            f"left as it is: a {type(self).__name__} never changes, its with_... methods return another"
+        )
+        raise ParameterError(name, value, expected)
