@@ -199,6 +199,53 @@ def test_the_middle_halves_the_ranges_and_is_zero_without(robot: Robot) -> None:
     assert not middle[~bounded].any()
 
 
+@pytest.mark.parametrize("batch", [False, True])
+def test_the_first_position_outside_is_found_whatever_the_leading_axes(batch: bool) -> None:
+    robot: Robot | RobotBatch = RobotBatch([ARM, ARM.with_limits(upper={"q3": 0.1})]) if batch else ARM
+    q = np.zeros((4, 2, 3))
+    assert robot.outside(q) is None
+    q[2, 1, 2] = 100.0
+    upper = 0.1 if batch else ARM.limits.upper[2]
+    assert robot.outside(q) == ((2, 1, 2), "q3", 100.0, ARM.limits.lower[2], upper)
+
+
+def test_the_share_that_holding_takes_is_gravity_over_effort() -> None:
+    q = ARM.random_positions(50)
+    torque = np.abs(ARM.gravity(q))
+    np.testing.assert_array_equal(ARM.holding_share(q), torque / ARM.limits.effort)
+    assert not ARM.with_limits(effort=np.inf).holding_share(q).any()
+    # q1 turns about the vertical: gravity asks it for nothing, so no motor is enough.
+    np.testing.assert_array_equal(ARM.with_limits(effort=0.0).holding_share(q[0]), [0.0, np.inf, np.inf])
+    batch = RobotBatch([ARM, ARM.with_limits(effort=1.0)])
+    np.testing.assert_array_equal(batch.holding_share(q[:2])[1], torque[1])
+
+
+def test_the_motor_that_is_the_weakest_against_gravity_is_found_and_refused() -> None:
+    q = ARM.random_positions(50)
+    torque = ARM.gravity(q)
+    row = int(np.abs(torque[:, 1]).argmax())
+    most = abs(torque[row, 1])
+    enough, weak = ARM.with_limits(effort={"q2": most}), ARM.with_limits(effort={"q2": 0.5 * most})
+    assert enough.overloaded(q) is None
+    enough.check_holding(q, "the start")
+    assert weak.overloaded(q) == ((row, 1), "q2", torque[row, 1], 0.5 * most)
+    with pytest.raises(LimitError, match=r"holds the arm at the start of joint 'q2'.*with_limits") as caught:
+        weak.check_holding(q, "the start")
+    ((kind, joints, value),) = caught.value.remedies
+    assert (kind, joints, value) == ("effort", ("q2",), pytest.approx(1.5 * most, rel=5e-3))
+    ARM.with_limits(effort={"q2": value}).check_holding(q, "the start")
+
+
+def test_a_count_divides_a_turn_or_the_travel_of_a_joint_that_slides() -> None:
+    np.testing.assert_array_equal(ARM.encoder_count(16), np.full(3, 2.0 * np.pi / 65536))
+    np.testing.assert_array_equal(ARM.encoder_count(np.array([1, 2, 3])), 2.0 * np.pi / np.array([2, 4, 8]))
+    panda = Robot.load("panda", mimic="follow")
+    assert panda.prismatic.tolist() == [False] * 7 + [True]
+    assert panda.encoder_count(3)[7] == (panda.limits.upper[7] - panda.limits.lower[7]) / 8
+    boundless = panda.with_limits(lower={"panda_finger_joint1": -np.inf})
+    assert boundless.encoder_count(3)[7] == 0.125
+
+
 def test_limits_cannot_be_changed_in_place() -> None:
     for array in (*ARM.limits, *ARM.friction):
         with pytest.raises(ValueError, match="read-only"):
@@ -421,14 +468,14 @@ def answers(robot: Robot, q: Array) -> list[Array]:
 
 
 @pytest.mark.usefixtures("impatient_threads")
-@pytest.mark.parametrize("robot", [ARM, ARM.with_payload("tool", 0.3), ARM.scaled_inertia(0.8)])
-def test_threads_may_use_one_robot_at_the_same_time(robot: Robot) -> None:
+def test_threads_may_use_one_robot_at_the_same_time() -> None:
     # With one working memory for all of them, threads read each other's poses.
+    robot = ARM.scaled_inertia(0.8)
     configurations = np.random.default_rng(5).uniform(-1.0, 1.0, (4, 300, 3))
     expected = [answers(robot, q) for q in configurations]
     with ThreadPoolExecutor(4) as pool:
-        got = list(pool.map(lambda q: answers(robot, q), [*configurations] * 3))
-    for one, other in zip(got, expected * 3, strict=True):
+        got = list(pool.map(lambda q: answers(robot, q), [*configurations] * 5))
+    for one, other in zip(got, expected * 5, strict=True):
         for values, right in zip(one, other, strict=True):
             np.testing.assert_array_equal(values, right)
 

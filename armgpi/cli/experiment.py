@@ -121,18 +121,14 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     """Say where the reference leads to configurations at which gravity exceeds a joint's effort limit."""
     import numpy as np
 
-    robot = experiment.plant.robot
     times = np.linspace(0.0, experiment.t_final, _LOOKS)
-    holding = np.abs(robot.gravity(experiment.reference.at(times).q))
-    share = holding / np.maximum(robot.limits.effort, np.finfo(float).tiny)
-    row, j = np.unravel_index(int(share.argmax()), share.shape)
-    if share[row, j] > 1.0 + 1e-9:
-        joint, effort = robot.joint_names[j], robot.limits.effort[j]
-        needed = holding[row, j]
+    weak = experiment.plant.robot.overloaded(experiment.reference.at(times).q)
+    if weak is not None:
+        needed = abs(weak.torque)
         typer.secho(
-            f"warning: at {times[row]:.3g} s joint {joint!r} needs {needed:.4g} to hold the arm where the "
-            f"reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give "
-            f"what its motor can: --effort {joint}={1.5 * needed:.3g}",
+            f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold the "
+            f"arm where the reference is, and has effort limit {weak.effort:g}: it cannot stand there; go "
+            f"elsewhere, or give what its motor can: --effort {weak.joint}={1.5 * needed:.3g}",
             err=True,
             fg="yellow",
         )

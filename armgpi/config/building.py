@@ -379,12 +379,12 @@ def _gentle(robot: Robot, start: Array, goal: Array) -> float:
 def _goal(robot: Robot, middle: Array) -> Array:
     """Return a configuration near the middle that the motors can hold the arm to all the way, if any."""
     step = np.minimum(_MOVE, 0.5 * (robot.limits.upper - middle))
-    most = np.maximum(_HOLDING_SHARE * robot.limits.effort, np.abs(robot.gravity(middle)))
+    most = np.maximum(_HOLDING_SHARE, robot.holding_share(middle))
     for scale in (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.125, -0.125):
         goal: Array = middle + scale * step
         way = middle + np.linspace(0.0, 1.0, 21)[:, None] * (goal - middle)
         inside = (goal >= robot.limits.lower).all()
-        if inside and (np.abs(robot.gravity(way)) <= most + _ROUNDING * most).all():
+        if inside and (robot.holding_share(way) <= most + _ROUNDING * most).all():
             return goal
     return middle + step
 

@@ -10,7 +10,6 @@ import numpy as np
 from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_joint, positive
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
-from armgpi.plants.sensors import encoder_count
 
 #: A measurement that stands still for so long [s], while it should not, is frozen.
 _FROZEN_TIME = 0.05
@@ -119,4 +118,4 @@ def _samples(dt: float) -> int:
 
 def default_resolution(controller: Controller, bits: int = _BITS) -> Array:
     """Return a count of an encoder of so many bits [rad or m], shape (n,)."""
-    return encoder_count(controller.robot, bits)
+    return controller.robot.encoder_count(bits)

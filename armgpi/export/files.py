@@ -304,7 +304,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
     robot: Any = controller.robot
     lower, upper, velocity, _ = robot.limits
     effort = np.broadcast_to(controller.effort, (law.n,))
-    units = ["m" if kind == "prismatic" else "rad" for kind in robot.joint_types]
+    units = ["m" if slides else "rad" for slides in robot.prismatic]
     joints = [
         f"| {j} | `{plain(name)}` | {kind} | {lower[j]:.6g} to {upper[j]:.6g} {unit} "
         f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {'N' if unit == 'm' else 'N m'} |"

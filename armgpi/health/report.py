@@ -547,14 +547,14 @@ def _of_model(robot: Robot, samples: _Samples) -> Iterator[Finding]:
     elif least < _LEAST_EIGENVALUE:
         message = f"moves an inertia of only {least:.3g} at some configuration"
         yield _warn("condition", weak, least, _LEAST_EIGENVALUE, message, repair)
-    effort, holding = robot.limits.effort, np.abs(samples.gravity)
+    effort, holding, shares = robot.limits.effort, np.abs(samples.gravity), robot.holding_share(samples.q)
     for j, name in enumerate(robot.joint_names):
         most, start = float(holding[:, j].max()), float(holding[0, j])
-        if effort[j] == 0.0 or most <= effort[j]:
+        if effort[j] == 0.0 or shares[:, j].max() <= 1.0:
             continue
-        share = float((holding[:, j] > effort[j]).mean())
+        share = float((shares[:, j] > 1.0).mean())
         where, option = f"joint {name!r}", f"--effort {name}={1.5 * most:.3g}"
-        if start > effort[j]:
+        if shares[0, j] > 1.0:
             message = (
                 f"needs {start:.4g} to hold the arm where runs start, and has effort limit {effort[j]:g}"
             )
@@ -642,12 +642,10 @@ def _omega_of_encoder(robot: Robot, samples: _Samples, bits: int) -> Array:
     """
     one = np.ones(1)
     beta3 = float(betas(Tuning(one, one, one)).beta3[0])  # at omega_c = 1; it grows with omega_c^2
-    travel = robot.limits.upper - robot.limits.lower
-    slides = np.array([kind == "prismatic" for kind in robot.joint_types])
-    span = np.where(slides, np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0), 2.0 * math.pi)
+    count = robot.encoder_count(bits)
     most = np.diagonal(samples.inertia, axis1=1, axis2=2).max(axis=0)
     # Roots apart: a limit of 1e308 would overflow.
-    result: Array = np.sqrt(_COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * span / 2.0**bits)
+    result: Array = np.sqrt(_COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * count)
     result[robot.limits.effort == 0.0] = math.inf  # said elsewhere
     return result
 

@@ -168,21 +168,11 @@ def _check_reference(loop: ClosedLoop, t_final: float) -> None:
     q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
     if not all(np.isfinite(part).all() for part in target):
         raise ArrayError("reference", "expected finite positions, velocities and accelerations")
-    lower, upper = robot.limits.lower, robot.limits.upper
-    slack = 1e-9 * np.maximum(1.0, np.abs(q))
-    beyond = (q < lower - slack) | (q > upper + slack)
-    outside = np.argwhere(beyond)
-    if outside.size:
-        index = tuple(int(i) for i in outside[0])
-        value, low, high = (np.broadcast_to(x, beyond.shape)[index] for x in (q, lower, upper))
-        raise LimitError(
-            f"the reference at t = {times[index[0]]:.4g} s",
-            robot.joint_names[index[-1]],
-            value,
-            low,
-            high,
-            "choose another goal, or other limits with robot.with_limits(...)",
-        )
+    outside = robot.outside(q)
+    if outside is not None:
+        what = f"the reference at t = {times[outside.place[0]]:.4g} s"
+        remedy = "choose another goal, or other limits with robot.with_limits(...)"
+        raise LimitError(what, *outside[1:], remedy)
 
 
 @contextmanager

@@ -11,18 +11,6 @@ from armgpi.control.controller import FullState
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
-from armgpi.robot.batch import AnyRobot
-
-
-def encoder_count(robot: AnyRobot, bits: Array | int) -> Array:
-    """Return one count of encoders [rad or m], shape (n,) or (batch, n).
-
-    It is a turn / 2^bits, for a prismatic joint its travel / 2^bits (1 m where it has no limits).
-    """
-    travel = robot.limits.upper - robot.limits.lower
-    linear = np.array([kind == "prismatic" for kind in robot.joint_types])
-    span = np.where(np.isfinite(travel) & (travel > 0.0), travel, 1.0)
-    return np.asarray(np.where(linear, span, 2.0 * np.pi) / 2.0**bits)
 
 
 @with_parameters
@@ -31,7 +19,7 @@ class Encoder(Wrapper):
 
     Attributes:
         bits: resolution, shape (n,) or (batch, n).
-        step_size: one count [rad or m], likewise; see :func:`encoder_count`.
+        step_size: one count [rad or m], likewise; see :meth:`armgpi.Robot.encoder_count`.
     """
 
     config_name: ClassVar[str | None] = "encoder_bits"
@@ -51,7 +39,7 @@ class Encoder(Wrapper):
     def __post_init__(self) -> None:
         """Check the resolution and work out a count."""
         super().__post_init__()
-        self.step_size = encoder_count(self.robot, self.bits)
+        self.step_size = self.robot.encoder_count(self.bits)
 
     def measure(self, state: Any) -> FullState:
         """Return positions rounded to the nearest count."""

@@ -88,7 +88,7 @@ class CartesianReference(Reference):
             self._track = Track(inverse, path)
             return
         self._inverse = inverse
-        self._turning = np.array([kind != "prismatic" for kind in robot.joint_types])
+        self._turning = ~robot.prismatic
         self._continued = np.empty((0, robot.n))
         begin = path.at(np.zeros(1)).x
         there = robot.frame_pose(frame, self._solve(np.zeros(1), begin)).translation

@@ -159,19 +159,11 @@ class Track:
 
     def _check_limits(self, times: Array, q: Array) -> None:
         """Refuse configurations outside the joint limits, naming the first time."""
-        lower, upper = self.inverse.robot.limits[:2]
-        slack = 1e-9 * np.maximum(1.0, np.abs(q))
-        outside = np.argwhere((q < lower - slack) | (q > upper + slack))
-        if len(outside):
-            row, joint = outside[0]
-            raise LimitError(
-                f"on the path at t = {times[row]:.4g} s the position",
-                self.inverse.robot.joint_names[joint],
-                q[row, joint],
-                lower[joint],
-                upper[joint],
-                "begin in another configuration (near=...), or hold less of the tool",
-            )
+        outside = self.inverse.robot.outside(q)
+        if outside is not None:
+            what = f"on the path at t = {times[outside.place[0]]:.4g} s the position"
+            remedy = "begin in another configuration (near=...), or hold less of the tool"
+            raise LimitError(what, *outside[1:], remedy)
 
     def _give_up(self, t: float, point: Array) -> NoReturn:
         """Say why the path cannot be followed to a point."""

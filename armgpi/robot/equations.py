@@ -81,6 +81,22 @@ class Outside(NamedTuple):
     upper: float
 
 
+class Overload(NamedTuple):
+    """The joint, of those at some configurations, whose motor is the farthest from holding the arm.
+
+    Attributes:
+        place: index into the array of positions.
+        joint: name of the joint.
+        torque: torque or force that holds the arm there [N m or N].
+        effort: effort limit of the joint [N m or N].
+    """
+
+    place: tuple[int, ...]
+    joint: str
+    torque: float
+    effort: float
+
+
 class Equations:
     """The equations of motion with their arguments checked; what a robot and a batch of them have in common.
 
@@ -227,22 +243,36 @@ class Equations:
             ArrayError: when `q` is not as it should be.
             LimitError: when a joint cannot hold the arm.
         """
-        beyond = np.argwhere(self.holding_share(q) > 1.0 + _ROUNDING)
-        if not len(beyond):
+        beyond = self.overloaded(q)
+        if beyond is None:
             return
-        index, torque = tuple(int(i) for i in beyond[0]), self.gravity(q)
-        holding, joint = torque[index], self.joint_names[index[-1]]
-        effort = np.broadcast_to(self.limits.effort, torque.shape)[index]
-        enough = float(f"{1.5 * abs(holding):.3g}")
-        remedy = f"robot.with_limits(effort={{{joint!r}: {enough:g}}})"
+        _, joint, torque, effort = beyond
+        enough = float(f"{1.5 * abs(torque):.3g}")
         raise LimitError(
             f"the torque that holds the arm at {what}",
             joint,
-            holding,
+            torque,
             -effort,
             effort,
-            f"begin elsewhere, or give the joint more with {remedy}",
+            "begin elsewhere, or give the joint more with "
+            f"robot.with_limits(effort={{{joint!r}: {enough:g}}})",
         ).suggesting(Remedy("effort", (joint,), enough))
+
+    def overloaded(self, q: ArrayLike) -> Overload | None:
+        """Return where gravity exceeds an effort limit the most, by more than rounding, if it does anywhere.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Raises:
+            ArrayError: when `q` has another shape or dtype or is not finite.
+        """
+        share = self.holding_share(q)
+        if not (share > 1.0 + _ROUNDING).any():
+            return None
+        place = tuple(int(i) for i in np.unravel_index(int(share.argmax()), share.shape))
+        torque, effort = self.gravity(q), np.broadcast_to(self.limits.effort, share.shape)
+        return Overload(place, self.joint_names[place[-1]], float(torque[place]), float(effort[place]))
 
     def encoder_count(self, bits: float | Array) -> Array:
         """Return one count of an absolute encoder at every joint [rad or m], shape (n,) or (batch, n).

@@ -383,7 +383,7 @@ class _Arm(NamedTuple):
         J = robot.frame_jacobian(frame, random_configurations(robot, 32, seed=0))
         if not J.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
-        turning = _turning(robot)
+        turning = ~robot.prismatic
         # The longest lever seen; an arm that slides only, or turns on the spot, is measured in metres.
         length = float(np.linalg.norm(J[:, :3] * turning, axis=1).max()) or 1.0
         return cls(robot, frame, length, np.where(turning, 1.0, length))
@@ -601,13 +601,8 @@ def random_configurations(robot: Robot, count: int, seed: int) -> Array:
 def _wide(robot: Robot) -> tuple[Array, Array]:
     """Return the position limits, none where every angle has a full turn inside them."""
     lower, upper = robot.limits[:2]
-    turns = _turning(robot) & (upper - lower >= 2.0 * math.pi)
+    turns = ~robot.prismatic & (upper - lower >= 2.0 * math.pi)
     return np.where(turns, -math.inf, lower), np.where(turns, math.inf, upper)
-
-
-def _turning(robot: Robot) -> Flags:
-    """Tell which joints turn."""
-    return np.array([kind != "prismatic" for kind in robot.joint_types])
 
 
 def _nearest_turns(robot: Robot, q: Array, home: Array) -> Array:
@@ -616,7 +611,7 @@ def _nearest_turns(robot: Robot, q: Array, home: Array) -> Array:
     turn = 2.0 * math.pi
     least, most = np.ceil((lower - q) / turn - 1e-12), np.floor((upper - q) / turn + 1e-12)
     turns = np.clip(np.rint((home - q) / turn), least, np.maximum(least, most))
-    moved = np.where(_turning(robot) & (least <= most), q + turn * turns, q)
+    moved = np.where(~robot.prismatic & (least <= most), q + turn * turns, q)
     return np.clip(moved, lower, upper)
 
 

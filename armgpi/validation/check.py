@@ -79,8 +79,7 @@ def validate(
             states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
         else:
             lower, upper = robot.limits.lower, robot.limits.upper
-            prismatic = np.array([kind == "prismatic" for kind in robot.joint_types])
-            states = random_states(lower, upper, prismatic, seed)
+            states = random_states(lower, upper, robot.prismatic, seed)
             _check_count(worker, robot)
         sampled = samples.sample(worker, states)
         own = laws.derive(worker, states, sampled)

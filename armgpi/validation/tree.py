@@ -148,7 +148,7 @@ def from_robot(robot: Robot, frame: str | None = None) -> Tree:
         rotations=tuple(np.array(m.rotation) for m in list(model.jointPlacements)[1:]),
         positions=tuple(np.array(m.translation) for m in list(model.jointPlacements)[1:]),
         axes=tuple(axes),
-        prismatic=tuple(kind == "prismatic" for kind in robot.joint_types),
+        prismatic=tuple(robot.prismatic.tolist()),
         bodies=tuple(
             Body(float(y.mass), np.array(y.lever), np.array(y.inertia)) for y in list(model.inertias)[1:]
         ),
