@@ -175,7 +175,8 @@ class PayloadError(ArmgpiError):
 
     Attributes:
         asked: lightest and heaviest load asked for [kg].
-        delta: largest eigenvalue of D^-1 D^ when the lightest load is on and the heaviest believed in.
+        delta: largest eigenvalue of D^-1 D^, with the lightest load on the arm and the heaviest one in the
+            nominal model.
         omega_c: bandwidth that this leaves [rad/s].
         heaviest: heaviest load that a range from the same lightest one may have [kg].
         lightest: lightest load that a range up to the same heaviest one may have [kg].
@@ -199,8 +200,8 @@ class PayloadError(ArmgpiError):
         self.heaviest = float(heaviest)
         self.lightest = float(lightest)
         super().__init__(
-            f"no bandwidth serves {asked[0]:g} to {asked[1]:g} kg at {frame!r} of {robot!r}: a controller "
-            f"that believes in {asked[1]:g} kg has {delta:.3g} times too much inertia when it carries "
+            f"no bandwidth serves {asked[0]:g} to {asked[1]:g} kg at {frame!r} of {robot!r}: a nominal "
+            f"model with {asked[1]:g} kg has {delta:.3g} times too much inertia when the arm carries "
             f"{asked[0]:g} kg, which leaves omega_c = {omega_c:.3g} rad/s, below {slowest:g}; "
             f"{asked[0]:g} to {heaviest:.3g} kg or {lightest:.3g} to {asked[1]:g} kg would do, and so may a "
             "shorter sample time, or rotor inertia that the URDF leaves out (robot.with_armature)"

@@ -64,6 +64,12 @@ def test_import_armgpi_loads_nothing_heavy() -> None:
     assert run.stdout.strip() == "[]"
 
 
+def test_reading_urdfs_loads_no_pinocchio() -> None:
+    code = "import sys, armgpi.robot.urdf; print('pinocchio' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
+
+
 def test_a_star_import_brings_all_names() -> None:
     code = "from armgpi import *; Robot, simulate, metrics.itae, GPI"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -14,7 +14,6 @@ from armgpi.control.gains import Gains, GainStep, Tuning
 from armgpi.control.splines import BSplineBasis
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
-from armgpi.plants.sensors import encoder_count
 from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
@@ -254,7 +253,7 @@ class BSplineNetwork(Gains):
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return a box around the default bandwidth, and scales from encoders; see :meth:`Gains.chosen`."""
-        count = encoder_count(context.robot, _FINE_BITS if context.bits is None else context.bits)
+        count = context.robot.encoder_count(_FINE_BITS if context.bits is None else context.bits)
         return {
             "omega_c": (context.omega_c * _CALM, context.omega_c * _ALERT),
             "error_range": count,

@@ -1,10 +1,10 @@
 """Loads that a controller does not know: between which it works, and with which bandwidth.
 
-GPI multiplies its virtual acceleration by the inertia matrix D^ that it believes in. At a configuration the
+GPI multiplies its virtual acceleration by the inertia matrix D^ of its nominal model. At a configuration the
 error then splits into modes, each with its own eigenvalue delta of D^-1 D^ as a factor of the loop gain.
 Below 0.36 a mode is unstable (zeta_c = 1), and above 1 its crossover grows like delta, until the sample time
-bites. So the controller believes in the heaviest load, delta >= 1, and is as slow as the lightest one asks
-for.
+bites. So the nominal model carries the heaviest load, delta >= 1, and the bandwidth is as low as the lightest
+one requires.
 
 A point mass m adds m B(q) to D, with B = J^T J of the point. So delta = 1 + m eig(D^-1 B): one eigenvalue,
 the mobility of the point [1/kg], says what every mass does.
@@ -24,14 +24,18 @@ from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
-#: Least delta that the law stands for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
+#: Least delta that the law tolerates for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
 LEAST_DELTA = 0.36
-#: delta omega_c (1.5 dt + delay) at the lightest load; the loop stands 0.36 (delta = 1) to 0.40 (more).
+#: delta omega_c (1.5 dt + delay) at the lightest load; the loop tolerates 0.36 (delta = 1) to 0.40 (more).
 _PHASE = 0.3
 #: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
 _SLOWEST = 15.0
-#: Configurations at which the mobility is looked at, of which the worst are looked around, so often.
-_CONFIGURATIONS, _WORST, _ROUNDS = 512, 16, 8
+#: Configurations at which the mobility is evaluated.
+_CONFIGURATIONS = 512
+#: Configurations of the highest mobility around which others are tried.
+_WORST = 16
+#: How often that is done, each time closer around them.
+_ROUNDS = 8
 
 
 class PayloadRange(NamedTuple):
@@ -42,7 +46,7 @@ class PayloadRange(NamedTuple):
         heaviest: heaviest load [kg].
         frame: frame that carries it.
         com: its centre of mass in that frame [m], shape (3,).
-        nominal: the robot to believe in, the one with the heaviest load.
+        nominal: the nominal model for the controller, the robot with the heaviest load.
         delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations looked at.
         omega_c: bandwidth that serves the range [rad/s].
     """
@@ -85,13 +89,13 @@ class LoadRange(Parametrised):
 
 
 class LargestPayload(NamedTuple):
-    """The heaviest loads [kg] that an arm stands, by what limits them.
+    """The heaviest loads [kg] that an arm tolerates, by what limits them.
 
     Attributes:
-        nominal: of a range from no load on, for a controller with default gains that believes in the
+        nominal: of a range from no load on, for a controller with default gains whose nominal model has the
             heaviest (``GPI(robot, dt, payload=(0.0, nominal))``).
-        unknown: for a controller that believes in none. Its modes have delta = 0.36 there, the edge of
-            stability.
+        unknown: for a controller whose nominal model has no load. Its modes have delta = 0.36 there, the
+            edge of stability.
         effort: that the motors hold against gravity at every configuration looked at; zero when they do not
             even hold the arm.
         mobility: largest eigenvalue of D^-1 B without load [1/kg], the inverse of the least mass that the
@@ -115,11 +119,11 @@ def payload_range(
     delay: float = 0.0,
     slowest: float = _SLOWEST,
 ) -> PayloadRange:
-    """Return what a GPI controller has to believe, and how fast it may be, for loads in a range.
+    """Return the nominal model and the bandwidth of a GPI controller for loads in a range.
 
     The mobility is taken at 512 configurations inside the joint limits and around the worst of them. The
     bandwidth is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5
-    dt + delay) is at most 0.3, where the loop stands 0.36 or more.
+    dt + delay) is at most 0.3, where the loop tolerates 0.36 or more.
 
     Args:
         robot: the arm without load.
@@ -165,7 +169,7 @@ def largest_payload(
     dt: float = 1e-3,
     delay: float = 0.0,
 ) -> LargestPayload:
-    """Return the heaviest loads that an arm stands, with default gains and by its motors.
+    """Return the heaviest loads that an arm tolerates, with default gains and by its motors.
 
     Args:
         robot: the arm without load.

@@ -1,4 +1,4 @@
-"""Inverse kinematics: the joint positions that put a frame of any arm where it shall be.
+"""Inverse kinematics: the joint positions that put a frame of any arm at a position or pose.
 
 Damped least squares on :meth:`Robot.frame_pose` and :meth:`Robot.frame_jacobian`; all poses, and all starts
 of those that one start does not solve, advance together as a batch. Inside, lengths are in units of the
@@ -28,22 +28,32 @@ _DAMPING = 0.1
 _LEAST_DAMPING = 1e-14
 #: Longest step of a joint in an iteration [rad, or lengths of the arm].
 _LONGEST_STEP = 1.0
-#: A search that gains less than this share in so many iterations has ended.
-_PATIENCE, _LEAST_GAIN = 10, 0.01
-#: The last search for a pose out of reach, whose distance is to be told: times as many iterations, share.
-_LAST_ITERATIONS, _LAST_GAIN = 10, 1e-6
+#: Iterations between two looks at whether a search still gains.
+_PATIENCE = 10
+#: Share of the loss that a search has to gain in between, or it ends.
+_LEAST_GAIN = 0.01
+#: The last search for a pose out of reach, whose distance is reported, takes so many times the iterations.
+_LAST_ITERATIONS = 10
+#: Share of the loss that the last search has to gain.
+_LAST_GAIN = 1e-6
 #: Starts that are tried at once.
 _AT_ONCE = 8
-#: A step that stays near a configuration: share of the way to it, and how often.
-_SETTLE_SHARE, _SETTLE_STEPS = 0.7, 12
+#: Share of the way to a configuration that a step of the null-space projection asks for.
+_PROJECTION_SHARE = 0.7
+#: Steps of the null-space projection.
+_PROJECTION_STEPS = 12
+#: Steps after them that only correct the pose.
+_CORRECTIONS = 4
 #: Largest coordinate that can be asked for [m]; squares of more overflow in the end.
 _FARTHEST = 1e9
 #: How far a matrix may be from a rotation.
 _ROTATION_SLACK = 1e-6
 #: Singular values below this share of the largest count as zero.
 _SINGULAR = 1e-9
-#: Tolerance [m and rad] and iterations of a search for configurations on a path.
-_EXACT, _ITERATIONS = 1e-12, 60
+#: Tolerance of a search for configurations on a path [m and rad].
+_EXACT = 1e-12
+#: Iterations of such a search.
+_ITERATIONS = 60
 
 
 class InverseSolution(NamedTuple):
@@ -51,8 +61,8 @@ class InverseSolution(NamedTuple):
 
     Attributes:
         q: joint positions, those nearest to the pose where it is not reached [rad or m], shape (..., n).
-        position_error: distance of the frame from where it shall be [m].
-        rotation_error: angle by which it is turned away [rad]; 0 where only a position was asked for.
+        position_error: distance of the frame from the position asked for [m].
+        rotation_error: angle between its rotation and the one asked for [rad]; 0 where none was.
         reached: whether both are within the tolerance.
         iterations: iterations of the start that led there.
     """
@@ -91,11 +101,11 @@ def inverse_kinematics(
     Args:
         robot: the arm.
         frame: name of the frame.
-        position: where its origin shall be in the base frame [m], shape (3,) or (k, 3).
-        rotation: how its axes shall stand in the base frame, shape (3, 3) or (k, 3, 3); any way when not
-            given.
-        direction: instead of a rotation, where its `tool_axis` shall point to in the base frame, shape (3,)
-            or (k, 3); the turn about it is free.
+        position: position of its origin in the base frame [m], shape (3,) or (k, 3).
+        rotation: its rotation matrix in the base frame, shape (3, 3) or (k, 3, 3); any rotation will do
+            when not given.
+        direction: instead of a rotation, the direction of its `tool_axis` in the base frame, shape (3,) or
+            (k, 3); the rotation about it is free.
         tool_axis: axis in the frame, shape (3,), for `direction`.
         near: configuration to begin at and to stay near to [rad or m], shape (n,) or (k, n); the middle of
             the joint ranges when not given.
@@ -173,13 +183,13 @@ class TrackingInverse:
         restarts: int = 64,
         seed: int = 0,
     ) -> None:
-        """Say what shall be followed.
+        """Define the task.
 
         Args:
             robot: the arm.
             frame: name of the frame that follows.
-            rotation: how its axes stand all along, shape (3, 3); any way when not given.
-            direction: instead of a rotation, where its `tool_axis` points to all along, shape (3,).
+            rotation: its rotation matrix all along, shape (3, 3); any rotation will do when not given.
+            direction: instead of a rotation, the direction of its `tool_axis` all along, shape (3,).
             tool_axis: axis in the frame, shape (3,), for `direction`.
             near: configuration to begin nearest to [rad or m], shape (n,). When not given, the path begins in
                 the configuration with the most clearance: far from joint limits and singularities.
@@ -490,9 +500,10 @@ class _Search(NamedTuple):
     def null_space_projection(self, arm: _Arm, goal: _Goal, q: Array, home: Array) -> Array:
         """Return configurations (k, n) moved in the null space towards `home`, where that keeps the goal."""
         moved = q
-        for step in range(_SETTLE_STEPS + 4):  # the last ones only correct
+        for step in range(_PROJECTION_STEPS + _CORRECTIONS):
             e, J = arm.linearise(goal, moved)
-            wish = _SETTLE_SHARE * (home - moved) / arm.units if step < _SETTLE_STEPS else np.zeros_like(q)
+            share = _PROJECTION_SHARE if step < _PROJECTION_STEPS else 0.0
+            wish = share * (home - moved) / arm.units
             dx = wish + _times(_pseudoinverse(J), e - _times(J, wish))
             moved = np.clip(moved + arm.units * dx, *arm.robot.limits[:2])
         kept = np.max(arm.errors(goal, moved), axis=0) <= self.tolerance
