@@ -336,7 +336,7 @@ def test_equals_python_for_any_arm(case: Any, realisation: str) -> None:
         seen = Measurement(state.q + 1e-4 * k * state.v)
         tau, own = controller.step(seen, target, own)
         found, theirs = exported.step(seen, target, theirs)
-        np.testing.assert_allclose(found, tau, rtol=0.0, atol=1e-11 * controller.effort.max())
+        np.testing.assert_allclose(found, tau, rtol=0.0, atol=1e-11 * np.max(np.asarray(controller.effort)))
 
 
 @compiled
