@@ -54,18 +54,8 @@ def main() -> None:
     changed = git("diff", "--name-only", *base) + git("ls-files", "--others", "--exclude-standard")
     own = {test for path in changed for test in tests_of(Path(path))}
     tests = {str(test) for test in own.union(map(file_of, FAST.split())) if test.exists()}
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-n",
-        "auto",
-        "--dist",
-        "worksteal",
-        "-m",
-        "not search and not slow",
-    ]
-    sys.exit(subprocess.call([*command, *sys.argv[1:], *sorted(tests)], cwd=ROOT))
+    options = ["-n", "auto", "--dist", "worksteal", "-m", "not search and not slow", *sys.argv[1:]]
+    sys.exit(subprocess.call([sys.executable, "-m", "pytest", *options, *sorted(tests)], cwd=ROOT))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,6 @@ LONG = {
     "armgpi/validation/hypotheses.py:_structure": "to be taken apart",
     "armgpi/validation/hypotheses.py:families": "to be taken apart",
     "armgpi/validation/laws.py:_swing": "to be taken apart",
-    "armgpi/viz/report.py:_plots_data": "to be taken apart",
 }
 
 _NO_CODE = {tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
