@@ -273,7 +273,8 @@ def parameters(cls: type) -> Mapping[str, Parameter]:
     }
 
 
-@dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(parameter, field))
+# Not frozen_default=True: mypy then takes an inherited per-joint field for what the constructor takes.
+@dataclass_transform(eq_default=False, field_specifiers=(parameter, field))
 def with_parameters(cls: _Class) -> _Class:
     """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
     dataclass(eq=False, repr=False)(cls)
