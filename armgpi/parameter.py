@@ -12,7 +12,9 @@ option of the command line with its help, the comment in exported C, and the row
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
@@ -166,8 +168,9 @@ class Parameter:
 
     @property
     def meaning(self) -> str:
-        """Its sentence with its unit, as for a comment."""
-        return f"{self.text} [{self.unit or '-'}]" if self.numeric else self.text
+        """What it is, up to a semicolon, with its unit: for a comment."""
+        said = self.text.partition(";")[0]
+        return f"{said} [{self.unit or '-'}]" if self.numeric else said
 
     @property
     def numeric(self) -> bool:
@@ -273,7 +276,8 @@ def parameters(cls: type) -> Mapping[str, Parameter]:
     }
 
 
-@dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(parameter, field))
+# Not frozen_default=True: mypy then takes an inherited per-joint field for what the constructor takes.
+@dataclass_transform(eq_default=False, field_specifiers=(parameter, field))
 def with_parameters(cls: _Class) -> _Class:
     """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
     dataclass(eq=False, repr=False)(cls)
@@ -329,6 +333,56 @@ class Parametrised:
         """Return the class with its parameters."""
         said = ", ".join(f"{name}={value!r}" for name, value in self.values().items())
         return f"{type(self).__name__}({said})"
+
+
+def notes(kind: type) -> dict[str, str]:
+    """Return what the attributes of a class mean, each with its unit, for whoever writes them down.
+
+    They come from the parameters that it declares, from the section "Attributes" of its docstring, and from a
+    mapping ``derived`` of what it works out: name -> meaning.
+    """
+    found: dict[str, str] = {}
+    for each in reversed(kind.__mro__):
+        found |= _listed_attributes(each.__doc__ or "") | dict(vars(each).get("derived", {}))
+    return found | {name: declared.meaning for name, declared in parameters(kind).items()}
+
+
+def meaning(root: Any, path: str) -> str:
+    """Return what a part of an object means: the nearest note on the way to it, empty for none.
+
+    Args:
+        root: the object.
+        path: names of attributes, keys or places with dots between them.
+    """
+    value, said, box = root, "", False
+    for step in path.split("."):
+        if box:
+            said = f"{('lower', 'upper')[int(step)]} end: {said}"
+        said = notes(type(value)).get(step, said)
+        box = getattr(parameters(type(value)).get(step), "kind", "") == "box"
+        if isinstance(value, Mapping):
+            value = value.get(step)
+        elif step.isdigit() and isinstance(value, Sequence):
+            value = value[int(step)]
+        else:
+            value = getattr(value, step, None)
+    return said
+
+
+def _listed_attributes(text: str) -> dict[str, str]:
+    """Return the section "Attributes" of a docstring, name -> text, without shapes and what follows ";"."""
+    lines = inspect.cleandoc(text).splitlines()
+    found: dict[str, str] = {}
+    name = ""
+    for line in lines[lines.index("Attributes:") + 1 :] if "Attributes:" in lines else ():
+        if line and not line.startswith(" "):  # the next section
+            break
+        if begun := re.match(r" {4}(\w+): (.*)", line):
+            name = begun[1]
+            found[name] = begun[2]
+        elif name:
+            found[name] = f"{found[name]} {line.strip()}".rstrip()
+    return {name: re.split(r";|, shape |, likewise|\.$", words)[0] for name, words in found.items()}
 
 
 def plain(value: Any) -> Any:

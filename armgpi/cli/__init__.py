@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli import derive, doctor, experiment, export, inspect, paper, robots, validate, view, zoo
+from armgpi.cli.declared import Command
 from armgpi.cli.options import FLAG
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
 
@@ -28,8 +29,8 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help: it may speak of units in [brackets]
 )
 
-app.command()(experiment.run)
-app.command()(experiment.compare)
+app.command(cls=Command)(experiment.run)
+app.command(cls=Command)(experiment.compare)
 app.command()(robots.robots)
 app.command()(inspect.inspect)
 app.command()(doctor.doctor)
@@ -40,7 +41,7 @@ app.command()(view.view)
 app.command()(view.report)
 app.command()(validate.validate)
 app.command()(derive.derive)
-app.command()(export.export)
+app.command(cls=Command)(export.export)
 
 
 def _show_version(wanted: bool) -> None:

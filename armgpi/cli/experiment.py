@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
+from armgpi.cli.declared import given
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
 
 #: How often along the reference gravity is compared with effort.
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 @stoppable
 @opt.shared(opt.experiment, opt.results)
 def run(
+    context: typer.Context,
     robot: opt.RobotName = None,
     controller: opt.Controller = None,
     **options: Any,
@@ -33,12 +35,17 @@ def run(
     armgpi run ur5 --payload 0.5 --encoder-bits 16
     armgpi run anthropomorphic3 --to q1=0.8,q2=0.4 --t-final 8 --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    sys.exit(_run({"robot": robot, "controllers": controller, **options}, compare=False))
+    sys.exit(
+        _run(
+            {"robot": robot, "controllers": controller, "declared": given(context), **options}, compare=False
+        )
+    )
 
 
 @stoppable
 @opt.shared(opt.experiment, opt.results)
 def compare(
+    context: typer.Context,
     robot: opt.RobotName = None,
     controllers: opt.Controllers = None,
     **options: Any,
@@ -49,7 +56,11 @@ def compare(
     armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
     armgpi compare --config experiment.yaml --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    sys.exit(_run({"robot": robot, "controllers": controllers, **options}, compare=True))
+    sys.exit(
+        _run(
+            {"robot": robot, "controllers": controllers, "declared": given(context), **options}, compare=True
+        )
+    )
 
 
 def _run(options: dict[str, Any], compare: bool) -> int:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
+from armgpi.cli.declared import given
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ Prefix = Annotated[
 @stoppable
 @opt.shared(opt.experiment, opt.printing)
 def export(
+    context: typer.Context,
     robot: opt.RobotName = None,
     out: Folder = None,
     real: Real = "double",
@@ -84,7 +86,9 @@ def export(
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
-    sys.exit(_export({**own, "prefix": name, "controllers": controller, **options}))
+    sys.exit(
+        _export({**own, "prefix": name, "controllers": controller, "declared": given(context), **options})
+    )
 
 
 def _export(options: dict[str, Any]) -> int:

@@ -30,13 +30,13 @@ ConfigFile = Annotated[
 ]
 Controller = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="gpi (default), network or pid; or a label of the experiment file."),
+    typer.Option(metavar="NAME", help="{controllers}; gpi by default; or a label of the experiment file."),
 ]
 Controllers = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help="Which ones, 'gpi,pid' by default; or types and labels of the experiment file.",
+        help="Which ones of {controllers}: 'gpi,pid' by default; or labels of the experiment file.",
     ),
 ]
 To = Annotated[
@@ -59,7 +59,7 @@ PathName = Annotated[
     typer.Option(
         "--path",
         metavar="NAME",
-        help="Instead of --to, a path of the tool in space: laser (eq. 28), lissajous, circle or polyline.",
+        help="Instead of --to, a path of the tool in space: {paths}.",
     ),
 ]
 Direction = Annotated[
@@ -69,22 +69,8 @@ Direction = Annotated[
         help="Where the tip's z axis points to along a path: '0,0,-1' is down; free by default.",
     ),
 ]
-PayloadRange = Annotated[
-    str | None,
-    typer.Option(
-        metavar="KG,KG",
-        help="Lightest and heaviest load at the tip that the gpi controllers shall stand: '0,0.5'.",
-    ),
-]
 Duration = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Time of each move [s]; gentle by default.")
-]
-Omega = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Bandwidth omega_c [rad/s] of gpi: '20' or 'j1=20,...'; from the sample time by default.",
-    ),
 ]
 Lock = Annotated[
     list[str] | None,
@@ -116,7 +102,8 @@ Effort = Annotated[
 InertiaScale = Annotated[
     float | None,
     typer.Option(
-        metavar="FACTOR", help="The controllers believe in D(q) times this; the plant stays as it is."
+        metavar="FACTOR",
+        help="The controllers' nominal models have D(q) times this; the plant stays as it is.",
     ),
 ]
 Payload = Annotated[
@@ -203,16 +190,12 @@ def experiment(
     path: PathName = None,
     direction: Direction = None,
     duration: Duration = None,
-    omega: Omega = None,
     lock: Lock = None,
     keep: Keep = None,
     mimic: Mimic = None,
     effort: Effort = None,
     inertia_scale: InertiaScale = None,
     payload: Payload = None,
-    payload_range: PayloadRange = None,
-    encoder_bits: Bits = None,
-    delay: Delay = None,
     friction: Friction = None,
     dt: SampleTime = None,
     t_final: TFinal = None,

@@ -81,7 +81,7 @@ def per_joint(text: str, option: str) -> Any:
             joints = [name.strip() for name, _ in pairs]
             for joint in joints:
                 if joints.count(joint) > 1:
-                    raise refusal(option, f"joint {joint!r} stands twice")
+                    raise refusal(option, f"joint {joint!r} is a duplicate key")
             return {joint: float(value) for joint, (_, value) in zip(joints, pairs, strict=True)}
         numbers = [float(part) for part in parts]
     except ValueError:

@@ -2,13 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from armgpi import config as configuration
+from armgpi.cli.declared import Option
 from armgpi.cli.parsing import locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin
 from armgpi.paper import scenarios
+
+
+class _Overlay:
+    """Options put over the data of an experiment file.
+
+    Attributes:
+        options: what was typed, by the names of the commands' arguments.
+        data: the experiment file as plain data, changed in place.
+        sources: dotted key -> the option that set it.
+    """
+
+    def __init__(self, options: dict[str, Any], data: dict[str, Any]) -> None:
+        self.options, self.data = options, data
+        self.sources: dict[str, str] = {}
+
+    def given(self, name: str) -> bool:
+        """Tell whether an option was typed."""
+        return self.options[name] not in (None, [])
+
+    def put(self, option: str, value: Any, *path: str | int) -> None:
+        """Put an option's value into the data and remember whose it is."""
+        section: Any = self.data
+        for step in path[:-1]:
+            section = section[step] if isinstance(step, int) else section.setdefault(step, {})
+        section[path[-1]] = value
+        self.sources[".".join(map(str, path))] = option
+
+    def take(self, name: str, *path: str | int, read: Callable[[Any], Any] = lambda value: value) -> None:
+        """Put an option that may have been typed; what it is called follows from its name."""
+        if self.given(name):
+            self.put(f"--{name.replace('_', '-')}", read(self.options[name]), *path)
 
 
 def settings(options: dict[str, Any], compare: bool) -> Loaded:
@@ -18,83 +51,71 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     if options["config"] is not None:
         config, origin = configuration.read(_file(options["config"]))
         data = config.model_dump(exclude_unset=True)
-    sources: dict[str, str] = {}  # dotted key -> the option that set it
-
-    def override(option: str, value: Any, *path: str | int) -> None:
-        """Put an option's value into the data and remember whose it is."""
-        section: Any = data
-        for step in path[:-1]:
-            section = section[step] if isinstance(step, int) else section.setdefault(step, {})
-        section[path[-1]] = value
-        sources[".".join(map(str, path))] = option
-
-    def given(name: str) -> bool:
-        return options[name] not in (None, [])
-
-    if given("robot"):
-        data["robot"] = {}
-        override("ROBOT", options["robot"], "robot", "name")
-    if "robot" not in data:
-        raise refusal("", "name a robot, or give an experiment file with --config")
-    if given("lock"):
-        override("--lock", locks(options["lock"]), "robot", "lock")
-    if given("keep"):
-        override("--keep", split(options["keep"]), "robot", "keep")
-    if given("mimic"):
-        override("--mimic", options["mimic"], "robot", "mimic")
-    if given("effort"):
-        override("--effort", per_joint(",".join(options["effort"]), "--effort"), "robot", "effort")
-    if given("payload"):
-        override("--payload", options["payload"], "plant", "payload", "mass")
-    if given("friction"):
-        override("--friction", "urdf" if options["friction"] else "none", "plant", "friction")
-    for name in ("encoder_bits", "delay"):
-        if given(name):
-            override(f"--{name.replace('_', '-')}", options[name], "plant", name)
-    for name, key in (("dt", "sample_time"), ("t_final", "t_final"), ("seed", "seed")):
-        if given(name):
-            override(f"--{name.replace('_', '-')}", options[name], key)
-    origin = _choose_controllers(options, compare, data, origin, sources)
-    for index, section in enumerate(data["controllers"]):
-        if given("omega") and section["type"] == "gpi":
-            override("--omega", per_joint(options["omega"], "--omega"), "controllers", index, "omega")
-        if given("inertia_scale"):
-            override("--inertia-scale", options["inertia_scale"], "controllers", index, "inertia_scale")
-        if given("payload_range") and section["type"] != "pid":
-            span = _span(options["payload_range"])
-            override("--payload-range", span, "controllers", index, "payload_range")
-    for option, name in (("--omega", "omega"), ("--payload-range", "payload_range")):
-        if given(name) and option not in sources.values():
-            raise refusal(option, "is for gpi, which is not among the controllers")
-    if given("path"):
-        if given("to") or given("start"):
-            raise refusal("--path", "cannot stand beside --to or --from")
-        data["reference"] = {}
-        override("--path", {"type": options["path"]}, "reference", "path")
-    if given("direction"):
-        if "path" not in (data.get("reference") or {}):
-            raise refusal("--direction", "goes with a path")
-        override("--direction", per_joint(options["direction"], "--direction"), "reference", "direction")
-    if given("to"):
-        begin = per_joint(options["start"], "--from") if given("start") else {}
-        data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}
-        override("--from", begin, "reference", "points", 0)
-        override("--to", per_joint(options["to"], "--to"), "reference", "points", 1)
-    elif given("start"):
-        raise refusal("--from", "goes with --to")
-    if given("duration"):
-        override("--duration", options["duration"], "reference", "durations")
+    over = _Overlay(options, data)
+    _robot(over)
+    over.take("payload", "plant", "payload", "mass")
+    over.take("friction", "plant", "friction", read=lambda wanted: "urdf" if wanted else "none")
+    over.take("dt", "sample_time")
+    over.take("t_final", "t_final")
+    over.take("seed", "seed")
+    origin = _choose_controllers(options, compare, data, origin, over.sources)
+    for index in range(len(data["controllers"])):
+        over.take("inertia_scale", "controllers", index, "inertia_scale")
+    for option, value in options["declared"]:
+        _declared(over, option, value)
+    _reference(over)
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
-    origin = origin._replace(options=dict(sorted(sources.items(), key=lambda item: -len(item[0]))))
+    origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
     return Loaded(configuration.check(data, origin), origin)
 
 
-def _span(text: str) -> dict[str, float]:
-    """Read '0,0.5'."""
-    numbers = per_joint(text, "--payload-range")
-    if not isinstance(numbers, list) or len(numbers) != 2:
-        raise refusal("--payload-range", f"expected two masses such as '0,0.5', got {text!r}")
-    return {"lightest": numbers[0], "heaviest": numbers[1]}
+def _robot(over: _Overlay) -> None:
+    """Put the options about the arm."""
+    if over.given("robot"):
+        over.data["robot"] = {}
+        over.put("ROBOT", over.options["robot"], "robot", "name")
+    if "robot" not in over.data:
+        raise refusal("", "name a robot, or give an experiment file with --config")
+    over.take("lock", "robot", "lock", read=locks)
+    over.take("keep", "robot", "keep", read=split)
+    over.take("mimic", "robot", "mimic")
+    over.take("effort", "robot", "effort", read=lambda texts: per_joint(",".join(texts), "--effort"))
+
+
+def _declared(over: _Overlay, option: Option, value: Any) -> None:
+    """Put the option of a declared parameter: of a sensor or actuator, or of the controllers that have it."""
+    if not option.owners:
+        over.put(option.flag, value, "plant", option.key)
+        return
+    having = [i for i, section in enumerate(over.data["controllers"]) if section["type"] in option.owners]
+    if not having:
+        raise refusal(
+            option.flag, f"is for {' and '.join(option.owners)}, which is not among the controllers"
+        )
+    for index in having:
+        over.put(option.flag, value, "controllers", index, option.key)
+
+
+def _reference(over: _Overlay) -> None:
+    """Put the options about where to."""
+    options, data = over.options, over.data
+    if over.given("path"):
+        if over.given("to") or over.given("start"):
+            raise refusal("--path", "is mutually exclusive with --to and --from")
+        data["reference"] = {}
+        over.put("--path", {"type": options["path"]}, "reference", "path")
+    if over.given("direction"):
+        if "path" not in (data.get("reference") or {}):
+            raise refusal("--direction", "requires a path")
+        over.take("direction", "reference", "direction", read=lambda text: per_joint(text, "--direction"))
+    if over.given("to"):
+        begin = per_joint(options["start"], "--from") if over.given("start") else {}
+        data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}
+        over.put("--from", begin, "reference", "points", 0)
+        over.put("--to", per_joint(options["to"], "--to"), "reference", "points", 1)
+    elif over.given("start"):
+        raise refusal("--from", "requires --to")
+    over.take("duration", "reference", "durations")
 
 
 def _file(path: Path) -> Path:

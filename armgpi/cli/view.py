@@ -120,7 +120,7 @@ def _page(
         arm = scene.robot_of(result, Path(target).parent) if robot is None else _arm(robot, result)
         return meshcat.rollout_page(result, arm, frame=frame)
     if robot is not None:
-        raise refusal("--robot", "goes with a rollout")
+        raise refusal("--robot", "requires a rollout")
     locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
     kept = split(keep) if keep else None
     shown = Robot.load(target, lock=locked, keep=kept, mimic=mimic or "lock")

@@ -149,7 +149,7 @@ def _note_lines(node: Any, path: Path_, lines: dict[Path_, int], source: str) ->
             here = (*path, str(key.value))
             line = key.start_mark.line + 1
             if here in lines and key.tag != "tag:yaml.org,2002:merge":
-                raise ConfigError(source, ".".join(map(str, here)), "stands twice", line)
+                raise ConfigError(source, ".".join(map(str, here)), "is a duplicate key", line)
             lines[here] = line
             _note_lines(value, here, lines, source)
     elif isinstance(node, yaml.SequenceNode):

@@ -66,10 +66,15 @@ class Controller(Parametrised, ABC):
         batch: number of rollouts that its parameters are for, None when they fit any.
         measurement_type: :class:`Measurement` or :class:`FullState`: what `step` is given.
         config_name: its `type` in experiment files and name on the command line; None for one that has none.
+        derived: what is worked out from the parameters: name -> meaning, for comments in exported C.
     """
 
     measurement_type: ClassVar[type[Measurement] | type[FullState]] = Measurement
     config_name: ClassVar[str | None] = None
+    derived: ClassVar[Mapping[str, str]] = {
+        "_floor": "lower torque limits [N m or N]",
+        "inertia_scale": "factor of all masses and inertias [-]",
+    }
 
     robot: AnyRobot = field()
     dt: float = parameter("sample time", unit="s", least=1e-9, in_file=False, structural=True)

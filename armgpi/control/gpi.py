@@ -103,13 +103,13 @@ class GPI(Controller):
             ArrayError: for gains that are not positive or do not fit the joints.
             EffortError: when a joint has no torque.
         """
+        self.check_parameters(self.robot.joint_names)
         given: Any = self.gains
         if self.payload is not None:
             self.keep("payload", self._found())
             self.keep("robot", self.payload.nominal)
         elif self.frame is not None:
             raise ParameterError("frame", self.frame, "left out where there is no payload")
-        self.check_parameters()
         if given is None:
             omega_c = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
             given = FixedGains(omega_c)

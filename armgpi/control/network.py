@@ -28,9 +28,9 @@ class NetworkState(NamedTuple):
     """State of the networks.
 
     Attributes:
-        weights: for every adapted parameter its weights, as many as basis functions, each (..., n).
-        activations: values of the basis functions at the last sample, each (..., n).
-        filtered: low-passed error, whose distance from the error is the filtered derivative [rad].
+        weights: weights of the basis functions; for every adapted parameter one of each, arrays (..., n).
+        activations: values of the basis functions at the last sample [-]; arrays (..., n).
+        filtered: low-passed error [rad or m]; its distance from the error is the filtered derivative.
         tuning: the tuning used last.
     """
 
@@ -65,6 +65,11 @@ class BSplineNetwork(Gains):
     """
 
     config_name: ClassVar[str | None] = "network"
+    derived: ClassVar[Mapping[str, str]] = {
+        "_per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
+        "_per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
+        "_leak": "share that is forgotten in a sample [-]",
+    }
 
     omega_c: Box = parameter(
         "natural frequency; the lower end is the nominal value",

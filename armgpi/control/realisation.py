@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import namedtuple
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -45,12 +45,45 @@ class Realisation(ABC):
         """Return the next state, after v was asked for and v + `a` applied (anti-windup); None means v."""
 
 
-def _record(kind: str, integrators: int, filtered: int, fields: Sequence[str]) -> type[Any]:
+#: What the states mean, and the coefficients.
+_STATES = {
+    "lam": "settles on the disturbance acceleration [rad/s^2]",
+    "chi": "settles on its slope [rad/s^3]",
+    "psi": "settles on its curvature [rad/s^4]",
+    "eta": "filtered derivative of the error, times its gain [rad/s^2]",
+    "eta_2": "second state of the filter [rad/s^3]",
+    "eta_3": "third state of the filter [rad/s^4]",
+}
+_COEFFICIENTS = {
+    "direct": "from the error into the virtual acceleration [1/s^2]",
+    **{
+        name: f"from the error into {name}, in a sample [{unit}]"
+        for names, unit in (
+            (("lam", "eta"), "1/s^2"),
+            (("chi", "eta_2"), "1/s^3"),
+            (("psi", "eta_3"), "1/s^4"),
+        )
+        for name in names
+    },
+    "decay": "of eta over a sample [-]",
+    "leak_2": "from eta into eta_2, in a sample [1/s]",
+    "leak_3": "from eta into eta_3, in a sample [1/s^2]",
+    "dt": "sample time [s]",
+    "back_lam": "anti-windup of lam [-]",
+    "back_chi": "anti-windup of chi [1/s]",
+    "back_psi": "anti-windup of psi [1/s^2]",
+}
+
+
+def _record(
+    kind: str, integrators: int, filtered: int, fields: Sequence[str], meanings: Mapping[str, str]
+) -> type[Any]:
     """Return a NamedTuple for one member of the family, which pickle finds by its name."""
     name = f"{kind}{integrators}{filtered - 1}"
-    made: type[Any] = namedtuple(name, fields)  # type: ignore[misc]
+    made = cast(Any, namedtuple(name, fields))  # type: ignore[misc]
+    made.derived = {field: meanings[field] for field in fields}
     globals()[name] = made
-    return made
+    return cast(type[Any], made)
 
 
 class _Records(NamedTuple):
@@ -64,8 +97,8 @@ def _records(integrators: int, filtered: int) -> _Records:
     leaks = ("decay", "leak_2", "leak_3")[:filtered]
     fields = ("direct", *chain, *filters, *leaks, "dt", *(f"back_{name}" for name in chain))
     return _Records(
-        _record("BumplessState", integrators, filtered, (*chain, *filters)),
-        _record("BumplessCoefficients", integrators, filtered, fields),
+        _record("BumplessState", integrators, filtered, (*chain, *filters), _STATES),
+        _record("BumplessCoefficients", integrators, filtered, fields, _COEFFICIENTS),
     )
 
 
@@ -212,14 +245,27 @@ class PaperState(NamedTuple):
 
 
 class _PaperCoefficients(NamedTuple):
+    """Coefficients of the printed realisation.
+
+    Attributes:
+        beta0: gain of eq. 25 [1/s^5].
+        beta1: gain of eq. 25 [1/s^4].
+        beta2: gain of eq. 25 [1/s^3].
+        beta3: gain of eq. 25 [1/s^2].
+        beta4: gain of eq. 25 [1/s].
+        dt: sample time [s].
+        half: half of it [s].
+        solve: -1 / (1 + half beta4): v stands on both sides of eq. 17 [-].
+    """
+
     beta0: Array
     beta1: Array
     beta2: Array
     beta3: Array
     beta4: Array
-    dt: float  # sample time [s]
-    half: float  # half of it [s]
-    solve: Array  # -1 / (1 + half beta4): v stands on both sides of eq. 17
+    dt: float
+    half: float
+    solve: Array
 
 
 class Paper(Realisation):

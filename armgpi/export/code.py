@@ -24,6 +24,7 @@ from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
 from armgpi.export.layout import block, elementary, listed, members, rows
 from armgpi.export.names import identifiers, plain, source_of
 from armgpi.export.supervision import supervision
+from armgpi.parameter import meaning
 
 #: Number types: C's name, ending of literals and functions, largest number.
 _REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}
@@ -36,63 +37,6 @@ MEANING = {
     "q_ref": "reference positions [rad or m]",
     "v_ref": "reference velocities [rad/s or m/s]",
     "a_ref": "reference accelerations [rad/s^2 or m/s^2]",
-}
-#: What parts of states and constants mean, by the last step of their path in Python.
-_NOTES = {
-    "lam": "settles on the disturbance acceleration [rad/s^2]",
-    "chi": "settles on its slope [rad/s^3]",
-    "eta": "filtered derivative of the error, times its gain [rad/s^2]",
-    "int_v": "integral of v [rad/s]",
-    "int_e": "integral of the error [rad s]",
-    "int2_e": "second integral of the error [rad s^2]",
-    "int3_e": "third integral of the error [rad s^3]",
-    "integral": "integral part of the feedback [rad/s^2]",
-    "learn": "1 while the torque was applied as asked, 0 when cut",
-    "filtered": "low-passed error [rad]",
-    "omega_c": "natural frequency [rad/s]",
-    "zeta_c": "damping ratio [-]",
-    "p_c": "real pole [rad/s]",
-}
-#: The same of what has many parts.
-_PARTS = {
-    "weights": "weight of a network's basis function",
-    "activations": "value of a basis function at the last sample [-]",
-}
-#: What constants mean, by their path in Python.
-_TABLE_NOTES = {
-    "effort": "torque limits [N m or N]",
-    "_floor": "lower torque limits [N m or N]",
-    "inertia_scale": "factor of all masses and inertias [-]",
-    "_nominal.direct": "from the error into the virtual acceleration [1/s^2]",
-    "_nominal.lam": "from the error into lam, in a sample [1/s^2]",
-    "_nominal.chi": "from the error into chi, in a sample [1/s^3]",
-    "_nominal.eta": "from the error into eta, in a sample [1/s^2]",
-    "_nominal.decay": "of eta over a sample [-]",
-    "_nominal.dt": "sample time [s]",
-    "_nominal.back_lam": "anti-windup of lam [-]",
-    "_nominal.back_chi": "anti-windup of chi [1/s]",
-    "_nominal.solve": "v stands on both sides of eq. 17 [-]",
-    **{f"_nominal.beta{i}": f"gain of eq. 25 [1/s^{5 - i}]" for i in range(5)},
-    **{
-        f"gains.boxes.{name}.{end}": f"{('lowest', 'highest')[end]} {meaning}"
-        for name, meaning in (
-            ("omega_c", "natural frequency [rad/s]"),
-            ("zeta_c", "damping ratio [-]"),
-            ("p_c", "real pole [rad/s]"),
-        )
-        for end in (0, 1)
-    },
-    "gains._per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
-    "gains._per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
-    "gains._dead_zone": "error that raises no gain [rad or m]",
-    "gains._learning_rate": "l of eq. 23 [-]",
-    "gains._leak": "share that is forgotten in a sample [-]",
-    "gains._rate": "rho of the limit on omega_c [-]",
-    "kp": "proportional gain [1/s^2]",
-    "kd": "derivative gain [1/s]",
-    "_kp_now": "gain of the error now: proportional, and half a sample of the integral [1/s^2]",
-    "_ki_dt": "integral gain times the sample time [1/s^2]",
-    "_back": "anti-windup [-]",
 }
 _KERNEL_NOTES = {
     "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
@@ -333,8 +277,7 @@ class _Writer:
     def table(self, table: Table) -> str:
         """Return a table of constants."""
         numbers = [self.literal(x) for x in table.values]
-        note = _TABLE_NOTES.get(table.path, "")
-        head = f"/* {table.path}{': ' if note else ''}{note} */\nstatic const armgpi_real_t {table.name}"
+        head = f"/* {_remark(self.law.controller, table.path)} */\nstatic const armgpi_real_t {table.name}"
         if not table.shape:
             return f"{head} = {numbers[0]};\n"
         return f"{head}[{len(numbers)}] = {{\n{rows(numbers, self.names)}\n}};\n"
@@ -410,7 +353,7 @@ class _Writer:
         fields = [
             (
                 f"armgpi_real_t {part.name}{'[ARMGPI_N]' if part.shape == (law.n,) else _size(part)};",
-                f"{part.path}{_remark(part.path)}",
+                _remark(law.first, part.path),
             )
             for part in law.state
         ]
@@ -461,11 +404,10 @@ def _size(part: Table) -> str:
     return f"[{len(part.symbols)}]" if part.shape else ""
 
 
-def _remark(path: str) -> str:
-    """Return what a part of the state means, behind its path."""
-    steps = path.split(".")
-    known = _NOTES.get(steps[-1]) or next((_PARTS[step] for step in steps if step in _PARTS), "")
-    return f": {known}" if known else ""
+def _remark(root: Any, path: str) -> str:
+    """Return the path of a part in Python, and what it means."""
+    said = plain(meaning(root, path))
+    return f"{path}{': ' if said else ''}{said}"
 
 
 def _kind(kernel: Kernel) -> str:

@@ -79,6 +79,7 @@ class Law(NamedTuple):
         step: works out torque and next state.
         hold: works out the torque that carries the arm's weight, within the limits.
         user_defined: whether there are laws among it that do not come with armgpi.
+        first: the state of a controller that stands still: an example of it.
         whole: paths of the parts of its state that are whole numbers, an int in Python.
     """
 
@@ -90,6 +91,7 @@ class Law(NamedTuple):
     step: Routine
     hold: Routine
     user_defined: bool
+    first: Any
     whole: list[str]
 
     @property
@@ -173,7 +175,7 @@ def _written(controller: Controller, trace: Trace, tracer: _ControllerTracer) ->
     }
     tables = [table for table in tracer.tables if used & {x.element_hash() for x in table.symbols}]
     whole = [part.path for part, (_, value) in zip(parts, state, strict=True) if isinstance(value, int)]
-    return Law(controller, kept, tables, parts, init, step, hold, trace.user_defined, whole)
+    return Law(controller, kept, tables, parts, init, step, hold, trace.user_defined, first, whole)
 
 
 class _ControllerTracer(Tracer):
