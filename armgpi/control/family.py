@@ -31,18 +31,6 @@ def _positive(value: PerJointInput, name: str) -> Array:
     return array
 
 
-class Quadratic(NamedTuple):
-    """The second quadratic factor of the characteristic polynomial; arrays that broadcast over the joints.
-
-    Attributes:
-        ratio: its natural frequency over omega_c [-].
-        zeta: its damping ratio [-].
-    """
-
-    ratio: Array
-    zeta: Array
-
-
 class TransferFunction(NamedTuple):
     """C(s) = N(s) / (s^m D(s)), coefficients from the lowest power up.
 
@@ -78,7 +66,8 @@ class Member:
         integrators: m, 1 to 3: disturbances that are polynomials in time of degree m - 1 leave no error.
         rolloff: r, 0 to 2: by how much the degree of the denominator is above that of the numerator.
         rolloff_ratio: p_f / omega_c [-].
-        second: the second quadratic factor, None for one equal to the first.
+        second_ratio: natural frequency of the second quadratic over omega_c [-]; None for 1.
+        second_zeta: its damping ratio [-]; None for the first one's.
     """
 
     def __init__(
@@ -86,29 +75,27 @@ class Member:
         integrators: int = 2,
         rolloff: int = 0,
         rolloff_ratio: PerJointInput = 4.0,
-        second: tuple[PerJointInput, PerJointInput] | None = None,
+        second_ratio: PerJointInput | None = None,
+        second_zeta: PerJointInput | None = None,
     ) -> None:
-        """Choose a member; ratios are numbers, or arrays that broadcast over the joints.
-
-        Args:
-            integrators: m, 1 to 3.
-            rolloff: r, 0 to 2.
-            rolloff_ratio: p_f / omega_c, positive.
-            second: natural frequency over omega_c and damping ratio of the second quadratic, both positive.
+        """Choose a member; ratios are positive numbers, or arrays that broadcast over the joints.
 
         Raises:
-            ParameterError: for a number of integrators or a roll-off that is not in the family, or a pole
+            ParameterError: for a number of integrators or a roll-off that is not in the family, or a ratio
                 that is not positive.
-            ArrayError: for what is no number.
+            ArrayError: for a ratio that is no number.
         """
         self.integrators = check_whole(integrators, "integrators", 1, 3)
         # Up to 2 a stable loop implies a stable D (its Routh condition is the loop's first), above not.
         self.rolloff = check_whole(rolloff, "rolloff", 0, 2)
         self.rolloff_ratio = _positive(rolloff_ratio, "rolloff_ratio")
-        self.second: Quadratic | None = None
-        if second is not None:
-            names = ("second[0], the ratio of natural frequencies", "second[1], the damping ratio")
-            self.second = Quadratic(*map(_positive, second, names))
+        self.second_ratio = None if second_ratio is None else _positive(second_ratio, "second_ratio")
+        self.second_zeta = None if second_zeta is None else _positive(second_zeta, "second_zeta")
+
+    @property
+    def equal(self) -> bool:
+        """Whether the two quadratics are one and the same."""
+        return self.second_ratio is None and self.second_zeta is None
 
 
 #: The law of the paper.
@@ -124,11 +111,11 @@ def characteristic(tuning: Tuning, member: Member = PRINTED) -> list[Array]:
     """
     omega, zeta, p = tuning
     ordinary = [p] * (member.integrators - 1)
-    if member.second is None and ordinary:
+    if member.equal and ordinary:
         product: list[Array] = list(betas(tuning))  # eq. 25
         ordinary = ordinary[1:]
     else:
-        product = _quartic(omega, zeta, member.second)
+        product = _quartic(omega, zeta, member)
     for pole in (*ordinary, *[member.rolloff_ratio * omega] * member.rolloff):
         product = _times(product, pole)
     return product
@@ -162,9 +149,10 @@ def partial_fractions(tuning: Tuning, member: Member = PRINTED) -> PartialFracti
     return PartialFractions(direct, tuple(terms[::-1]), tuple(numerator), d)
 
 
-def _quartic(omega: Array, zeta: Array, second: Quadratic | None) -> list[Array]:
+def _quartic(omega: Array, zeta: Array, member: Member) -> list[Array]:
     """Return the product of the two quadratic factors."""
-    omega_2, zeta_2 = (omega, zeta) if second is None else (second.ratio * omega, second.zeta)
+    omega_2 = omega if member.second_ratio is None else member.second_ratio * omega
+    zeta_2 = zeta if member.second_zeta is None else member.second_zeta
     square, square_2 = omega * omega, omega_2 * omega_2
     twice, twice_2 = 2.0 * zeta * omega, 2.0 * zeta_2 * omega_2
     return [

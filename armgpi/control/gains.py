@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
-
-import numpy as np
 
 from armgpi.arrays import Array, check_number
 from armgpi.control.controller import common_batch
@@ -225,34 +222,3 @@ def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float
     dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
     delay = check_number(delay, "delay", "zero or positive [s]")
     return min(_DEFAULT_PHASE / (1.5 * dt + delay), highest)
-
-
-def delay_margin(tuning: Tuning, delta: float = 1.0) -> Array:
-    """Return the delay [s] that the continuous loop L(s) = delta C(s) / s^2 stands, elementwise.
-
-    At the crossover ``|L(j w)| = 1`` the phase left above -180 degrees, divided by w. The crossover is the
-    largest root of ``delta^2 |N(jw)|^2 = w^8 (w^2 + beta4^2)`` with
-    N = beta3 s^3 + beta2 s^2 + beta1 s + beta0.
-
-    Args:
-        tuning: arrays that broadcast.
-        delta: factor by which the inertia that the controller believes in is too large.
-    """
-    shape = np.broadcast_shapes(*(np.shape(x) for x in tuning))
-    rows = np.stack([np.broadcast_to(x, shape).ravel() for x in betas(tuning)], axis=-1)
-    rows[:, :4] *= delta  # beta4 is the pole of C(s), the others its numerator
-    unique, back = np.unique(rows, axis=0, return_inverse=True)
-    margins = np.array([_delay_margin(*row) for row in unique])
-    return margins[np.ravel(back)].reshape(shape)
-
-
-def _delay_margin(b0: float, b1: float, b2: float, b3: float, b4: float) -> float:
-    """Return the delay margin of one joint."""
-    real, imaginary = np.array([-b2, b0]), np.array([-b3, b1])  # N(jw) = Re(w^2) + j w Im(w^2)
-    numerator = np.polyadd(np.polymul(real, real), np.polymul([1.0, 0.0], np.polymul(imaginary, imaginary)))
-    squares = np.roots(np.polysub([1.0, b4 * b4, 0.0, 0.0, 0.0, 0.0], numerator))
-    w = math.sqrt(max(x.real for x in squares if abs(x.imag) < 1e-9 * abs(x) and x.real > 0.0))
-    s = 1j * w
-    loop = (b3 * s**3 + b2 * s**2 + b1 * s + b0) / (s**4 * (s + b4))
-    phase = (math.pi + np.angle(loop)) % (2.0 * math.pi)
-    return float(phase) / w

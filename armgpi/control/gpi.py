@@ -10,11 +10,13 @@ import numpy as np
 
 from armgpi.arrays import Array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
-from armgpi.control.gains import FixedGains, Gains, default_omega, delay_margin
+from armgpi.control.family import Member
+from armgpi.control.gains import FixedGains, Gains, default_omega
+from armgpi.control.margins import delay_margins
 from armgpi.control.payload import LoadRange, PayloadRange
-from armgpi.control.realisation import REALISATIONS
+from armgpi.control.realisation import REALISATIONS, Bumpless
 from armgpi.errors import ArmgpiWarning, ParameterError
-from armgpi.parameter import Vector, parameter, with_parameters
+from armgpi.parameter import PerJoint, Vector, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.robot import Robot
@@ -39,7 +41,8 @@ class GPI(Controller):
     """Generalised proportional-integral control, tau = D(q) v with v = -C(s) (q - q*).
 
     It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
-    loads are the disturbance that its two integrators reject (constant and ramp without error).
+    loads are the disturbance that its two integrators reject (constant and ramp without error). Other
+    members of the family (:mod:`armgpi.control.family`) have more or fewer integrators, and a roll-off.
 
     Attributes:
         robot: nominal model; only D(q) is used, and G(q) once to start. With `payload`, the one with the
@@ -55,6 +58,11 @@ class GPI(Controller):
             none.
         frame: frame that carries the load; the robot's tip when not given.
         com: centre of mass of the load in that frame [m], shape (3,).
+        integrators: 1 to 3; the paper has 2.
+        rolloff: poles beyond those that C(s) needs, 0 to 2; the paper has 0.
+        rolloff_ratio: those poles over omega_c [-].
+        second_ratio: natural frequency of the second quadratic factor over omega_c [-]; 1 when not given.
+        second_zeta: its damping ratio [-]; zeta_c when not given.
     """
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
@@ -93,6 +101,44 @@ class GPI(Controller):
         default=(0.0, 0.0, 0.0),
         in_file=False,
     )
+    integrators: int = parameter(
+        "number of integrators", kind="integer", default=2, least=1, most=3, structural=True
+    )
+    rolloff: int = parameter(
+        "poles that roll off the noise", kind="integer", default=0, least=0, most=2, structural=True
+    )
+    rolloff_ratio: PerJoint = parameter(
+        "roll-off poles over omega",
+        default=4.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(1.0, 20.0),
+        slider=(1.0, 20.0),
+    )
+    second_ratio: PerJoint = parameter(
+        "natural frequency of the second quadratic factor over omega",
+        default=None,
+        none="1",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(0.2, 5.0),
+        slider=(0.2, 5.0),
+    )
+    second_zeta: PerJoint = parameter(
+        "damping ratio of the second quadratic factor",
+        default=None,
+        none="zeta",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(0.3, 3.0),
+        slider=(0.3, 2.0),
+    )
 
     def __post_init__(self) -> None:
         """Check the parameters and work out what `step` needs of them.
@@ -117,10 +163,18 @@ class GPI(Controller):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
         super().__post_init__()
+        member = Member(
+            self.integrators, self.rolloff, self.rolloff_ratio, self.second_ratio, self.second_zeta
+        )
         self._law = REALISATIONS[self.realisation]
+        if self.realisation == "bumpless":
+            self._law = Bumpless(member)
+        elif member.integrators != 2 or member.rolloff or not member.equal:
+            expected = "bumpless for what is not the law of the paper"
+            raise ParameterError("realisation", self.realisation, expected)
         self._dynamics = self.robot.dynamics
         self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
-        self._warn_of_delay()
+        self._warn_of_delay(member)
 
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
@@ -193,13 +247,20 @@ class GPI(Controller):
             loads = LoadRange(loads[0], heaviest=loads[1], frame=self.frame, com=self.com)
         return loads.found(self.robot, self.dt, self.delay, slowest=None if self.gains is None else 1e-9)
 
-    def _warn_of_delay(self) -> None:
+    def _warn_of_delay(self, member: Member) -> None:
         """Warn when hold and transport take more than the loop's delay margin."""
         nominal = self.gains.nominal()
         spent = 0.5 * self.dt + self.delay
         delta = 1.0 if self.payload is None else self.payload.delta[1]
-        margin = float(np.min(delay_margin(nominal, delta)))
-        if spent > margin:
+        margin = float(np.min(delay_margins(nominal, member, delta)))
+        if margin == 0.0:
+            warnings.warn(
+                f"without the load the nominal inertia is {delta:.3g} times the true one, and the loop not "
+                "stable; a smaller range of loads, a larger rolloff_ratio or no roll-off would do",
+                ArmgpiWarning,
+                stacklevel=3,
+            )
+        elif spent > margin:
             fastest = float(np.max(nominal.omega_c))
             enough = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
             warnings.warn(

@@ -58,13 +58,7 @@ class Noise(NamedTuple):
 
 def open_loop(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> Loop:
     """Return L(s) = delta C(s) / s^2 of one joint; `delta` is what the other functions count from."""
-    omega = float(tuning.omega_c)
-    # In units of omega_c: the coefficients of a loop at 30 rad/s spread over ten decades.
-    unit = Tuning(np.array(1.0), tuning.zeta_c, tuning.p_c / omega)
-    numerator, denominator = transfer_function(unit, member)
-    zeros = [0.0] * (member.integrators + 2)
-    below = [1.0, *map(float, denominator[::-1]), *zeros]
-    return Loop(delta * np.array(numerator[::-1], dtype=float), np.array(below), omega)
+    return _loop(_coefficients(tuning, member).ravel(), member, delta)
 
 
 def crossovers(loop: Loop) -> Array:
@@ -82,6 +76,21 @@ def delay_margin(loop: Loop) -> float:
     """Return the least delay that makes the loop oscillate [s]."""
     w = crossovers(loop) / loop.omega
     return float(np.min(_phase(loop, w) / w)) / loop.omega
+
+
+def delay_margins(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> Array:
+    """Return :func:`delay_margin` of every joint [s]; zero where the loop is not stable.
+
+    Args:
+        tuning: arrays that broadcast.
+        member: of the family.
+        delta: factor by which the nominal inertia is too large.
+    """
+    rows = _coefficients(tuning, member)
+    unique, back = np.unique(rows.reshape(-1, rows.shape[-1]), axis=0, return_inverse=True)
+    loops = [_loop(row, member, delta) for row in unique]
+    margins = [delay_margin(x) if _stable(x.denominator, x.numerator) else 0.0 for x in loops]
+    return np.array(margins)[np.ravel(back)].reshape(rows.shape[:-1])
 
 
 def peak_sensitivity(loop: Loop) -> float:
@@ -185,6 +194,23 @@ def count_noise(tuning: Tuning, dt: float, member: Member = PRINTED) -> Noise:
     variance = float(C @ P @ C) + D * D
     beside = float(C @ A @ P @ C) + D * float(C @ B[:, 0])  # covariance of neighbouring samples
     return Noise(abs(D), math.sqrt(variance), math.sqrt(2.0 * (variance - beside)))
+
+
+def _coefficients(tuning: Tuning, member: Member) -> Array:
+    """Return omega_c and, in units of it, the coefficients of N and D from the lowest power up: (..., k)."""
+    omega = tuning.omega_c
+    # At 30 rad/s the coefficients would spread over ten decades.
+    unit = Tuning(np.ones_like(omega), tuning.zeta_c, tuning.p_c / omega)
+    numerator, denominator = transfer_function(unit, member)
+    return np.stack(np.broadcast_arrays(omega, *numerator, *denominator), axis=-1)
+
+
+def _loop(row: Array, member: Member, delta: float) -> Loop:
+    """Return a loop from its coefficients."""
+    omega, *both = row
+    ends = member.integrators + 2
+    below = np.array([1.0, *both[: ends - 1 : -1], *[0.0] * ends])
+    return Loop(delta * np.array(both[ends - 1 :: -1]), below, float(omega))
 
 
 def _phase(loop: Loop, w: Array) -> Array:

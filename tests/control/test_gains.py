@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armgpi import FixedGains, Tuning, default_omega
-from armgpi.control.gains import betas, delay_margin
+from armgpi.control.gains import betas
+from armgpi.control.margins import delay_margins
 from armgpi.errors import ArrayError, ParameterError
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +74,7 @@ def test_betas_of_many_tunings_are_those_of_each() -> None:
 @given(tunings())
 def test_the_delay_margin_is_the_least_delay_over_all_crossovers(tuning: Tuning) -> None:
     # Interpolation between points 7e-4 apart in log(w) is good to their square.
-    np.testing.assert_allclose(delay_margin(tuning), swept_delay_margin(tuning), rtol=1e-5)
+    np.testing.assert_allclose(delay_margins(tuning), swept_delay_margin(tuning), rtol=1e-5)
 
 
 def test_a_plain_tuning_has_the_stated_margins() -> None:
@@ -81,7 +82,7 @@ def test_a_plain_tuning_has_the_stated_margins() -> None:
     w = np.linspace(0.1, 10.0, 1_000_001)
     loop = loop_gain(plain, w)
     crossover = w[np.argmin(np.abs(np.abs(loop) - 1.0))]
-    margin = float(delay_margin(plain))
+    margin = float(delay_margins(plain))
     assert crossover == pytest.approx(1.88, abs=5e-3)
     assert margin == pytest.approx(0.356, abs=5e-4)
     assert math.degrees(margin * crossover) == pytest.approx(38.0, abs=0.5)
@@ -91,13 +92,13 @@ def test_a_plain_tuning_has_the_stated_margins() -> None:
 @given(tunings(), factors)
 def test_a_loop_that_is_k_times_faster_stands_a_k_th_of_the_delay(tuning: Tuning, k: float) -> None:
     faster = Tuning(k * tuning.omega_c, tuning.zeta_c, k * tuning.p_c)
-    np.testing.assert_allclose(delay_margin(faster), delay_margin(tuning) / k, rtol=1e-9)
+    np.testing.assert_allclose(delay_margins(faster), delay_margins(tuning) / k, rtol=1e-9)
 
 
 def test_delay_margins_of_many_tunings_are_those_of_each() -> None:
     omega = np.array([[5.0, 10.0, 5.0], [20.0, 5.0, 10.0]])
-    together = delay_margin(Tuning(omega, np.array(0.8), omega))
-    alone = [[float(delay_margin(Tuning(w, np.array(0.8), w))) for w in row] for row in omega]
+    together = delay_margins(Tuning(omega, np.array(0.8), omega))
+    alone = [[float(delay_margins(Tuning(w, np.array(0.8), w))) for w in row] for row in omega]
     np.testing.assert_array_equal(together, alone)
 
 
@@ -105,7 +106,7 @@ def test_delay_margins_of_many_tunings_are_those_of_each() -> None:
 def test_the_default_bandwidth_leaves_two_thirds_of_the_delay_margin(log_dt: float, log_delay: float) -> None:
     dt, delay = 10.0**log_dt, 10.0**log_delay
     omega = np.array(default_omega(dt, delay))
-    assert 1.5 * dt + delay < float(delay_margin(Tuning(omega, np.array(1.0), omega))) / 3.0
+    assert 1.5 * dt + delay < float(delay_margins(Tuning(omega, np.array(1.0), omega))) / 3.0
 
 
 def test_the_default_bandwidth_falls_with_sample_time_and_delay_up_to_its_cap() -> None:

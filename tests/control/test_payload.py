@@ -27,7 +27,8 @@ from armgpi import (
     payload_range,
     simulate,
 )
-from armgpi.control.gains import Tuning, delay_margin
+from armgpi.control.gains import Tuning
+from armgpi.control.margins import delay_margins
 from armgpi.control.payload import LEAST_DELTA
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError, PayloadError
 
@@ -110,7 +111,7 @@ def test_a_range_is_served_or_refused_with_ranges_that_are(robot: Robot, heavies
         assert 0.0 < found.omega_c <= default_omega(dt)
         # With a computation of a whole sample the loop is stable with no load on.
         tuning = Tuning(*map(np.array, (found.omega_c, 1.0, found.omega_c)))
-        assert delay_margin(tuning, found.delta[1]) > 1.5 * dt
+        assert delay_margins(tuning, delta=found.delta[1]) > 1.5 * dt
         return
     assert 0.0 <= refused.heaviest < heaviest
     assert 0.0 < refused.lightest <= heaviest
@@ -121,8 +122,8 @@ def test_a_range_is_served_or_refused_with_ranges_that_are(robot: Robot, heavies
 
 def test_a_larger_inertia_leaves_less_delay() -> None:
     tuning = Tuning(*map(np.array, (20.0, 1.0, 20.0)))
-    margins = np.array([delay_margin(tuning, delta) for delta in (1.0, 3.0, 10.0, 100.0)])
-    assert margins[0] == delay_margin(tuning)
+    margins = np.array([delay_margins(tuning, delta=delta) for delta in (1.0, 3.0, 10.0, 100.0)])
+    assert margins[0] == delay_margins(tuning)
     # 0.356 / omega_c, and 0.4 / (delta omega_c) when the crossover is far above all zeros.
     np.testing.assert_allclose(margins[[0, 3]] * 20.0 * np.array([1.0, 100.0]), [0.356, 0.4], rtol=0.03)
 
