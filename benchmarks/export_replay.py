@@ -47,7 +47,7 @@ def wandering(robot: Robot) -> Waypoints:
 
 def main() -> None:
     print(
-        "| arm | controller | number | state [bytes] | operations, worst_case | step [ns] | torque cut [ns] "
+        "| arm | controller | number | state [bytes] | operations, worst case | step [ns] | saturated [ns] "
         "| from Python | closed loop [rad] |\n|---|---|---|---|---|---|---|---|---|"
     )
     for name, robot, load in arms():
@@ -71,11 +71,11 @@ def main() -> None:
                 assert measured.step is not None
                 theirs = simulate(plant, exported, reference, 8.0, progress=False)
                 apart = float(np.abs(theirs["q"] - ours["q"]).max())
-                cut = "" if measured.cut is None else f"{measured.cut:.0f}"
+                saturated = "" if measured.saturated is None else f"{measured.saturated:.0f}"
                 print(
                     f"| {name} (n = {robot.n}) | {label} | {real} | {done.state_bytes} "
                     f"| {sum(done.code.typical):,}, {sum(done.code.worst_case):,} | {measured.step:.0f} "
-                    f"| {cut} | {measured.difference:.1e} | {apart:.1e} |",
+                    f"| {saturated} | {measured.difference:.1e} | {apart:.1e} |",
                     flush=True,
                 )
 

@@ -165,7 +165,7 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         "compiler": None if measured is None else measured.compiler,
         "difference": None if measured is None else measured.difference,
         "step_ns": None if measured is None else measured.step,
-        "cut_step_ns": None if measured is None else measured.cut,
+        "saturated_step_ns": None if measured is None else measured.saturated,
         "stack_bytes": None if measured is None else measured.stack,
         "agrees": None if measured is None else measured.agrees,
     }
@@ -187,5 +187,5 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
     if not measured.agrees:
         typer.echo(f"  which is not as it should be:\n{measured.said}", nl=False)
     if measured.step is not None:
-        cut = "" if measured.cut is None else f", with torque cut {measured.cut:.0f} ns"
-        typer.echo(f"  time of a step           {measured.step:.0f} ns{cut}")
+        saturated = "" if measured.saturated is None else f", saturated {measured.saturated:.0f} ns"
+        typer.echo(f"  time of a step           {measured.step:.0f} ns{saturated}")

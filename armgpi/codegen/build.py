@@ -36,7 +36,7 @@ FLAGS = (
     "-fno-trapping-math",
     "-fPIC",
     "-shared",
-    "-w",
+    "-w",  # generated code has constants that are not used, say
 )
 #: For one number at a time: operations that wait for each other are put farther apart.
 SCALAR = ("-fschedule-insns",)
@@ -174,6 +174,7 @@ def cache_folder() -> Path:
     return base.absolute() / "armgpi"
 
 
+# Libraries are never unloaded: a run may still be inside of one.
 _loaded: dict[str, ctypes.CDLL] = {}
 
 

@@ -19,6 +19,9 @@ import numpy as np
 
 from armgpi.codegen.symbols import NotElementwise
 
+# Why this is worth a module: a law that counts its calls in a global gives one number while it is traced, and
+# the generated code would have that number in it for ever. It would run wrong without a word.
+
 #: Things looked at, at most: what reaches more than this is not looked through to its end. A law that hides
 #: what it changes behind so many is found by the comparison with NumPy instead (compiled/run.py).
 _MOST = 10_000
@@ -36,7 +39,8 @@ class _Place(NamedTuple):
     @property
     def changed(self) -> bool:
         now, before = self.look(), self.before
-        if isinstance(before, list):  # of things, which must be the same ones
+        # Things must be the same ones, not equal ones: == of arrays or symbols is no bool.
+        if isinstance(before, list):
             return len(now) != len(before) or not all(map(operator.is_, now, before))
         return bool(now != before)
 
@@ -72,6 +76,7 @@ class SideEffects:
 
     def restore(self) -> None:
         """Make everything as it was."""
+        # Only what changed: putting back what is the same could call a user's setter.
         for place in self._places:
             if place.changed:
                 place.restore()
@@ -132,6 +137,7 @@ class SideEffects:
         for attribute, item in list(vars(kind).items()):
             if not attribute.startswith("__"):
                 self._attribute(kind, attribute)
+            # What is behind a static or class method, or a property.
             item = getattr(item, "__func__", getattr(item, "fget", item))
             yield item, f"{kind.__name__}.{attribute}"
         yield kind.__bases__, kind.__name__
@@ -150,7 +156,7 @@ class SideEffects:
             yield content[0], name
 
     def _slot(self, names: dict[str, Any], name: str) -> Iterator[tuple[Any, str]]:
-        """Watch what one name stands for."""
+        """Watch what one name refers to."""
 
         def put(old: list[Any]) -> None:
             if old[0] is _MISSING:
@@ -164,6 +170,7 @@ class SideEffects:
 
     def _dict(self, value: dict[Any, Any], name: str) -> Iterator[tuple[Any, str]]:
         """Watch a dictionary."""
+        # Keys as well as values: one may be replaced by an equal one that is another thing.
         old = dict(value)
         self._container(name, value, lambda _: value.update(old), lambda: [*value, *value.values()])
         yield from ((item, name) for item in old.values())
@@ -250,4 +257,5 @@ def _is_users(module: str | None) -> bool:
     root = (module or "").partition(".")[0]
     if not root or root == "armgpi" or root == "builtins" or root in sys.stdlib_module_names:
         return False
+    # Packages keep caches in globals, which change when they are used and mean nothing.
     return "site-packages" not in (getattr(sys.modules.get(module or ""), "__file__", None) or "")

@@ -18,6 +18,7 @@ _NUMBER = {
     ca.OP_MUL: "{0} * {1}",
     ca.OP_DIV: "{0} / {1}",
     ca.OP_NEG: "-{0}",
+    # Exact, so the same bits as what CasADi made them from: x * x and 2 x.
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "{0} + {0}",
     ca.OP_FABS: "v_abs({0})",
@@ -34,7 +35,9 @@ _NUMBER = {
     ca.OP_FMOD: "v_fmod({0}, {1})",
     ca.OP_REMAINDER: "{0} - v_rint({0})",  # only ever by one
 }
-_TRUTH = {
+# Comparisons give masks, numbers are made of them only where a law computes with them: a mask costs nothing
+# to combine, and vectors have no branches.
+_COMPARISON = {
     ca.OP_LT: "v_lt({0}, {1})",
     ca.OP_LE: "v_le({0}, {1})",
     ca.OP_EQ: "v_eq({0}, {1})",
@@ -62,7 +65,7 @@ class Dialect:
 
     Attributes:
         number: type of a number.
-        truth: type of a truth.
+        truth: type of a boolean.
         constant: writes a constant.
         sound: how the C of what is never NaN begins: constants and parameters.
     """
@@ -74,7 +77,8 @@ class Dialect:
 
 
 def literal(x: float) -> str:
-    """Return a number as C, without loss; hexadecimal where a decimal one would be long."""
+    """Return a number as C, without loss."""
+    # repr is the shortest text that reads back as the same number.
     if x != x:
         return "NAN"
     if x in (float("inf"), float("-inf")):
@@ -121,12 +125,14 @@ def straight_line(
     Raises:
         NotElementwise: when an operation has no C here.
     """
+    # CasADi puts the graph in order. Its own C is not used: it knows neither vectors nor masks.
     function = ca.Function(
         "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.SX(ca.vertcat(*outputs))]
     )
     graph = _graph(function, [name for _, name in inputs], dialect)
     writer = _Writer(graph, dialect)
     level = _levels(graph, calls)
+    # CasADi leaves out outputs that are zero by structure.
     values = [graph.outputs.get(i, dialect.constant(0.0)) for i in range(len(outputs))]
     stage = [level.get(text, 0) for text in values]
     for number, call in enumerate(calls):
@@ -194,6 +200,7 @@ class _Writer:
 
     def assign(self, target: str, text: str) -> None:
         """Write an assignment, and before it what it needs."""
+        # Depth first, with a stack of our own: expressions are deeper than Python's.
         waiting = [text]
         while waiting:
             name = waiting[-1]
@@ -201,9 +208,9 @@ class _Writer:
             if step is None or name in self._written:
                 waiting.pop()
                 continue
-            missing = [x for x in step.operands if x in self._steps and x not in self._written]
-            if missing:
-                waiting.extend(reversed(missing))
+            needed = [x for x in step.operands if x in self._steps and x not in self._written]
+            if needed:
+                waiting.extend(reversed(needed))
                 continue
             self._write(name, step)
             self._written.add(waiting.pop())
@@ -215,7 +222,8 @@ class _Writer:
         numbers = [self._number(text) for text in operands]
         one = self._dialect.constant(1.0)
         if kind == ca.OP_DIV and self._divisors[operands[1]] > 1:
-            # One division for all that have a divisor in common.
+            # One division for all that have a divisor in common, as it takes as long as many products. It is
+            # one rounding more.
             if operands[1] not in self._inverses:
                 self._inverses[operands[1]] = f"i{name}"
                 self.code.lines.append(f"const {self._dialect.number} i{name} = {one} / {numbers[1]};")
@@ -225,8 +233,8 @@ class _Writer:
             text = _clamped(kind, numbers[0], numbers[1], self._dialect)
         elif kind in _NUMBER:
             text = _NUMBER[kind].format(*numbers)
-        elif kind in _TRUTH:
-            text = _TRUTH[kind].format(*numbers)
+        elif kind in _COMPARISON:
+            text = _COMPARISON[kind].format(*numbers)
             self._truths.add(name)
         elif kind in _LOGIC:
             text = _LOGIC[kind].format(*map(self._truth, operands))
@@ -246,12 +254,14 @@ class _Writer:
         return f"v_number({text})" if text in self._truths else text
 
     def _truth(self, text: str) -> str:
-        """Return a value as a truth."""
+        """Return a value as a boolean."""
         return text if text in self._truths else f"v_ne({text}, {self._dialect.constant(0.0)})"
 
 
 def _clamped(kind: int, a: str, b: str, dialect: Dialect) -> str:
     """Return the lower or upper of two numbers; where one is never NaN, by the faster way."""
+    # The hardware's minimum gives its second operand where one is NaN: with a bound that never is, one
+    # instruction does.
     name = "lower" if kind == ca.OP_FMIN else "upper"
     for x, bound in ((a, b), (b, a)):
         if bound.startswith(dialect.sound):

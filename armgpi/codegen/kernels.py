@@ -25,8 +25,10 @@ from armgpi.robot.dynamics import (
 
 #: How far a generated model may be from Pinocchio's, relative to the largest entry.
 _AGREEMENT = 1e-9
-#: Random states at which the two are compared, for each of up to so many arms of a batch.
-_STATES, _ARMS = 8, 16
+#: Random states at which the two are compared, for each arm.
+_STATES = 8
+#: Arms of a batch that are compared, at most: they share the expressions, so a few show what is wrong.
+_ARMS = 16
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,9 @@ class Kernel:
 @dataclass(frozen=True)
 class Call:
     """One use of a kernel.
+
+    A kernel is a function of its own in C, and not part of the sample: forward dynamics are used four times a
+    substep by Runge-Kutta, and written once.
 
     Attributes:
         kernel: which.
@@ -162,6 +167,7 @@ class Arm:
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel by the name of the method of :class:`armgpi.robot.dynamics.Dynamics`."""
+        # When it is asked for: most loops use a few of them, and making and checking one takes time.
         if name not in self.kernels:
             self.kernels[name] = self._made(name)
         return self.kernels[name]
@@ -193,6 +199,7 @@ class Arm:
             [p.sx for p in model.parameters],
             [x.sx for row in symbols for x in row],
             flat(Symbols(result)),
+            # The saturation residual, which is zero in most samples.
             1 if name == "inertia_solve" else None,
         )
         self._check(name, kernel)
@@ -200,6 +207,7 @@ class Arm:
 
     def _check(self, name: str, kernel: Kernel) -> None:
         """Refuse a kernel that is not Pinocchio's at random states."""
+        # At each start, and not in tests alone: nobody has tested the URDF that a user brings.
         function = ca.Function(
             "f", [ca.vertcat(*kernel.inputs), ca.vertcat(*kernel.parameters)], [ca.vertcat(*kernel.outputs)]
         )
@@ -274,6 +282,7 @@ class TracedDynamics:
         return results
 
 
+# Kept for as long as the robot is: a second controller or another run for it generates nothing.
 _arms: WeakKeyDictionary[Dynamics, Arm] = WeakKeyDictionary()
 
 
@@ -290,6 +299,7 @@ def _parts(dynamics: Dynamics) -> tuple[list[Dynamics], npt.NDArray[np.int64], f
         return [dynamics.base], np.zeros(1, dtype=np.int64), dynamics.scale
     if not isinstance(dynamics, StackedDynamics):
         return [dynamics], np.zeros(1, dtype=np.int64), 1.0
+    # Rollouts with one and the same arm share its row of the table.
     batch = sum(len(rows) for _, rows in dynamics.groups)
     which, scale = np.zeros(batch, dtype=np.int64), np.ones((batch, 1))
     bases = []

@@ -16,6 +16,8 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.codegen.symbols import Scalar, solve
 
+# Not by pinocchio.casadi, which Pinocchio's packages on PyPI lack.
+
 #: An array of :class:`armgpi.codegen.symbols.Scalar` and floats; NumPy has no types for arrays of objects.
 Expressions = Any
 
@@ -27,7 +29,7 @@ class Body(NamedTuple):
     """A joint and the body that it carries, as plain numbers.
 
     Attributes:
-        parent: index of the body that the joint stands on, -1 for the base.
+        parent: index of the body that carries the joint, -1 for the base.
         turns: whether the joint turns; it slides otherwise.
         numbers: joint axis (3), placement in the parent (rotation 9, position 3), mass, mass times centre
             (3), inertia about the joint's origin (6: xx, xy, yy, xz, yz, zz) and armature: 26 numbers.
@@ -41,7 +43,7 @@ class Body(NamedTuple):
 def bodies(model: Any) -> tuple[list[Body], Array]:
     """Return the bodies of a `pin.Model` of single-axis joints (nq = nv), and its gravity (3,) [m/s^2]."""
     found = []
-    for i in range(1, model.njoints):
+    for i in range(1, model.njoints):  # joint 0 is the universe
         motion = np.array(model.joints[i].createData().S).ravel()
         turns = bool(np.any(motion[3:]))
         placement, inertia = model.jointPlacements[i], model.inertias[i]
@@ -69,8 +71,10 @@ def regrouped(found: Sequence[Body]) -> list[Body]:
     the axis a, and s (1 - a a') of its inertia, with s its moment about an axis across.
     """
     numbers = [body.numbers.copy() for body in found]
+    # From the tips to the base, as what goes to a parent may go on from there.
     for i in reversed(range(len(found))):
         axis, rotation, position = numbers[i][:3], numbers[i][3:12].reshape(3, 3), numbers[i][12:15]
+        # About an axis that is none of the coordinates' nothing would become zero.
         across = np.flatnonzero(axis == 0.0)
         if not found[i].turns or len(across) < 2:
             continue
@@ -136,6 +140,7 @@ class SymbolicModel:
                 for row, g in zip(rows, gravity, strict=True)
             ]
         )
+        # Only what differs is an input: a literal that is zero or one makes no operation at all.
         differs = (table != table[0]).any(axis=0)
         self.table = np.ascontiguousarray(table[:, differs])
         self.parameters = [Scalar(ca.SX.sym(f"m{i}")) for i in range(self.table.shape[1])]
@@ -145,6 +150,7 @@ class SymbolicModel:
         self._numbers = values[:-3].reshape(len(self._bodies), -1)
         self._gravity = values[-3:]
         self._ratio, self._offset = ratio, offset
+        # All that decides the expressions, and nothing else: equal models share one function in C.
         literals = [table[0][~differs].tobytes(), differs.tobytes(), repr(shape).encode()]
         literals += [x.tobytes() for x in (ratio, offset) if x is not None]
         self.digest = hashlib.sha256(b"".join(literals)).hexdigest()[:8]
@@ -206,6 +212,7 @@ class SymbolicModel:
         """Return D(q), shape (n, n), in the way that takes fewer operations here."""
         if self._way is not None:
             return self._way(q)
+        # Which that is depends on the arm, so both are made and counted.
         below = np.tril_indices(self.n)
         ways = [(way, way(q)) for way in (self._composite, self._jacobian)]
         self._way, matrix = min(ways, key=lambda found: int(ca.n_nodes(_vector(found[1][below]))))

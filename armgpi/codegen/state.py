@@ -98,6 +98,7 @@ def leaves_like(tree: Any, like: Any) -> list[Any]:
     Raises:
         NotElementwise: when it has another.
     """
+    # By places, not by types: a law may return a plain tuple for its own named one.
     if _form(tree) != _form(like):
         raise NotElementwise("its state has another form after a sample than before")
     return [leaf.value for leaf in flatten(tree)]

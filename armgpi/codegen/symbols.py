@@ -1,4 +1,4 @@
-"""Arrays of symbols that NumPy's functions accept, so that a law written for numbers writes itself down.
+"""Arrays of symbols that NumPy's functions accept, so that a law for numbers can be traced.
 
 A :class:`Symbols` goes through the same functions as an array of floats. What comes out are the expressions
 that were worked out on the way. What a value decides (``if``, an index, a loop that stops) has no expression,
@@ -24,6 +24,9 @@ Scalars = npt.NDArray[Any]
 
 class NotElementwise(ArmgpiError):
     """A law does what a straight line of arithmetic cannot."""
+
+
+# Why not arrays of ca.SX: NumPy makes bools of what < and == give, and has no isfinite or rint for objects.
 
 
 class Scalar:
@@ -123,6 +126,7 @@ class Scalar:
     def __pow__(self, power: Any) -> Any:
         """Return a whole power by multiplication, as NumPy's answer is one rounding from it."""
         _numbers(self)
+        # C's pow differs between libraries in the last place; products do not.
         if isinstance(power, int | float) and power == int(power) and 0 < power <= 16:
             result: Any = None
             base, left = self, int(power)
@@ -154,12 +158,13 @@ def _sx(x: Any) -> Any:
     return x.sx if isinstance(x, Scalar) else float(x)
 
 
-_TRUTHS = (Bool, bool, np.bool_)
+# A tuple, made once: `is_bool` is called for every operation.
+_BOOLS = (Bool, bool, np.bool_)
 
 
 def is_bool(x: Any) -> bool:
     """Tell booleans from numbers."""
-    return isinstance(x, _TRUTHS)
+    return isinstance(x, _BOOLS)
 
 
 def _numbers(*operands: Any) -> None:
@@ -168,7 +173,7 @@ def _numbers(*operands: Any) -> None:
         raise NotElementwise("it does arithmetic on booleans (multiply them by 1.0 before)")
 
 
-def _truths(*operands: Any) -> None:
+def _booleans(*operands: Any) -> None:
     """Refuse operations on the bits of numbers."""
     if not all(is_bool(x) for x in operands):
         raise NotElementwise("it works on the bits of numbers (&, |, ~)")
@@ -197,6 +202,7 @@ def _applied(
 def _product(a: Any, b: Any) -> Any:
     """Return a b; zeros and ones, of which a model is full, never become an expression."""
     _numbers(a, b)
+    # Though NaN times 0 is NaN: a NaN shows where it came from.
     for x, y in ((a, b), (b, a)):
         if not isinstance(x, Scalar) and isinstance(y, Scalar) and x in (0.0, 1.0):
             return _number(y) if x == 1.0 else 0.0
@@ -228,13 +234,14 @@ _not_zero = _applied(lambda x: x != 0.0, Bool, _free)
 
 
 def _number(x: Any) -> Any:
-    """Return a truth as the number that it is, and a number as it is."""
+    """Return a boolean as the number that it is, and a number as it is."""
     return Scalar(x.sx) if isinstance(x, Bool) else x
 
 
 def _remainder(a: Any, b: Any) -> Any:
     """Return the remainder with the sign of the divisor, of the exact quotient as NumPy's."""
     rest = _modulo(a, b)
+    # fmod has the sign of the dividend.
     other = _both(_not_zero(rest), _unequal(_less(rest, 0.0), _less(b, 0.0)))
     return select(other, rest + b, rest)
 
@@ -249,6 +256,7 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
     kind: Any = Bool if is_bool(yes) and is_bool(no) else Scalar
     if not isinstance(condition, Scalar):
         return yes if condition else no
+    # Both ways the same number, as in laws where an option is off: no need to decide.
     if not isinstance(yes, Scalar) and not isinstance(no, Scalar) and float(yes) == float(no):
         return yes
     return kind(ca.if_else(condition.sx, _sx(yes), _sx(no)))
@@ -275,9 +283,9 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.logical_and: _both,
     np.logical_or: _either,
     np.logical_not: _not,
-    np.bitwise_and: _applied(ca.logic_and, Bool, _truths),
-    np.bitwise_or: _applied(ca.logic_or, Bool, _truths),
-    np.invert: _applied(ca.logic_not, Bool, _truths),
+    np.bitwise_and: _applied(ca.logic_and, Bool, _booleans),
+    np.bitwise_or: _applied(ca.logic_or, Bool, _booleans),
+    np.invert: _applied(ca.logic_not, Bool, _booleans),
     np.power: operator.pow,
     np.remainder: _remainder,
     np.fmod: _modulo,
@@ -312,6 +320,7 @@ class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
     """
 
     __hash__ = None  # type: ignore[assignment]
+    # NumPy's arrays leave their operators to this class.
     __array_priority__ = 1000.0
 
     def __init__(self, x: Scalars) -> None:
@@ -367,7 +376,8 @@ class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
         raise NotElementwise("it needs the value of a symbol (float, int)")
 
     def __array__(self, *arguments: Any, **keywords: Any) -> Any:
-        """Refuse: this is no array of numbers."""
+        """Refuse: these are not numbers."""
+        # Else NumPy would make an array of objects, and go on with Python's operators where it can.
         raise NotElementwise("it makes an array of numbers out of symbols (np.asarray, np.array)")
 
     def copy(self) -> Symbols:
@@ -387,6 +397,7 @@ class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **keywords: Any) -> Any:
         """Apply one of NumPy's elementwise functions."""
         arrays = [_objects(x) for x in inputs]
+        # reduce, accumulate and outer have orders of their own, in which NumPy adds pairwise, say.
         if method != "__call__" or set(keywords) - {"dtype", "out"} or not _is_float(keywords.get("dtype")):
             raise NotElementwise(f"it uses np.{ufunc.__name__} in a way that has no expression")
         if ufunc is not np.matmul and ufunc not in _VECTORISED:
@@ -413,6 +424,7 @@ def _objects(x: Any) -> Any:
         return x.x
     if isinstance(x, Scalar):
         return x
+    # As objects they are Python floats, whose arithmetic is float64's.
     return np.asarray(x).astype(object)
 
 
@@ -488,8 +500,10 @@ def _solve(matrix: Any, column: Any) -> Symbols:
     raise NotElementwise("it solves for several columns at once")
 
 
+# Those that laws here use; what is not among them is refused by name, and never done in another way.
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: lambda c, x, y: _wrapped(_SELECT(_objects(c), _objects(x), _objects(y))),
+    # In NumPy's order: where low is above high the answer is high.
     np.clip: lambda x, low, high: np.minimum(np.maximum(x, low), high),
     np.zeros_like: lambda x, dtype=None: _filled(x, 0.0, dtype),
     np.ones_like: lambda x, dtype=None: _filled(x, 1.0, dtype),

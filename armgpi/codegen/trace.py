@@ -1,4 +1,4 @@
-"""A closed loop written down: one sample of it as expressions, from the functions that NumPy runs.
+"""A closed loop traced: one sample of it as expressions, from the functions that NumPy runs.
 
 The loop's parts are copied, with symbols in place of their arrays: the state, the parameters (an array
 (n,) is shared by all rollouts, one of (batch, n) has a row for each), the target and the time. Then one
@@ -43,7 +43,8 @@ _PLAIN = (
 _AS_IT_IS = (BSplineBasis, Arm, *_PLAIN)
 #: Folders of what generates code: no place in a user's law.
 _GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export"))
-#: References of more operations than this are worked out by NumPy, as a table.
+#: References of more operations than this are worked out by NumPy, as a table: compilers take long over them,
+#: and where rollouts share a reference every lane would work out the same.
 _LONG_REFERENCE = 3000
 
 
@@ -54,7 +55,7 @@ class Draws(NamedTuple):
         seed: of rollout 0.
         stream: which of several independent sets of numbers.
         offset: samples ahead of the one now.
-        symbols: what stands for them.
+        symbols: the symbols of these numbers.
     """
 
     seed: int
@@ -84,7 +85,8 @@ class Counter(Scalar):
         return Scalar(self.sx) + other
 
     def uniform(self, seed: int, shape: tuple[int, ...], stream: int) -> Symbols:
-        """Return what stands for random numbers; see :func:`armgpi.plants.noise.uniform`."""
+        """Return symbols of random numbers; see :func:`armgpi.plants.noise.uniform`."""
+        # What is asked for twice is drawn once.
         for known in self.draws:
             if known[:3] == (seed, stream, self.offset) and len(known.symbols) == shape[-1]:
                 return Symbols(np.array([Scalar(s) for s in known.symbols], dtype=object))
@@ -203,6 +205,7 @@ class Tracer:
     def array(self, values: Array) -> Any:
         """Return symbols for an array of numbers: shared, or of each rollout its own."""
         rows = values.ndim == 2 and len(values) in (1, self._rollouts)
+        # Integers and matrices are structure: indices, knots, selections. They stay numbers.
         if values.dtype != np.float64 or (values.ndim > 1 and not rows):
             return values
         symbols = Symbols.new(f"p{len(self.trace.shared)}_{len(self.trace.own)}", values.shape[-1:])
@@ -221,6 +224,7 @@ class Tracer:
     def _object(self, value: Any, numbers: bool) -> Any:
         """Return a copy of an object with copies of its attributes."""
         made = object.__new__(type(value))
+        # Before its attributes are copied: one of them may lead back here.
         self._copies[id(value)] = made
         ours = type(value).__module__.startswith("armgpi.")
         self.trace.user_defined |= not ours
@@ -245,6 +249,7 @@ class Tracer:
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
         """Return traced dynamics; those of one base share their kernels."""
+        # A factor on all masses is a parameter, so 0.8 and 1.2 of an arm share their code.
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
         arm = arm_of(base)
         if id(base) not in self._parameters:
@@ -295,6 +300,7 @@ class Tracer:
 
 def _is_plain_object(value: Any) -> bool:
     """Tell whether all that something is made of is its attributes."""
+    # What has a __new__ of its own, as arrays or files, has something that is not in __dict__.
     kind: Any = type(value)
     return kind.__new__ is object.__new__ and hasattr(value, "__dict__")
 
@@ -309,7 +315,7 @@ def _content(made: Any) -> dict[Any, Any]:
 
 
 def _is_dynamics(value: Any) -> bool:
-    """Tell whether something is a robot's dynamics, by what it can do."""
+    """Tell whether something is a robot's dynamics, by what it can do: users may bring their own."""
     return all(
         callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "nonlinear_effects")
     )
@@ -350,6 +356,7 @@ def tracing() -> Iterator[None]:
     except MemoryError:
         raise
     except Exception as error:
+        # The innermost line outside of the generator and of packages is the one in the user's law.
         words = " ".join(str(error).split()) or "no reason given"
         said = words if isinstance(error, NotElementwise) else f"{type(error).__name__} on symbols: {words}"
         places = [
@@ -363,11 +370,11 @@ def tracing() -> Iterator[None]:
 
 
 def check_repeatable(text: str, again: Callable[[], str]) -> None:
-    """Refuse a law that does not write down the same thing twice.
+    """Refuse a law of which a second trace is another one.
 
     Args:
         text: its C.
-        again: writes it down once more.
+        again: traces it once more, and returns its C.
 
     Raises:
         NotElementwise: when the two differ.
@@ -430,10 +437,11 @@ def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
 def _sampled(loop: Any, before: Any, tracer: Tracer, result: Trace, signals: bool) -> dict[str, list[Any]]:
     """Take one sample with symbols: note the state after it, and return what is recorded."""
     n = result.n
-    looked = copy.copy(loop)
+    looked = copy.copy(loop)  # the loop's own code takes the sample, with traced parts in it
     looked.plant, looked.controller = tracer(loop.plant), tracer(loop.controller)
     target = _target(loop, tracer, result)
     plant, controller, measured, tau = looked._sample(*before, target)
+    # Torque is known only after the step: saturation and rate limits are part of it.
     truth, moved = looked.plant.true_state(before[0]), looked.plant.true_state(plant)
     result.after = _after((plant, controller), before)
     recorded = {
@@ -456,6 +464,7 @@ def state_part(after: Any, shape: tuple[int, ...]) -> Any:
     Raises:
         NotElementwise: when it is no longer of numbers.
     """
+    # NumPy would carry on with bools or integers, whose sums and quotients are others.
     booleans = isinstance(after, Symbols) and any(map(is_bool, after.x.ravel()))
     if booleans or (isinstance(after, np.ndarray | bool) and np.asarray(after).dtype != np.float64):
         raise NotElementwise("its state is of float64 before a sample and of another type after it")

@@ -1,4 +1,6 @@
-/* Arithmetic on LANES numbers at once, one rollout in each: GCC's and Clang's vector types, nothing else. */
+/* Arithmetic on LANES numbers at once, one rollout in each: GCC's and Clang's vector types, nothing else.
+   A rollout per lane, not a joint per lane: rollouts do the same at the same time and never wait for each other,
+   whatever the number of joints, so no lane is idle and none exchanges numbers with another. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -19,7 +21,8 @@ static inline U v_bits(V x) { U u; memcpy(&u, &x, sizeof u); return u; }
 static inline V v_from(U u) { V x; memcpy(&x, &u, sizeof x); return x; }
 #endif
 
-/* M holds a truth for each lane: a mask register where there are such, else all bits of a number. */
+/* M holds a boolean for each lane: a mask register where there are such, else all bits of a number. Both sides
+   of a decision are worked out, and the mask selects: lanes cannot branch apart. */
 #if LANES == 8 && defined __AVX512F__ && defined __AVX512DQ__
 #include <immintrin.h>
 typedef __mmask8 M;
@@ -111,6 +114,7 @@ static inline V v_sign(V x)
     return v_select(v_ne(x, x), x, v_number(v_lt(v_set(0.0), x)) - v_number(v_lt(x, v_set(0.0))));
 }
 
+/* One by one, from libm: vector versions of these differ between libraries in the last place. */
 #define EACH(name, f)                                                  \
     static inline V name(V x)                                          \
     {                                                                  \
@@ -131,7 +135,7 @@ static inline V v_fmod(V x, V y)
     return z;
 }
 
-/* Sine and cosine: x - k pi / 2 in three parts (Cody, Waite 1980), then fdlibm's polynomials on
+/* Sine and cosine are in every kernel, so they are worked out for all lanes at once: x - k pi / 2 in three parts (Cody, Waite 1980), then fdlibm's polynomials on
    [-pi/4, pi/4]. The absolute error is below 1.6e-16 for |x| < 1e6 (tests); NaN and infinity give NaN. */
 typedef struct { V sine, cosine; U quadrant; } Quarter;
 static inline Quarter v_quarter(V x)

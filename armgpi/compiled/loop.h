@@ -20,7 +20,9 @@ static U v_mix(U x)
     return x ^ (x >> 31);
 }
 
-/* Numbers in (0, 1) as armgpi.plants.noise.uniform draws them, for every draw and joint. */
+/* Numbers in (0, 1) as armgpi.plants.noise.uniform draws them, for every draw and joint. They are a function of
+   seed, rollout, sample and joint, so a lane's are those of its rollout alone. Counts are integers: a double
+   would lose the bits that are mixed. */
 static void draw(const uint64_t *draws, int64_t row, int64_t k, V *u)
 {
     const uint64_t golden = UINT64_C(0x9E3779B97F4A7C15);
@@ -64,10 +66,10 @@ void run(const Job *job, int64_t first, int64_t last)
             runs[i] = row < job->rows && job->ended[row] < 0;
         }
         M running = v_holding(runs);
-        if (!v_any(running)) continue;
+        if (!v_any(running)) continue; /* all that are in it have diverged */
         memcpy(state[0], memory, NS * sizeof(V));
         memcpy(now, memory + NS * LANES, sizeof now);
-        int turn = 0;
+        int turn = 0; /* the two states take turns, as the sample reads one while it writes the other */
         for (int64_t k = job->k0; k < job->k1; ++k, turn ^= 1) {
             V held[NR];
             if (job->final) memcpy(held, now, sizeof held);
@@ -79,6 +81,7 @@ void run(const Job *job, int64_t first, int64_t last)
             draw(job->draws, block * LANES, k, u);
             sample(state[turn], state[turn ^ 1], job->shared, own, table, u, v_set((double)k), now);
             if (job->final) memcpy(now + HELD * N, held + HELD * N, (VARIABLES - HELD) * N * sizeof(V));
+            /* The rule of armgpi.loop.runner.in_control; what is NaN is not <= anything. */
             M good = running;
             for (int j = 0; j < N; ++j) {
                 good &= v_le(v_abs(now[j] - now[2 * N + j]), v_set(job->divergence));

@@ -43,6 +43,9 @@ _ALIGNMENT = 64
 def _generated(loop: Any, state: Any, signals: bool, lanes: int) -> tuple[Trace, ctypes.CDLL]:
     """Return one sample of a loop as expressions, and its C compiled.
 
+    It is traced anew at each start. A key for the cache that does without would have to know of every change
+    in a law of a user's.
+
     Raises:
         BackendError: when the loop cannot be generated or compiled.
     """
@@ -59,7 +62,7 @@ def _generated(loop: Any, state: Any, signals: bool, lanes: int) -> tuple[Trace,
 
 
 class _Job(ctypes.Structure):
-    """What the generated `run` is told; see loop.h."""
+    """The arguments of the generated `run`; see loop.h."""
 
     _fields_ = [
         *((name, ctypes.c_void_p) for name in ("state", "shared", "own", "table", "draws", "out", "ended")),
@@ -114,6 +117,7 @@ class CompiledRun:
             divergence=divergence,
         )
         names = recorded_names(self._traced)
+        # What comes with armgpi is compared by the tests; what a user brings, here.
         if self._traced.table:
             self._check_table()
         if self._traced.user_defined:
@@ -206,6 +210,7 @@ class CompiledRun:
         for name, array in scratch.items():
             setattr(job, name, array.ctypes.data)
         job.k0, job.k1, job.every, job.divergence = first, first + _COMPARED, 1, math.inf
+        # On this thread alone: three samples are done before others have started.
         self._library.run(ctypes.byref(job), ctypes.c_int64(0), ctypes.c_int64(self._blocks))
         return np.swapaxes(found[[0, 1, HELD]], 0, 1)
 
@@ -220,9 +225,9 @@ class CompiledRun:
         self._run(self.done, self.done + count)
         self.done += count
         spent = max(time.perf_counter() - begun, 1e-6)
-        most = _TABLE // max(
-            1, len(self._traced.table) * (self._blocks * self.lanes if self._job.table_rows else 1)
-        )
+        # At most 16 times as many as this time: the clock may have measured too little.
+        width = self._blocks * self.lanes if self._job.table_rows else 1
+        most = _TABLE // max(1, len(self._traced.table) * width)
         self.chunk = max(1, min(int(count * min(_CALL / spent, 16.0)), most))
         return count
 
@@ -273,9 +278,8 @@ class CompiledRun:
         columns = np.concatenate(target, axis=-1)
         self._job.table_rows = columns.ndim == 3
         if columns.ndim == 3:
-            columns = np.swapaxes(columns, 1, 2)
-            missing = self._blocks * self.lanes - columns.shape[2]
-            columns = np.concatenate([columns, np.repeat(columns[:, :, -1:], missing, axis=2)], axis=2)
+            # Lanes last, so that one load fetches an entry for all of them.
+            columns = np.swapaxes(columns, 1, 2)[:, :, self._places]
         self._keep["table"] = np.ascontiguousarray(columns)
         self._job.table = self._keep["table"].ctypes.data
 
@@ -302,6 +306,7 @@ class CompiledRun:
         if not len(diverged):
             return
         first = int(-(-ended[diverged].min() // recording.every))
+        # In stretches: a large batch has more targets than memory.
         at_once = max(1, _TABLE // (self.rows * self._traced.n))
         for begin in range(first, recording.stored, at_once):
             times = slice(begin, min(begin + at_once, recording.stored))
@@ -315,6 +320,7 @@ class CompiledRun:
 
     def _packed(self, columns: Array) -> Array:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
+        # Block by block, as a block's state is all that a core works on: it stays in its cache.
         blocks = np.ascontiguousarray(columns.reshape(len(columns), self._blocks, self.lanes).swapaxes(0, 1))
         return _aligned(blocks)
 

@@ -74,7 +74,7 @@ class Code(NamedTuple):
         law: what it was written from.
         real: "double" or "float".
         bounds: what it takes for a fault.
-        typical: operations of a step whose torque is not cut.
+        typical: operations of a step whose torque is within its limits.
         worst_case: operations of any step, the one that meets a fault as well.
     """
 
@@ -132,6 +132,7 @@ class _Writer:
         robot = law.controller.robot
         self.names = robot.joint_names
         tables = law.tables
+        # The supervision compares with it, whether the law does or not.
         if not any(table.path == "effort" for table in tables):
             effort = np.broadcast_to(law.controller.effort, (law.n,))
             tables = [Table("EFFORT", "effort", (law.n,), [], effort.tolist()), *tables]
@@ -142,7 +143,8 @@ class _Writer:
     def literal(self, x: float) -> str:
         """Return a number as C, to its last digit; beyond the largest one there is no limit."""
         if np.isnan(x):
-            raise ParameterError("controller", x, "made of numbers; it has a constant that is none")
+            raise ParameterError("controller", x, "made of numbers; it has a constant that is NaN")
+        # The shortest text that reads back as the same number of its type.
         number = str(np.float32(x)) if self.real == "float" else repr(float(x))
         if "inf" in number:
             return "(-REAL_MAX)" if x < 0.0 else "REAL_MAX"
@@ -161,7 +163,7 @@ class _Writer:
         kernels = [self.kernel(kernel) for kernel in self.kernels.values()]
         frozen, hold = limits.frozen_samples > 0, limits.action == "hold"
         weighed = frozen or hold
-        if not weighed:  # nobody asks for the weight
+        if not weighed:  # without a caller it would be a warning
             functions.pop()
             used = {call.kernel.name for call in (*law.init.calls, *law.step.calls)}
             kernels = [text for name, text in zip(self.kernels, kernels, strict=True) if name in used]
@@ -181,9 +183,10 @@ class _Writer:
             **supervision(limits, law.inputs, self.names, self.ending, self.literal),
         }
         law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
-        cut = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
+        # D(q)^-1 of the saturation residual, which is zero in a typical step.
+        skipped = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
         typical = self.counts["law_step"].plus(
-            *(self.counts[call.kernel.name] for call in law.step.calls if call.kernel.name not in cut)
+            *(self.counts[call.kernel.name] for call in law.step.calls if call.kernel.name not in skipped)
         )
         checking = law_hold if frozen else Counts(0, 0, 0)
         return Code(
@@ -202,6 +205,7 @@ class _Writer:
         entries = [(part, i) for part in self.law.state for i in range(len(part.symbols))]
         places = [f"state->{part.name}[{i}]" if part.shape else f"state->{part.name}" for part, i in entries]
         locals_ = [f"old_{part.name}_{i}" if part.shape else f"old_{part.name}" for part, i in entries]
+        # All of the old state is read before any of the new is written.
         old = [(part.symbols[i], local) for (part, i), local in zip(entries, locals_, strict=True)]
         after = [f"new_{local[4:]}" for local in locals_]
         targets = [f"tau[{j}]" for j in range(n * writes_torque)]
@@ -225,6 +229,7 @@ class _Writer:
             if f"const armgpi_real_t {new} = {local};" not in same
         ]
         if writes_torque:
+            # A torque beyond its limit is a fault, and after a fault the state must be the last good one.
             tail = ["joint = first_beyond(tau, EFFORT);"]
             if writes:
                 tail += ["if (joint == ARMGPI_N) {", *(f"    {line}" for line in writes), "}"]
@@ -246,7 +251,7 @@ class _Writer:
         """Return the function of the torque that carries the arm's weight."""
         targets = [f"tau[{j}]" for j in range(self.law.n)]
         lines = self._lines("law_hold", self.law.hold, [], targets, range(self.law.n))
-        note = "/* Work out the torque that carries the arm's weight, cut to the limits. */"
+        note = "/* Work out the torque that carries the arm's weight, within the limits. */"
         head = "static void law_hold(const armgpi_real_t q_measured[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])"
         return f"{note}\n{head}\n{block(lines, ['q_measured'])}"
 
@@ -422,7 +427,7 @@ def _call(i: int, call: Call, name: str, zero: str) -> list[str]:
     used = f"{name}({', '.join([*given, f'result{i}'])});"
     if kernel.skip is None:
         return [used]
-    # Where the argument is zero so is the result, at no cost.
+    # Where the argument is zero so is the result, at no cost: the one branch on data that a step has.
     return [
         f"if (any_nonzero({given[kernel.skip]}, {kernel.sizes[kernel.skip]}U) != 0U) {{",
         f"    {used}",
@@ -452,6 +457,7 @@ def _with_buffers(lines: list[str], buffers: Sequence[tuple[str, int]]) -> list[
 
 def _counted(lines: Iterable[str]) -> Counts:
     """Count the operations in lines."""
+    # From the C itself, so that what is counted is what is run.
     kinds: Counter[str] = Counter()
     for line in lines:
         found = re.match(r"const \w+ i?x\d+ = (.*);$", line)

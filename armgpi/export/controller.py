@@ -110,7 +110,7 @@ class ExportedController(Controller):
 
     def _start(self, robot: Robot, header: str, source: str, name: str | None = None) -> None:
         """Compile and look at what it is for."""
-        # One text, as the cache of libraries wants it.
+        # One text, as the cache of libraries is keyed by one.
         whole = source.replace(renamed(f'#include "{HEADER}"', name), header)
         self._library = build.library(whole, FLAGS)
         try:
@@ -135,7 +135,7 @@ class ExportedController(Controller):
         super().__init__(robot, float(info.dt), limits)
         self.keep("effort", np.where(limits < largest, limits, np.inf))
         self._given = [name for name, bit in _ARGUMENTS if bit & info.inputs == bit]
-        # An attribute of the object, as it is the library that says what it needs.
+        # An attribute of the object, not of the class, as it is the library that says what it needs.
         self.measurement_type = FullState if info.inputs & 1 else Measurement  # type: ignore[misc]
 
     def init(self, measurement: Measurement | FullState, target: Target) -> npt.NDArray[np.uint64]:
@@ -149,7 +149,7 @@ class ExportedController(Controller):
         self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]
     ) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""
-        after = state.copy()
+        after = state.copy()  # C writes into it, and states here never change
         tau = np.empty(self.robot.n, dtype=self._dtype)
         _keep, pointers = self._arguments(measurement, target)
         self._step(ctypes.c_void_p(after.ctypes.data), *pointers, ctypes.c_void_p(tau.ctypes.data))

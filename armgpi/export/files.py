@@ -30,14 +30,17 @@ from armgpi.references.reference import Reference, Target
 
 #: Samples of a log at most.
 MOST_SAMPLES = 100_000
-#: Largest difference from Python, as a share of the torque scale; and where roundings add up: the states of
-#: the printed law grow without bound and cancel (docs, theory), and where torque is cut, D(q)^-1, which the
-#: two work out in different ways, goes into the integrators.
-_TOLERANCE, _LOOSE = 1e-12, 1e-9
+#: Largest difference from Python, as a share of the torque scale.
+_TOLERANCE = 1e-12
+#: The same where roundings add up: the states of the printed law grow without bound and cancel (docs,
+#: theory); where torque is saturated, D(q)^-1, which the two work out in different ways, is integrated.
+_LOOSE = 1e-9
 #: How far the replay moves the reference to time a step whose torque is at its limits [rad or m].
 _FAR = 10.0
-#: How long the replay times steps [s], and how long it may take.
-_TIMING, _PATIENCE = 0.2, 120.0
+#: How long the replay times steps [s].
+_TIMING = 0.2
+#: How long it may take in all [s].
+_PATIENCE = 120.0
 #: As the Makefile has them.
 _STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-Wdouble-promotion")
 _BUILD = (*_STRICT, "-ffp-contract=off", "-fno-builtin-memset", "-fno-builtin-memcpy", "-O2")
@@ -66,7 +69,7 @@ class Measured(NamedTuple):
         agrees: whether it is as small as it should be, without a fault.
         state_bytes: size of the state.
         step: mean time of a step [ns]; None where it could not be timed.
-        cut: the same where torque is cut.
+        saturated: the same where torque is saturated.
         stack: bytes of stack of all functions together, None when the compiler does not say.
         said: all that it printed.
     """
@@ -76,7 +79,7 @@ class Measured(NamedTuple):
     agrees: bool
     state_bytes: int
     step: float | None
-    cut: float | None
+    saturated: float | None
     stack: int | None
     said: str
 
@@ -155,6 +158,7 @@ def export_controller(
     from armgpi.config.experiment import prepare
 
     check_name(name)
+    # Everything is generated, and refused if need be, before a file is written.
     code = generate(controller, real, faults)
     texts = _texts(code, _at_rest(controller) if log is None else log)
     check_name(name, f"{code.source} {texts['main.c']}")
@@ -186,6 +190,7 @@ def _at_rest(controller: Controller) -> Log:
     robot: Any = controller.robot
     n = robot.n
     middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(n)
+    # No plant: a replay compares torques, and an arm at rest needs none to be at rest.
     values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
     seen: Any = FullState(middle, rest) if controller.measurement_type is FullState else Measurement(middle)
     target = Target(middle, rest, rest)
@@ -244,7 +249,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
             (folder / file).write_text(text, encoding="utf-8")
         sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
         stack = None
-        # Not every compiler knows this option.
+        # Not every compiler knows this option, so it does not belong to the build itself.
         _run([*found.command, *_BUILD, "-fstack-usage", "-c", sources[1]], folder)
         with suppress(OSError, ValueError):
             text = (folder / sources[1]).with_suffix(".su").read_text(encoding="utf-8")
@@ -270,7 +275,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
         agrees=done.returncode == 0,
         state_bytes=int(number(r"state (\d+)")),
         step=time(r"(?m)^step (\S+) ns"),
-        cut=time(r"step with torque cut (\S+) ns"),
+        saturated=time(r"step with torque saturated (\S+) ns"),
         stack=stack,
         said=said,
     )
@@ -288,7 +293,7 @@ def _state_bytes(code: Code) -> int:
     """Return the size of the state where integers have 32 bits and numbers are aligned to their size."""
     real, n = (4 if code.real == "float" else 8), code.law.n
     frozen = code.bounds.frozen_samples > 0
-    size = 12
+    size = 12  # status, reason and joint
     for reals, integers in ((2 * n, 0), (2 * n * frozen, (n + 1) * frozen)):
         size = -(-size // real) * real + reals * real if reals else size
         size += 4 * integers
@@ -401,7 +406,10 @@ def _measured(measured: Measured | None) -> str:
     if measured is None:
         return "| time of a step | not measured: no C compiler where this was exported; `make` measures it |"
     rows = [("largest difference from Python, as a share of the torque limits", f"{measured.difference:.2g}")]
-    for what, value in (("time of a step", measured.step), ("the same, torque cut", measured.cut)):
+    for what, value in (
+        ("time of a step", measured.step),
+        ("the same, torque saturated", measured.saturated),
+    ):
         if value is not None:
             rows.append(
                 (f"{what}, on the machine that exported ({plain(measured.compiler)})", f"{value:.0f} ns")

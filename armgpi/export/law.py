@@ -23,7 +23,7 @@ from armgpi.robot.robot import Robot
 INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")
 
 
-#: Words of C99, and names that the templates use.
+#: Words of C99, and names that the templates use: none may be that of an array of the controller.
 _RESERVED = frozenset(
     re.findall(
         r"\w+",
@@ -44,7 +44,7 @@ class Table(NamedTuple):
         name: its name in C.
         path: where it is in Python.
         shape: its shape, () for a number.
-        symbols: what stands for its entries.
+        symbols: the symbols of its entries.
         values: its entries; of a part of the state, none.
     """
 
@@ -68,7 +68,7 @@ class Routine(NamedTuple):
 
 
 class Law(NamedTuple):
-    """A controller written down.
+    """A controller as expressions.
 
     Attributes:
         controller: the controller.
@@ -104,7 +104,7 @@ def trace_controller(controller: Controller) -> Law:
     """Return a controller's law as expressions.
 
     Raises:
-        ParameterError: when it is no controller for a single rollout.
+        ParameterError: when it is not a controller for a single rollout.
         NotElementwise: when it does what has no C.
     """
     if not isinstance(controller, Controller):
@@ -118,14 +118,14 @@ def trace_controller(controller: Controller) -> Law:
     with tracing():
         tracer = _ControllerTracer(trace, controller)
         with tracer.unchanged():
-            return _written(controller, trace, tracer)
+            return _traced(controller, trace, tracer)
 
 
-def _written(controller: Controller, trace: Trace, tracer: _ControllerTracer) -> Law:
+def _traced(controller: Controller, trace: Trace, tracer: _ControllerTracer) -> Law:
     """Call `init` and `step` with symbols."""
     n = controller.robot.n
     law: Any = tracer(controller)
-    # Symbols go where a law expects arrays.
+    # All of them, whatever the law uses: what it does not is no argument in C.
     inputs: dict[str, Any] = {name: Symbols.new(name, (n,)) for name in INPUTS}
     target = Target(inputs["q_ref"], inputs["v_ref"], inputs["a_ref"])
     measures_velocity = controller.measurement_type is FullState
@@ -161,12 +161,14 @@ def _written(controller: Controller, trace: Trace, tracer: _ControllerTracer) ->
     step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, first)])
     step.calls.extend(taken())
 
+    # PID with a nominal model of its own for gravity holds by that one.
     holding = getattr(law, "bias_robot", law.robot)
     torque = law.limited(holding.dynamics.gravity(inputs["q_measured"]))
     hold = Routine(taken(), flat(np.broadcast_to(torque, (n,))))
 
     arguments = {name: flat(x) for name, x in inputs.items()}
     used = _used(init, step, hold)
+    # The supervision needs positions and their reference, used by the law or not.
     wanted = {"q_measured", "q_ref", *(("v_measured",) if measures_velocity else ())}
     kept = {
         name: row
@@ -185,6 +187,7 @@ class _ControllerTracer(Tracer):
         """Look for arrays in a controller."""
         super().__init__(trace, 1)
         self.tables: list[Table] = []
+        # Found before anything is traced: a tracer sees values, not where they are kept.
         self._paths: dict[int, str] = {}
         self._find(controller, "", set())
         self._names = _Names()

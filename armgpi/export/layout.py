@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from armgpi.export.names import plain
 
-#: The emitter's elementary functions on one number; {R} is its type, {F} ends literals, {f} functions. Truths
-#: are uint32_t, as C99's bool needs a header that not every toolchain for hardware has.
+#: The emitter's elementary functions on one number; {R} is its type, {F} ends literals, {f} functions.
+#: Booleans are uint32_t, on which & and | work in C99 as they do on the masks of `lanes.h`.
 _ELEMENTARY = {
     "v_lt": "static inline uint32_t v_lt({R} a, {R} b) { return (a < b) ? 1U : 0U; }",
     "v_le": "static inline uint32_t v_le({R} a, {R} b) { return (a <= b) ? 1U : 0U; }",

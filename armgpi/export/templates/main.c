@@ -153,7 +153,7 @@ int main(int argc, char **argv)
         const uint32_t rows = (samples < TIMED) ? samples : TIMED;
 
         (void)printf("step %.0f ns\n", time_steps(rows, $zero));
-        (void)printf("step with torque cut %.0f ns\n", time_steps(rows, $far));
+        (void)printf("step with torque saturated %.0f ns\n", time_steps(rows, $far));
     } else {
         /* Nothing is timed. */
     }
