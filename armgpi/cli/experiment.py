@@ -66,7 +66,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     backend = known_backend(options["backend"])
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    _check_out(options)
+    _check_out(options, experiment)
     pictures.check(options)
     _note_early_end(experiment)
     _warn_of_weak_motors(experiment)
@@ -97,7 +97,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     return code[experiments.overall_status(records)]
 
 
-def _check_out(options: dict[str, Any]) -> None:
+def _check_out(options: dict[str, Any], experiment: Experiment) -> None:
     """Refuse a folder for results that cannot be used: better before a long run than after it."""
     from armgpi.config import experiment as experiments
 
@@ -107,6 +107,8 @@ def _check_out(options: dict[str, Any]) -> None:
     if config is not None and (folder / "experiment.yaml").resolve() == config.resolve():
         raise refusal("--out", f"would overwrite {config}; choose another folder")
     experiments.prepare(folder)
+    if not options["force"] and experiments.is_another(experiment, folder):
+        raise refusal("--out", f"{folder} holds another experiment; choose another folder, or add --force")
 
 
 def _note_early_end(experiment: Experiment) -> None:

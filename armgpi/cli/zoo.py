@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.parsing import FAILED, refusal, stoppable
+from armgpi.cli.derive import write
+from armgpi.cli.parsing import FAILED, stoppable
 
 
 @stoppable
@@ -43,10 +44,7 @@ def zoo(
         rows += run(name)
     table = markdown(rows)
     if out is not None:
-        try:
-            out.write_text(table, encoding="utf-8")
-        except OSError as error:
-            raise refusal("--out", f"{out} cannot be written: {error.strerror or error}") from None
+        write(out, table, "--out")
     if as_json:
         typer.echo(json.dumps([_plain(row._asdict()) for row in rows]))
     else:
