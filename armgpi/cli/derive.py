@@ -10,6 +10,7 @@ import typer
 from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import locks, refusal, split
+from armgpi.cli.terminal import say
 from armgpi.errors import RolloutError
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def derive(
     result = derived(arm, numbers=numbers)
     text = result.latex() if latex else result.python()
     if out is None:
-        typer.echo(text, nl=False)
+        say(text, lines=True)
         return
     write(out, text, "--out")
 
@@ -75,4 +76,4 @@ def write(path: Path, text: str, option: str) -> None:
         files.write(path, text)
     except RolloutError as error:
         raise refusal(option, str(error)) from None
-    typer.echo(f"wrote {path}", err=True)
+    say(f"wrote {path}", err=True)

@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
+from armgpi.cli.terminal import say
 
 #: How often along the reference gravity is compared with effort.
 _LOOKS = 401
@@ -83,16 +82,16 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         paths += pictures.make(options, result, experiment)
     finally:
         if options["as_json"]:
-            typer.echo(json.dumps(records))
+            say(json.dumps(records))
         else:
             print_tables(experiment, records)
     for path in paths:
-        typer.echo(f"wrote {path}", err=True)
+        say(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
     if experiments.overall_status(records) == Status.DIVERGED:
         name = experiment.config.robot.name
-        typer.echo(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
+        say(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.overall_status(records)]
 
@@ -116,7 +115,7 @@ def _note_early_end(experiment: Experiment) -> None:
     moves = getattr(experiment.reference, "moves", ())
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
-        typer.echo(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
+        say(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
 
 
 def _warn_of_weak_motors(experiment: Experiment) -> None:
@@ -131,7 +130,7 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     if share[row, j] > 1.0 + 1e-9:
         joint, effort = robot.joint_names[j], robot.limits.effort[j]
         needed = holding[row, j]
-        typer.secho(
+        say(
             f"warning: at {times[row]:.3g} s joint {joint!r} needs {needed:.4g} to hold the arm where the "
             f"reference is, and has effort limit {effort:g}: it cannot stand there; go elsewhere, or give "
             f"what its motor can: --effort {joint}={1.5 * needed:.3g}",

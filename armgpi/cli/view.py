@@ -9,6 +9,7 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
+from armgpi.cli.terminal import say
 from armgpi.files import check_set
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def view(
     pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
     page = _page(target, lock, keep, mimic, robot, frame)
     if html is not None:
-        typer.echo(f"wrote {meshcat.write(page, html)}", err=True)
+        say(f"wrote {meshcat.write(page, html)}", err=True)
     else:
         pictures.serve(page, port, browser)
 
@@ -100,7 +101,7 @@ def report(
         frame=frame,
         folder=files[0].parent,
     )
-    typer.echo(f"wrote {reports.write(page, output)}", err=True)
+    say(f"wrote {reports.write(page, output)}", err=True)
 
 
 def _page(
