@@ -547,7 +547,7 @@ def test_a_rollout_that_diverges_exits_with_1_and_says_when(
     assert "diverged at 0." in answer.out
     assert "warning: omega_c = 3000 rad/s is too fast" in answer.err
     assert load(tmp_path / "rollout.nc")["status"] == Status.DIVERGED
-    both = cli("compare", ARM, *options, "--json")
+    both = cli("compare", ARM, *options, "--force", "--json")
     assert both.code == 1
     assert [record["status"] for record in json.loads(both.out)] == ["diverged", "finished"]
 
@@ -898,3 +898,41 @@ def test_figures_of_prismatic_joints_have_their_units(
     assert ("rad s²" in answer.out) is mixed
     assert ("m s²" in answer.out) is not mixed
     assert ("prismatic: rail: m for rad, N for N m" in answer.out) is mixed
+
+
+# Results belong together.
+
+
+def test_results_of_another_experiment_are_replaced_only_by_force(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert cli("run", ARM, *SHORT, "--out", out).code == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert cli("run", ARM, *SHORT, "--out", out).code == 0  # the same one
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    refused = cli("run", ARM, *SHORT, "--omega", 15, "--out", out)
+    assert refused.code == 2
+    assert f"--out: {out} holds another experiment; choose another folder, or add --force" in refused.err
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert cli("run", ARM, *SHORT, "--omega", 15, "--out", out, "--force").code == 0
+    assert (out / "experiment.yaml").read_bytes() != before["experiment.yaml"]
+    assert cli("compare", "--config", out / "experiment.yaml", "--out", out / "again").code == 0
+    (out / "experiment.yaml").unlink()  # whose rollout it is is not known any more
+    assert cli("run", ARM, *SHORT, "--out", out).code == 2
+
+
+@pytest.mark.parametrize("changed", ["rollout.nc", "experiment.yaml"])
+def test_a_mixture_of_two_runs_is_refused_by_the_file_that_differs(
+    changed: str, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly")
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert cli("run", ARM, *SHORT, "--out", one).code == 0
+    assert cli("run", ARM, *SHORT, "--omega", 15, "--out", two).code == 0
+    assert cli("report", one, "-o", tmp_path / "report.html").code == 0
+    (one / changed).write_bytes((two / changed).read_bytes())
+    refused = cli("report", one, "-o", tmp_path / "mixed.html")
+    assert refused.code == 2
+    assert f"{one / changed}: is not the file that {one / 'SHA256SUMS'} names" in refused.err
+    assert not (tmp_path / "mixed.html").exists()

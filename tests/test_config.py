@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -440,7 +442,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
     "a date that is none": ("t_final: 2020-13-45", "", None, "is not valid YAML"),
     "code": ("seed: !!python/object/apply:os.getcwd []", "", 2, "is not valid YAML"),
     "control characters": ("seed: \x01", "", None, "is not valid YAML"),
-    "an alias of itself": ("plant: &a [*a]", "", None, "nested too deeply"),
+    "an alias of itself": ("plant: &a [*a]", "", 2, "is an alias of something that it is in"),
     "two of a label": (
         "controllers: [{type: gpi}, {type: pid, label: gpi 3}, {type: gpi}]",
         "controllers.2.label",
@@ -637,3 +639,50 @@ def test_a_speed_limit_of_next_to_nothing_counts_as_none(tmp_path: Path) -> None
     text = WEAK.replace("LOWER", "0.2").replace("UPPER", "2.2").replace("EFFORT", "90")
     path.write_text(text.replace('velocity="9"', 'velocity="1e-300"'), encoding="utf-8")
     assert build(f"robot: {{name: {path}}}").reference.t_end < 20.0
+
+
+# Work that a small file can ask for.
+
+
+def nested(levels: int, form: str) -> str:
+    """Return YAML in which each level has the one before nine times over."""
+    lines = ["a0: &a0 {x: 1}"]
+    for level in range(1, levels):
+        alias = f"*a{level - 1}"
+        inside = {
+            "merged": ", ".join([f"<<: {alias}"] * 9),
+            "merged as a list": f"<<: [{', '.join([alias] * 9)}]",
+            "values": ", ".join(f"k{i}: {alias}" for i in range(9)),
+        }[form]
+        lines.append(f"a{level}: &a{level} {{{inside}}}")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("form", ["merged", "merged as a list", "values"])
+@pytest.mark.parametrize("levels", [6, 9, 100])
+def test_aliases_of_aliases_are_refused_by_line_before_they_are_written_out(levels: int, form: str) -> None:
+    begun = time.perf_counter()
+    with pytest.raises(ConfigError, match=r"bomb:6: has more than 100000 keys and values"):
+        config.parse(nested(levels, form), "bomb")
+    assert time.perf_counter() - begun < 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a: 1\nb: &b [1, *b]", "x:2: is an alias of something that it is in"),
+        ("a: 1\nb: &b {c: {d: *b}}", "x:2: is an alias of something that it is in"),
+        ("a: 1\nb: " + "1:" * 200_000 + "1", "x:2: is a value of more than 10000 characters"),
+        ('a: 1\nb: "\\ud800"', r"x:2: '\ud800' has a character that no text has"),
+        ('a: 1\nb: "q\\0"', r"x:2: 'q\x00' has a character that no text has"),
+    ],
+)
+def test_what_cannot_be_written_out_is_refused_by_line(text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{re.escape(said)}$"):
+        config.parse(text, "x")
+
+
+def test_a_mapping_may_be_merged_into_many() -> None:
+    many = "\n".join(f"  - {{<<: *common, label: c{i}}}" for i in range(20))
+    text = f"robot: {{name: anthropomorphic3}}\ncontrollers:\n  - &common {{type: gpi}}\n{many}\n"
+    assert len(config.parse(text, "x").config.controllers) == 21

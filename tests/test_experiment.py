@@ -213,7 +213,7 @@ def test_a_folder_makes_its_rollouts_again_bit_by_bit(
     folder = tmp_path / "made" / "if needed"
     paths = save(compared, whole, folder)
     assert sorted(paths) == sorted(folder.iterdir())
-    assert {path.name for path in paths} == {"rollout.nc", "experiment.yaml", "metrics.json"}
+    assert {path.name for path in paths} == {"rollout.nc", "experiment.yaml", "metrics.json", "SHA256SUMS"}
     again = compare(config.build(*config.read(folder / "experiment.yaml")))
     assert again.identical(load(folder / "rollout.nc"))
     for name in SAMPLED:

@@ -90,11 +90,12 @@ def test_a_failed_write_leaves_the_old_file_and_no_partial_one(
     target = save(make(), tmp_path / "a.nc")
     before = target.read_bytes()
 
-    def fail_half_way(self: xr.Dataset, path: Path, **_: object) -> None:
-        Path(path).write_bytes(b"half a file")
+    def fail_half_way(path: Path, content: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(content[: len(content) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail_half_way)
+    monkeypatch.setattr(Path, "write_bytes", fail_half_way)
     with pytest.raises(RolloutError, match=r"a\.nc: cannot be written: No space left"):
         save(make(), target)
     assert target.read_bytes() == before

@@ -15,13 +15,43 @@ from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from armgpi.cli import derive, doctor, experiment, export, inspect, paper, robots, validate, view, zoo
 from armgpi.cli.declared import Command
 from armgpi.cli.options import FLAG
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
+from armgpi.cli.terminal import say
+from armgpi.escape import shown
+
+
+class _Commands(TyperGroup):
+    """The commands; what Click says of wrong options and arguments is shown as everything else is."""
+
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Read the options of armgpi itself."""
+        with _usage_shown():
+            return super().make_context(*arguments, **options)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Read the options of a command, and run it."""
+        with _usage_shown():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _usage_shown() -> Iterator[None]:
+    """Write out in a usage error what cannot be seen."""
+    try:
+        yield
+    except Exception as error:
+        if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
+            vars(error)["message"] = shown(vars(error)["message"])
+        raise
+
 
 app = typer.Typer(
+    cls=_Commands,
     help="Torque control of any robot arm from its URDF and measured positions alone.",
     no_args_is_help=True,
     add_completion=False,
@@ -49,7 +79,7 @@ def _show_version(wanted: bool) -> None:
     if wanted:
         from armgpi import __version__
 
-        typer.echo(f"armgpi {__version__}")
+        say(f"armgpi {__version__}")
         raise typer.Exit()
 
 
@@ -98,7 +128,7 @@ def main() -> None:
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         text = f"warning: {message}" if issubclass(category, ArmgpiWarning) else str(message)
-        typer.secho(text, err=True, fg="yellow")
+        say(text, err=True, fg="yellow")
 
     if sys.stdout is None:  # closed by whoever called
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
@@ -112,16 +142,16 @@ def main() -> None:
         try:
             app()
         except ArmgpiError as error:
-            typer.secho(f"error: {with_options(error)}", err=True, fg="red")
+            say(f"error: {with_options(error)}", err=True, fg="red")
             sys.exit(BAD_INPUT)
         except ImportError as error:  # a broken installation
             text = f"error: {error}; `armgpi doctor` looks at what is installed"
-            typer.secho(text, err=True, fg="red")
+            say(text, err=True, fg="red")
             sys.exit(BAD_INPUT)
         except OSError as error:  # the output: files have errors of their own
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
-            typer.secho(f"error: cannot write the output: {error.strerror or error}", err=True, fg="red")
+            say(f"error: cannot write the output: {error.strerror or error}", err=True, fg="red")
             sys.exit(BAD_INPUT)
         except KeyboardInterrupt:
-            typer.secho("interrupted", err=True, fg="yellow")
+            say("interrupted", err=True, fg="yellow")
             sys.exit(INTERRUPTED)

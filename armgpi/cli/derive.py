@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import locks, refusal, split
+from armgpi.cli.terminal import say
+from armgpi.errors import RolloutError
 
 if TYPE_CHECKING:
     from armgpi.robot.robot import Robot
@@ -53,7 +56,7 @@ def derive(
     result = derived(arm, numbers=numbers)
     text = result.latex() if latex else result.python()
     if out is None:
-        typer.echo(text, nl=False)
+        say(text, lines=True)
         return
     write(out, text, "--out")
 
@@ -70,7 +73,7 @@ def load(robot: str, lock: list[str] | None, keep: list[str] | None) -> Robot:
 def write(path: Path, text: str, option: str) -> None:
     """Write a file, or say why not."""
     try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise refusal(option, f"cannot write {path}: {error.strerror or error}") from None
-    typer.echo(f"wrote {path}", err=True)
+        files.write(path, text)
+    except RolloutError as error:
+        raise refusal(option, str(error)) from None
+    say(f"wrote {path}", err=True)

@@ -11,10 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-import typer
-
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED
+from armgpi.cli.terminal import say
 
 #: Extra -> the packages that it brings, by distribution and module.
 _EXTRAS = {
@@ -47,12 +46,12 @@ def doctor(as_json: opt.Json = False) -> None:
     """Look at the installation: which Pinocchio is imported, which extras are there, what is in the way."""
     checks = diagnose()
     if as_json:
-        typer.echo(json.dumps([check._asdict() for check in checks]))
+        say(json.dumps([check._asdict() for check in checks]))
     else:
         colours = {"ok": None, "note": None, "bad": "red"}
         for check in checks:
             repair = f" -> {check.repair}" if check.repair else ""
-            typer.secho(f"{check.level:4} {check.what}: {check.found}{repair}", fg=colours[check.level])
+            say(f"{check.level:4} {check.what}: {check.found}{repair}", fg=colours[check.level])
     if any(check.level == "bad" for check in checks):
         sys.exit(FAILED)
 

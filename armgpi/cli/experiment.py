@@ -12,6 +12,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.declared import given
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
+from armgpi.cli.terminal import say
 
 #: How often along the reference gravity is compared with effort.
 _LOOKS = 401
@@ -77,7 +78,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     backend = known_backend(options["backend"])
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    _check_out(options)
+    _check_out(options, experiment)
     pictures.check(options)
     _note_early_end(experiment)
     _warn_of_weak_motors(experiment)
@@ -94,21 +95,21 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         paths += pictures.make(options, result, experiment)
     finally:
         if options["as_json"]:
-            typer.echo(json.dumps(records))
+            say(json.dumps(records))
         else:
             print_tables(experiment, records)
     for path in paths:
-        typer.echo(f"wrote {path}", err=True)
+        say(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
     if experiments.overall_status(records) == Status.DIVERGED:
         name = experiment.config.robot.name
-        typer.echo(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
+        say(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
     return code[experiments.overall_status(records)]
 
 
-def _check_out(options: dict[str, Any]) -> None:
+def _check_out(options: dict[str, Any], experiment: Experiment) -> None:
     """Refuse a folder for results that cannot be used: better before a long run than after it."""
     from armgpi.config import experiment as experiments
 
@@ -118,6 +119,8 @@ def _check_out(options: dict[str, Any]) -> None:
     if config is not None and (folder / "experiment.yaml").resolve() == config.resolve():
         raise refusal("--out", f"would overwrite {config}; choose another folder")
     experiments.prepare(folder)
+    if not options["force"] and experiments.is_another(experiment, folder):
+        raise refusal("--out", f"{folder} holds another experiment; choose another folder, or add --force")
 
 
 def _note_early_end(experiment: Experiment) -> None:
@@ -125,7 +128,7 @@ def _note_early_end(experiment: Experiment) -> None:
     moves = getattr(experiment.reference, "moves", ())
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
-        typer.echo(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
+        say(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
 
 
 def _warn_of_weak_motors(experiment: Experiment) -> None:
@@ -136,7 +139,7 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     weak = experiment.plant.robot.overloaded(experiment.reference.at(times).q)
     if weak is not None:
         needed = abs(weak.torque)
-        typer.secho(
+        say(
             f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold the "
             f"arm where the reference is, and has effort limit {weak.effort:g}: it cannot stand there; go "
             f"elsewhere, or give what its motor can: --effort {weak.joint}={1.5 * needed:.3g}",

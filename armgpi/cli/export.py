@@ -12,6 +12,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.declared import given
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
+from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -127,9 +128,9 @@ def _export(options: dict[str, Any]) -> int:
     )
     _say(done, log, label, options["as_json"])
     for file in done.files:
-        typer.echo(f"wrote {file}", err=True)
+        say(f"wrote {file}", err=True)
     if log.diverged is not None:
-        typer.echo(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
+        say(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
         return FAILED
     return OK if done.measured is None or done.measured.agrees else FAILED
 
@@ -170,22 +171,20 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         "agrees": None if measured is None else measured.agrees,
     }
     if as_json:
-        typer.echo(json.dumps(figures))
+        say(json.dumps(figures))
         return
-    typer.echo(
+    say(
         f"{type(done.code.law.controller).__name__} of {done.code.law.controller.robot.name}, "
         f"{done.code.law.n} joints, as C in {done.folder}"
     )
-    typer.echo(f"  state                    {done.state_bytes} bytes")
-    typer.echo(f"  operations of a step     {sum(typical):,}, at worst_case {sum(worst_case):,}")
+    say(f"  state                    {done.state_bytes} bytes")
+    say(f"  operations of a step     {sum(typical):,}, at worst {sum(worst_case):,}")
     if measured is None:
-        typer.echo("  not compiled here: there is no C compiler; `make` in the folder replays the log")
+        say("  not compiled here: there is no C compiler; `make` in the folder replays the log")
         return
-    typer.echo(
-        f"  replay of {len(log.tau)} samples   {measured.difference:.2g} of the torque limits from Python"
-    )
+    say(f"  replay of {len(log.tau)} samples   {measured.difference:.2g} of the torque limits from Python")
     if not measured.agrees:
-        typer.echo(f"  which is not as it should be:\n{measured.said}", nl=False)
+        say(f"  which is not as it should be:\n{measured.said}", lines=True)
     if measured.step is not None:
         saturated = "" if measured.saturated is None else f", saturated {measured.saturated:.0f} ns"
-        typer.echo(f"  time of a step           {measured.step:.0f} ns{saturated}")
+        say(f"  time of a step           {measured.step:.0f} ns{saturated}")

@@ -13,6 +13,9 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, locks, per_joint, split
+from armgpi.cli.terminal import console as console_of
+from armgpi.cli.terminal import say
+from armgpi.escape import shown
 
 if TYPE_CHECKING:
     from armgpi.health.report import Finding, HealthReport
@@ -68,7 +71,7 @@ def inspect(
     if cross_check:
         report = _second_opinion(report)
     if as_json:
-        typer.echo(json.dumps(report.as_dict()))
+        say(json.dumps(report.as_dict()))
     else:
         _show(report)
     if report.stops:
@@ -105,22 +108,22 @@ def _second_opinion(report: HealthReport) -> HealthReport:
 
 def _show(report: HealthReport) -> None:
     """Print the report: facts, joints, findings."""
-    from rich.console import Console
     from rich.table import Table
 
     facts = report.facts
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
-    console = Console(width=width, markup=False, emoji=False, highlight=False, soft_wrap=True)
+    console = console_of(width, soft_wrap=True)
     console.print(
-        f"{facts['name']}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
+        f"{shown(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
         f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
         f"from {facts['base']!r} to {facts['tip']!r}"
     )
-    console.print(f"file: {facts['source']}")
+    console.print(f"file: {shown(facts['source'])}")
     if facts["locked"]:
-        console.print("locked: " + ", ".join(f"{name} at {x:g}" for name, x in facts["locked"].items()))
+        locked = (f"{shown(name)} at {x:g}" for name, x in facts["locked"].items())
+        console.print("locked: " + ", ".join(locked))
     table = Table()
-    longest = max(len(joint["name"]) for joint in facts["joints"])
+    longest = max(len(shown(joint["name"])) for joint in facts["joints"])
     table.add_column("joint", overflow="fold", min_width=min(longest, 24))
     table.add_column("type")
     for heading in (
@@ -130,7 +133,7 @@ def _show(report: HealthReport) -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     for joint in facts["joints"]:
         table.add_row(
-            joint["name"],
+            shown(joint["name"]),
             joint["type"],
             f"{_number(joint['lower'])}..{_number(joint['upper'])}" if joint["type"] != "continuous" else "-",
             _number(joint["velocity"]),
@@ -177,7 +180,7 @@ def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
     """Print the findings and how many there are."""
     styles = {"stop": "red", "warn": "yellow", "note": ""}
     for finding in findings:
-        console.print(f"{finding.level}: {finding}", style=styles[finding.level])
+        console.print(f"{finding.level}: {shown(finding)}", style=styles[finding.level])
     count = {level: sum(f.level == level for f in findings) for level in styles}
     console.print(
         f"{count['stop']} findings stop a run, {count['warn']} are probably wrong, {count['note']} are notes"

@@ -138,6 +138,10 @@ Out = Annotated[
         "--out", "-o", metavar="FOLDER", help="Where to put rollout.nc, experiment.yaml and metrics.json."
     ),
 ]
+Force = Annotated[
+    bool,
+    typer.Option("--force", metavar=FLAG, help="Write to --out even where it holds another experiment."),
+]
 Backend = Annotated[
     str,
     typer.Option(
@@ -207,6 +211,7 @@ def experiment(
 def results(
     backend: Backend = "auto",
     out: Out = None,
+    force: Force = False,
     plot: Plot = None,
     view: View = False,
     html: Html = None,

@@ -9,6 +9,7 @@ import typer
 
 from armgpi.cli.options import FLAG, Backend, Report
 from armgpi.cli.parsing import known_backend, refusal, stoppable
+from armgpi.cli.terminal import say
 
 
 @stoppable
@@ -42,18 +43,18 @@ def reproduce(
     done = run(
         out,
         quick=quick,
-        done=lambda name: typer.echo(f"done: {name}", err=True),
+        done=lambda name: say(f"done: {name}", err=True),
         backend=known_backend(backend),
     )
-    typer.echo(done.summary)
-    typer.echo(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
+    say(done.summary, lines=True)
+    say(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
     if report is not None:
         from armgpi.viz import report as reports
 
         page = reports.build(
             reports.merge_rollouts(done.contenders), title="The paper's scenario 5.3, reproduced"
         )
-        typer.echo(f"wrote {reports.write(page, report)}", err=True)
+        say(f"wrote {reports.write(page, report)}", err=True)
 
 
 def scenarios(
@@ -70,7 +71,7 @@ def scenarios(
     from armgpi.paper.scenarios import locate, names
 
     if name is not None:
-        typer.echo(locate(name).read_text(encoding="utf-8"), nl=False)
+        say(locate(name).read_text(encoding="utf-8"), lines=True)
         return
     for each in names():
-        typer.echo(each)
+        say(each)

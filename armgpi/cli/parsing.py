@@ -8,6 +8,7 @@ from typing import Any, TypeVar, cast
 
 import typer
 
+from armgpi.cli.terminal import say
 from armgpi.errors import ConfigError, Remedy
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -39,7 +40,7 @@ def stoppable(command: _Command) -> _Command:
         try:
             return command(*arguments, **options)
         except KeyboardInterrupt:
-            typer.secho("interrupted", err=True, fg="yellow")
+            say("interrupted", err=True, fg="yellow")
             raise typer.Exit(INTERRUPTED) from None
 
     return cast(_Command, run)

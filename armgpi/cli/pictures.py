@@ -10,9 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from armgpi.cli.parsing import refusal
+from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -72,7 +71,7 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     from armgpi.viz import plots
 
     if result.sizes["time"] < 1:
-        typer.echo("note: no pictures, as the run was stopped before its first sample", err=True)
+        say("note: no pictures, as the run was stopped before its first sample", err=True)
         return written
     robot = one(experiment.plant.robot)
     if options["plot"] is not None:
@@ -112,15 +111,15 @@ def serve(page: str, port: int | None = None, browser: bool = False) -> None:
         )
     try:
         with Server(page, port) as server:
-            typer.echo(f"{server.url}  (Ctrl-C ends it)")
+            say(f"{server.url}  (Ctrl-C ends it)")
             if remote := _ssh(server.port):
-                typer.echo(f"from your own machine: {remote}")
+                say(f"from your own machine: {remote}")
             sys.stdout.flush()
             if browser and not server.open():
                 raise refusal("--open", f"no browser could be started; open {server.url} yourself")
             server.wait()
     except KeyboardInterrupt:
-        typer.echo("stopped", err=True)
+        say("stopped", err=True)
 
 
 def _ssh(port: int) -> str:

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from armgpi.cli import options as opt
+from armgpi.cli.terminal import console as console_of
+from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.health.report import Finding
@@ -37,15 +37,15 @@ def robots(as_json: opt.Json = False) -> None:
     found = names()
     rows = [_row(name) for name in found]
     if as_json:
-        typer.echo(json.dumps(rows))
+        say(json.dumps(rows))
     else:
         _show(rows)
     if not set(EXAMPLE_ROBOT_DATA) & set(found):
-        typer.echo("more come with: pip install 'armgpi[robots]'", err=True)
+        say("more come with: pip install 'armgpi[robots]'", err=True)
     described = description_names()
     if described:
         text = f"and {len(described)} names of robot_descriptions, fetched at first use: {described[0]}, ..."
-        typer.echo(text, err=True)
+        say(text, err=True)
 
 
 def _row(name: str) -> dict[str, Any]:
@@ -93,11 +93,10 @@ def _remarks(findings: Iterable[Finding]) -> list[str]:
 
 def _show(rows: list[dict[str, Any]]) -> None:
     """Print a table."""
-    from rich.console import Console
     from rich.table import Table
 
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
-    console = Console(width=width, markup=False, emoji=False, highlight=False)
+    console = console_of(width)
     table = Table(box=None, pad_edge=False)
     table.add_column("name", no_wrap=True)
     for heading in ("n", "kg", "reach m", "effort N m, N", "speed rad/s, m/s"):

@@ -11,7 +11,9 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
+from armgpi.cli.terminal import console as console_of
 from armgpi.config import Experiment
+from armgpi.escape import shown
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 
@@ -22,27 +24,27 @@ _FOLDED = 10
 def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     """Print a table of metrics per controller and joint, and a line on how each rollout ended."""
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
-    console = Console(width=width, markup=False, emoji=False, highlight=False)
-    robot, shown = experiment.robot, metrics.shown_in("terminal")
+    console = console_of(width)
+    robot, chosen = experiment.robot, metrics.shown_in("terminal")
     slides = bool(robot.prismatic.all())
-    title = f"{robot.name}, {experiment.t_final:.4g} s"
+    title = f"{shown(robot.name)}, {experiment.t_final:.4g} s"
     if len(records) == 1:
-        title = f"{records[0]['label']} on {title}"
-    tables = [(title, shown)]
-    if _width(console, _table(title, records, shown, slides)) > console.width:
-        tables = [(f"{title}: {group}", [m for m in shown if m.group == group]) for group in metrics.GROUPS]
+        title = f"{shown(records[0]['label'])} on {title}"
+    tables = [(title, chosen)]
+    if _width(console, _table(title, records, chosen, slides)) > console.width:
+        tables = [(f"{title}: {group}", [m for m in chosen if m.group == group]) for group in metrics.GROUPS]
     for heading, columns in tables:
         # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
         folded = _table(heading, records, columns, slides, longest=_FOLDED)
         console.width = max(console.width, _width(console, folded))
         console.print(_table(heading, records, columns, slides))
     if note := units.note(robot.joint_names, robot.prismatic):
-        console.print(note)
+        console.print(shown(note))
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         left = f"; left its joint limits by up to {excess:.3g}" if excess > metrics.ROUNDING else ""
         measured = describe_measurement(record["measurement"])
-        console.print(f"{record['label']}: {record['end']}; measures {measured}{left}")
+        console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
 
 
 def _table(
@@ -54,8 +56,8 @@ def _table(
 ) -> Table:
     """Return a table of some metrics, its names folded to a length."""
     table = Table(title=title, title_style="bold")
-    labels = [record["label"] for record in records]
-    joints = [joint for record in records for joint in record["joints"]]
+    labels = [shown(record["label"]) for record in records]
+    joints = [shown(joint) for record in records for joint in record["joints"]]
     names_of = {"controller": labels, "joint": joints}
     if len(records) == 1:  # the title says which
         del names_of["controller"]
@@ -67,7 +69,7 @@ def _table(
         table.add_column(heading, justify="right", no_wrap=True)
     for record in records:
         for index, joint in enumerate(record["joints"]):
-            names = [record["label"] if index == 0 else "", joint][-len(names_of) :]
+            names = [shown(record["label"]) if index == 0 else "", shown(joint)][-len(names_of) :]
             values = [metric.text(record["metrics"][metric.name][index]) for metric in columns]
             table.add_row(*names, *values, end_section=index == len(record["joints"]) - 1)
     return table

@@ -11,6 +11,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.derive import load, write
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, refusal
+from armgpi.cli.terminal import say
 
 Model = Annotated[
     str,
@@ -87,14 +88,14 @@ def validate(
         report = validated(
             model, arm, frame=frame, rtol=rtol, joints=joints, time_limit=time_limit, seed=seed
         )
-        typer.echo(report.to_json() if as_json else str(report))
+        say(report.to_json() if as_json else str(report), lines=True)
         if html is not None:
             write(html, report.html(), "--html")
         if suggest_urdf is not None:
             suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
             write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
-            typer.echo(f"{suggest_urdf}: {suggestion.text}", err=True)
+            say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
     except KeyboardInterrupt:
-        typer.secho("interrupted", err=True, fg="yellow")
+        say("interrupted", err=True, fg="yellow")
         sys.exit(INTERRUPTED)
     sys.exit(OK if report.agrees else FAILED)

@@ -9,6 +9,8 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
+from armgpi.cli.terminal import say
+from armgpi.files import check_set
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +26,10 @@ _Target = Annotated[
     ),
 ]
 _Files = Annotated[
-    list[Path], typer.Argument(metavar="FILE...", help="Rollouts (.nc) of one robot.", show_default=False)
+    list[Path],
+    typer.Argument(
+        metavar="FILE...", help="Rollouts (.nc), or folders of --out, of one robot.", show_default=False
+    ),
 ]
 _Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write.")]
 _Title = Annotated[str | None, typer.Option(metavar="TEXT", help="Title; the robot's name by default.")]
@@ -55,7 +60,7 @@ def view(
     pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
     page = _page(target, lock, keep, mimic, robot, frame)
     if html is not None:
-        typer.echo(f"wrote {meshcat.write(page, html)}", err=True)
+        say(f"wrote {meshcat.write(page, html)}", err=True)
     else:
         pictures.serve(page, port, browser)
 
@@ -81,6 +86,7 @@ def report(
     from armgpi.viz import report as reports
 
     loaded = {}
+    files = [path / "rollout.nc" if path.is_dir() else path for path in files]
     for path in files:
         name = path.parent.name if path.stem == "rollout" and path.parent.name else path.stem
         while name in loaded:
@@ -95,7 +101,7 @@ def report(
         frame=frame,
         folder=files[0].parent,
     )
-    typer.echo(f"wrote {reports.write(page, output)}", err=True)
+    say(f"wrote {reports.write(page, output)}", err=True)
 
 
 def _page(
@@ -139,4 +145,5 @@ def _configuration(files: list[Path]) -> str | None:
     beside = files[0].parent / "experiment.yaml"
     if len(files) > 1 or not beside.is_file() or beside.stat().st_size > 1_000_000:
         return None
+    check_set(beside.parent, [beside.name])
     return beside.read_text(encoding="utf-8", errors="replace")

@@ -11,7 +11,9 @@ from typing import Annotated
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.parsing import FAILED, refusal, stoppable
+from armgpi.cli.derive import write
+from armgpi.cli.parsing import FAILED, stoppable
+from armgpi.cli.terminal import say
 
 
 @stoppable
@@ -39,18 +41,15 @@ def zoo(
         robots.locate(name)
     rows = []
     for name in names or known:
-        typer.echo(name, err=True)
+        say(name, err=True)
         rows += run(name)
     table = markdown(rows)
     if out is not None:
-        try:
-            out.write_text(table, encoding="utf-8")
-        except OSError as error:
-            raise refusal("--out", f"{out} cannot be written: {error.strerror or error}") from None
+        write(out, table, "--out")
     if as_json:
-        typer.echo(json.dumps([_plain(row._asdict()) for row in rows]))
+        say(json.dumps([_plain(row._asdict()) for row in rows]))
     else:
-        typer.echo(table, nl=False)
+        say(table, lines=True)
     if any(row.end.startswith("diverged") for row in rows):
         sys.exit(FAILED)
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from armgpi.config import Experiment, ExperimentConfig, dump
+from armgpi import files
+from armgpi.config import Experiment, dump
 from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.loop import metrics, rollout
@@ -138,6 +139,8 @@ def prepare(folder: Path) -> None:
 def save(result: xr.Dataset, experiment: Experiment, folder: Path) -> list[Path]:
     """Write ``rollout.nc``, the exact ``experiment.yaml`` and ``metrics.json`` to a folder, made if needed.
 
+    ``SHA256SUMS``, written last, has their hashes: files of two runs are not taken for those of one.
+
     The experiment file has every default written out, and a URDF that was given by its path is copied
     beside it: it makes the same rollout again, also on another machine.
 
@@ -145,31 +148,46 @@ def save(result: xr.Dataset, experiment: Experiment, folder: Path) -> list[Path]
         RolloutError: when the folder or a file cannot be written.
     """
     prepare(folder)
-    figures = json.dumps(records(result), indent=2) + "\n"
-    written = [rollout.save(result, folder / "rollout.nc")]
+    config, copied = _portable(experiment)
+    contents: dict[str, str | bytes] = {
+        "rollout.nc": rollout.netcdf(result),
+        "experiment.yaml": config,
+        "metrics.json": json.dumps(records(result), indent=2) + "\n",
+    }
+    return files.write_set(folder, contents | copied)
+
+
+def is_another(experiment: Experiment, folder: Path) -> bool:
+    """Tell whether a folder holds what came out of another experiment, or of one that is not known."""
+    beside = folder / "experiment.yaml"
     try:
-        config, copied = _portable(experiment, folder)
-        texts = {"experiment.yaml": dump(config), "metrics.json": figures}
-        for name, text in texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
-    return [*written, *(folder / name for name in texts), *copied]
+        if beside.is_file():
+            return beside.read_bytes() != _portable(experiment)[0].encode()
+        return (folder / "rollout.nc").exists()
+    except OSError:
+        return True
 
 
-def _portable(experiment: Experiment, folder: Path) -> tuple[ExperimentConfig, list[Path]]:
-    """Return the configuration with a robot that is found from `folder`, and the files copied there."""
+def _portable(experiment: Experiment) -> tuple[str, dict[str, bytes]]:
+    """Return the configuration with a robot that is found beside it, and the files to put there.
+
+    Raises:
+        RolloutError: when the robot's file cannot be read any more.
+    """
     config = experiment.config
     if config.robot.name in robots.names():
-        return config, []
+        return dump(config), {}
     source, _ = robots.locate(config.robot.name)
-    content = source.read_bytes()
+    try:
+        content = source.read_bytes()
+    except OSError as error:
+        raise RolloutError(f"{source}: cannot be read: {error.strerror or error}") from None
     # The hash in its name keeps the copy from overwriting another robot.
     digest = hashlib.sha256(content).hexdigest()[:8]
-    copy = folder / f"{source.stem.removesuffix(f'-{digest}')}-{digest}.urdf"
-    copy.write_bytes(content)
-    robot = config.robot.model_copy(update={"name": copy.name})
-    return config.model_copy(update={"robot": robot}), [copy]
+    stem = "".join(c if c.isprintable() else "_" for c in source.stem.removesuffix(f"-{digest}"))
+    name = f"{stem}-{digest}.urdf"
+    robot = config.robot.model_copy(update={"name": name})
+    return dump(config.model_copy(update={"robot": robot})), {name: content}
 
 
 def overall_status(results: Iterable[dict[str, Any]]) -> Status:

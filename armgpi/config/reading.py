@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,9 +13,11 @@ from pydantic import BaseModel, ValidationError
 from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
 from armgpi.errors import ConfigError, NameNotFound
 
-#: Largest size of an experiment file [bytes], and its most keys and values, aliases written out.
+#: Largest size of an experiment file [bytes], its most keys and values, aliases written out, and the longest
+#: of them [characters].
 _MAX_BYTES = 1_000_000
 _MAX_NODES = 100_000
+_MAX_TEXT = 10_000
 
 Path_ = tuple[str | int, ...]
 
@@ -79,10 +82,13 @@ def read(path: Path) -> Loaded:
 def parse(text: str, source: str) -> Loaded:
     """Check the text of an experiment file; errors as :func:`read`."""
     try:
-        tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        loader = yaml.SafeLoader(text)
+        tree = loader.get_single_node()
         lines: dict[Path_, int] = {}
-        _note_lines(tree, (), lines, source)
-        data = yaml.safe_load(text)
+        if tree is not None:
+            _check_size(tree, {}, source)
+            _note_lines(tree, (), lines, source)
+        data = None if tree is None else loader.construct_document(tree)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -140,10 +146,40 @@ def dump(config: ExperimentConfig) -> str:
     return text
 
 
+def _check_size(node: Any, sizes: dict[int, int], source: str) -> int:
+    """Return how many keys and values a YAML node has, aliases and merged mappings written out.
+
+    Aliases of aliases make a small file explode, so that is counted before anything is written out, visiting
+    each node once.
+
+    Raises:
+        ConfigError: when they are too many, one is too long or contains itself, or is no text.
+    """
+    line = node.start_mark.line + 1
+    known = sizes.get(id(node))
+    if known == 0:
+        raise ConfigError(source, "", "is an alias of something that it is in", line)
+    if known is not None:
+        return known
+    if isinstance(node, yaml.ScalarNode):
+        if len(node.value) > _MAX_TEXT:
+            raise ConfigError(source, "", f"is a value of more than {_MAX_TEXT} characters", line)
+        if any(c == "\0" or "\ud800" <= c <= "\udfff" for c in node.value):
+            raise ConfigError(source, "", f"{node.value!r} has a character that no text has", line)
+        return 1
+    inside: list[Any] = (
+        [*chain.from_iterable(node.value)] if isinstance(node, yaml.MappingNode) else node.value
+    )
+    sizes[id(node)] = 0  # being counted
+    size = 1 + sum(_check_size(child, sizes, source) for child in inside)
+    if size > _MAX_NODES:
+        raise ConfigError(source, "", f"has more than {_MAX_NODES} keys and values", line)
+    sizes[id(node)] = size
+    return size
+
+
 def _note_lines(node: Any, path: Path_, lines: dict[Path_, int], source: str) -> None:
     """Note the line of every key of a YAML tree, refusing keys that stand twice."""
-    if len(lines) > _MAX_NODES:  # aliases of aliases make a small file explode
-        raise ConfigError(source, "", f"has more than {_MAX_NODES} keys and values")
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
             here = (*path, str(key.value))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import __version__
+from armgpi import __version__, files
 from armgpi.arrays import Array
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
@@ -176,13 +176,7 @@ def export_controller(
     state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
     readme = _readme(code, texts["log.csv"].count("\n") - 1, state_bytes, measured)
     texts["README.md"] = renamed(readme, name)
-    paths = [folder / file for file in texts]
-    try:
-        for path, text in zip(paths, texts.values(), strict=True):
-            path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
-    return Export(folder, paths, code, measured, state_bytes)
+    return Export(folder, files.write_set(folder, texts), code, measured, state_bytes)
 
 
 def _at_rest(controller: Controller) -> Log:

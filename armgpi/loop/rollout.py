@@ -17,21 +17,24 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 
 from __future__ import annotations
 
+import io
 import math
 import os
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import h5py
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from xarray.backends import H5NetCDFStore
 
+from armgpi import files
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
@@ -257,33 +260,34 @@ def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
     Raises:
         RolloutError: when the file cannot be written.
     """
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}")
+    return files.write(path, netcdf(rollout))
+
+
+def netcdf(rollout: xr.Dataset) -> bytes:
+    """Return a rollout as a NetCDF file."""
     encoding = {
         name: {"zlib": True, "complevel": 4, "fletcher32": True}  # the checksum finds damage
         for name, variable in rollout.data_vars.items()
         if variable.dtype.kind == "f" and variable.ndim
     }
-    try:
-        rollout.to_netcdf(partial, engine="h5netcdf", encoding=encoding)
-        partial.replace(target)
-    except OSError as error:
-        raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
-    finally:
-        with suppress(OSError):
-            partial.unlink()
-    return target
+    # In memory: HDF5 leaves no way to end well when the disk is full.
+    content = io.BytesIO()
+    with h5netcdf.File(content, "w") as file:
+        rollout.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+    return content.getvalue()
 
 
 def load(path: str | PathLike[str]) -> xr.Dataset:
     """Read a rollout that :func:`save` wrote.
 
     Raises:
-        RolloutError: when the file is missing, broken, or no rollout of this format.
+        RolloutError: when the file is missing, broken, no rollout of this format, or not the one that its
+            folder was written with (``SHA256SUMS``).
     """
     source = Path(path)
     if not source.is_file():
         raise RolloutError(f"{source}: there is no such file")
+    files.check_set(source.parent, [source.name])
     try:
         with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
             dict(file.attrs)

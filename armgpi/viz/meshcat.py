@@ -19,8 +19,9 @@ from typing import Any
 
 import xarray as xr
 
+from armgpi import files
 from armgpi.arrays import ArrayLike, as_joint_array
-from armgpi.errors import ArmgpiError, ParameterError, Remedy, RolloutError
+from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.viz import page, scene
 
@@ -90,21 +91,7 @@ def write(html: str, path: str | PathLike[str]) -> Path:
     Raises:
         RolloutError: when the file cannot be written.
     """
-    target = Path(path)
-    try:
-        if target.exists() and not target.is_file():  # a pipe or a device: not to be replaced
-            target.write_text(html, encoding="utf-8")
-            return target
-        place = target.resolve()  # a link stays one
-        partial = place.with_name(f".{place.name}.{os.getpid()}")
-        try:
-            partial.write_text(html, encoding="utf-8")
-            partial.replace(place)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
-    return target
+    return files.write(path, html)
 
 
 class Server:

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.escape import shown
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz.meshes import MissingPackage, Triangles
@@ -147,14 +148,14 @@ def fill(
 
 
 def json_text(data: Any) -> str:
-    """Return data as JSON in which nothing can end the element that it stands in."""
-    text = json.dumps(data, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    """Return data as JSON in which nothing can end the element that it stands in; its text is as shown."""
+    text = json.dumps(_shown(data), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def text(value: object) -> str:
     """Return text as HTML that shows it to the letter."""
-    return html.escape(str(value), quote=True)
+    return html.escape(shown(value, lines=True), quote=True)
 
 
 def document(title: str, summary: str, sections: Mapping[str, str]) -> str:
@@ -267,6 +268,15 @@ def _mesh_data(triangles: Triangles, arrays: Arrays) -> dict[str, Any]:
         "colors": arrays.add(np.rint(np.clip(colors, 0.0, 1.0) * 255.0), "uint8"),
         "faces": arrays.add(faces, "uint16" if len(points) < 65536 else "uint32"),
     }
+
+
+def _shown(data: Any) -> Any:
+    """Return plain data with its text as it may be shown."""
+    if isinstance(data, str):
+        return shown(data, lines=True)
+    if isinstance(data, Mapping):
+        return {key: _shown(value) for key, value in data.items()}
+    return [_shown(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:

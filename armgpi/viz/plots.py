@@ -34,6 +34,7 @@ Every function takes a dataset with or without the dimension ``rollout``; rollou
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -53,6 +54,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from armgpi import files
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
@@ -155,16 +157,14 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
     target = check_path(path)
     kind = target.suffix[1:].lower()
     undated = {"pdf": "CreationDate", "svg": "Date", "png": "Software"}[kind]
-    try:
-        with styled():
-            if figure.get_layout_engine() is not None:
-                # Laid out once: a second pass would move things by a hair.
-                figure.draw_without_rendering()
-                figure.set_layout_engine("none")
-            figure.savefig(target, format=kind, metadata={undated: None})
-    except OSError as error:
-        raise RolloutError(f"{target}: cannot be written: {error.strerror or error}") from None
-    return target
+    with styled():
+        if figure.get_layout_engine() is not None:
+            # Laid out once: a second pass would move things by a hair.
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        content = io.BytesIO()
+        figure.savefig(content, format=kind, metadata={undated: None})
+    return files.write(target, content.getvalue())
 
 
 def check_path(path: str | PathLike[str]) -> Path:

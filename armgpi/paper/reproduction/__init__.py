@@ -16,7 +16,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from armgpi.config.experiment import prepare
-from armgpi.errors import RolloutError
+from armgpi.files import write_set
 from armgpi.paper import published
 from armgpi.paper.reproduction import figures, runs, tables
 from armgpi.paper.reproduction.tables import Sheet
@@ -88,7 +88,8 @@ def reproduce(
             names = figures.names(sources)
             drawn = [pool.submit(figures.write, name, sources, folder, endings) for name in names]
             sheets, words = _sheets(found)
-            files = [*_write(folder, sheets, words), *(file for job in drawn for file in job.result())]
+            pictures = [file for job in drawn for file in job.result()]
+            files = [*_write(folder, sheets, words, pictures), *pictures]
         except BaseException:  # Ctrl-C above all: nobody waits for what nobody will see
             pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
@@ -195,19 +196,14 @@ def _sheets(found: _Found) -> tuple[list[Sheet], str]:
     return [*sheets, statuses], words
 
 
-def _write(folder: Path, sheets: list[Sheet], words: str) -> list[Path]:
-    """Write the tables and return the files."""
+def _write(folder: Path, sheets: list[Sheet], words: str, pictures: list[Path]) -> list[Path]:
+    """Write the tables, and the hashes of all files; return what was written."""
     texts = {"reproduction.md": "\n".join([words, *(sheet.markdown() for sheet in sheets)])}
     for sheet in sheets:
         texts[f"{sheet.name}.md"] = sheet.markdown()
         texts[f"{sheet.name}.csv"] = sheet.csv()
         texts[f"{sheet.name}.tex"] = sheet.latex()
-    try:
-        for name, text in texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
-    return [folder / name for name in texts]
+    return write_set(folder, texts, [path.name for path in pictures])
 
 
 def _prepared(backend: str) -> None:

@@ -1,0 +1,40 @@
+"""What the commands print: through here, so that text from files does nothing but be read."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from armgpi.escape import shown
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool = False) -> None:
+    """Print a line.
+
+    Args:
+        text: the line.
+        err: to stderr in place of stdout.
+        fg: its colour, on a terminal.
+        lines: whether it is several lines, of which the last may be ended already.
+    """
+    line = shown(text, lines=lines)
+    typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
+
+
+def console(width: int | None, **options: Any) -> Console:
+    """Return a console for tables, whose text is not interpreted."""
+    from rich.console import Console
+    from rich.text import Text
+
+    class Plain(Console):
+        """A console that shows text from files, lines of ours as lines."""
+
+        def render_str(self, text: str, **options: Any) -> Text:
+            """Return text as it may be shown."""
+            return super().render_str(shown(text, lines=True), **options)
+
+    return Plain(width=width, markup=False, emoji=False, highlight=False, **options)
