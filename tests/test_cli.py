@@ -424,9 +424,9 @@ def test_json_is_all_there_is_on_stdout(cli: Callable[..., Answer], tmp_path: Pa
     assert "warning: " in answer.err
     assert "wrote " in answer.err
     (record,) = json.loads(answer.out)
-    figures = metrics.summary(load(tmp_path / "rollout.nc")).isel(rollout=0)
+    table = metrics.summary(load(tmp_path / "rollout.nc")).isel(rollout=0)
     for name in metrics.ALL:
-        np.testing.assert_array_equal(record["metrics"][name], figures[name])
+        np.testing.assert_array_equal(record["metrics"][name], table[name])
     assert json.loads((tmp_path / "metrics.json").read_text()) == [record]
 
 
@@ -878,7 +878,7 @@ def test_the_effort_of_joints_may_be_given_one_by_one_as_inspect_proposes_it(
 
 
 @pytest.mark.parametrize("mixed", [False, True])
-def test_figures_of_prismatic_joints_have_their_units(
+def test_metrics_of_prismatic_joints_have_their_units(
     mixed: bool, cli: Callable[..., Answer], tmp_path: Path
 ) -> None:
     def joint(name: str, kind: str, parent: str) -> str:

@@ -148,7 +148,7 @@ def test_ctrl_c_ends_a_comparison_after_the_rollout_it_stopped(
 # Plain data.
 
 
-def test_records_are_json_with_the_figures_of_every_joint(compared: xr.Dataset) -> None:
+def test_records_are_json_with_the_metrics_of_every_joint(compared: xr.Dataset) -> None:
     found = json.loads(json.dumps(records(compared), allow_nan=False))
     table = metrics.summary(compared)
     for i, record in enumerate(found):
@@ -166,7 +166,7 @@ def test_records_of_a_single_rollout_are_those_of_a_batch_of_one(whole: config.E
     assert single | {"label": "gpi"} == joined
 
 
-def test_the_figures_of_a_diverged_rollout_are_null() -> None:
+def test_the_metrics_of_a_diverged_rollout_are_null() -> None:
     fast = "robot: {name: anthropomorphic3, effort: 1e9}\ncontrollers: [{type: gpi, omega: 3000}]\nt_final: 2"
     with pytest.warns(UserWarning, match="too fast"):
         unstable = build(fast)
@@ -178,7 +178,7 @@ def test_the_figures_of_a_diverged_rollout_are_null() -> None:
 
 
 @pytest.mark.parametrize("at", [0, 1])
-def test_a_run_that_was_stopped_at_once_has_no_figures_but_a_record(
+def test_a_run_that_was_stopped_at_once_has_no_metrics_but_a_record(
     at: int, whole: config.Experiment, stopping: Callable[[str, int], None], tmp_path: Path
 ) -> None:
     stopping("gpi", at)

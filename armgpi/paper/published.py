@@ -1,15 +1,15 @@
-"""What the paper printed: Tables 1 to 4, and how a figure of ours compares with one of them."""
+"""What the paper printed: Tables 1 to 4, and how a value of ours compares with one of them."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-#: Factor within which two figures count as of the same order.
+#: Factor within which two values count as of the same order.
 _ORDER = 10.0
 
 
 class Cells(NamedTuple):
-    """One column pair of Tables 2 to 4: a figure for each of the joints q1, q2, q3.
+    """One column pair of Tables 2 to 4: a value for each of the joints q1, q2, q3.
 
     Attributes:
         itae: integral of t abs(e) [rad s^2] (eq. 34).
@@ -59,7 +59,7 @@ TABLES = (
 
 
 def status(ours: float | None, published: float | None) -> str:
-    """Return how a figure of ours (smaller is better) compares with a published one.
+    """Return how a value of ours (smaller is better) compares with a published one.
 
     Returns:
         "better" (or equal), "same order" (less than ten times it), "worse", "diverged" when ours is None,

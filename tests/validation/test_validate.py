@@ -228,6 +228,7 @@ def test_the_report_is_text_json_and_a_page(tmp_path: Path) -> None:
     page = report.html()
     assert page.startswith("<!DOCTYPE html>")
     assert "<script" not in page
+    assert "script-src 'none'" in page  # of the page writer: nothing runs and nothing is fetched
     with pytest.raises(KeyError):
         report.term("jacobian")
 

@@ -322,6 +322,17 @@ def test_the_report_s_table_is_that_of_the_metrics() -> None:
         assert f"<td>{value:.4g}</td>" in html
 
 
+def test_a_table_shows_its_cells_to_the_letter() -> None:
+    head, rows = ("name", "error\nrad", "text"), [("<b>'", "1", "a & b"), ("y", "-", "")]
+    html = page.table(head, rows, label="t", classes=("bad", ""), words=(2,))
+    assert html.count("<tr") == 3
+    assert "<th scope=col>error<br>rad</th>" in html
+    assert "<tr class=bad><th scope=row class=name title='&lt;b&gt;&#x27;'>&lt;b&gt;&#x27;</th>" in html
+    assert "<td>1</td><td class=words>a &amp; b</td></tr>" in html
+    assert page.bullets([]) == ""
+    assert page.bullets(["<"], "findings") == "<ul class=findings><li>&lt;</li></ul>"
+
+
 def test_the_report_says_what_inspect_finds() -> None:
     html = report.build(moving(ARM), ARM)
     found = armgpi.health.inspect("anthropomorphic3").findings
