@@ -80,7 +80,7 @@ def _record(
 ) -> type[Any]:
     """Return a NamedTuple for one member of the family, which pickle finds by its name."""
     name = f"{kind}{integrators}{filtered - 1}"
-    made = cast(Any, namedtuple(name, fields))  # type: ignore[misc]
+    made = cast(Any, namedtuple(name, fields))
     made.derived = {field: meanings[field] for field in fields}
     globals()[name] = made
     return cast(type[Any], made)
