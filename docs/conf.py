@@ -1,8 +1,17 @@
 """Sphinx configuration. Build with `make docs`; no network is used."""
 
+from dataclasses import replace as _replace
 from importlib.metadata import version as _version
 
+from armgpi.cli import declared as _declared
+from armgpi.config.schema import KINDS as _KINDS
 from armgpi.loop import metrics as _metrics
+from armgpi.parameter import REQUIRED as _REQUIRED
+from armgpi.parameter import parameters as _parameters
+from armgpi.plants.loads import Load as _Load
+from armgpi.plants.plant import Wrapper as _Wrapper
+from armgpi.references.paths import Path as _Path
+from armgpi.registry import registered as _registered
 
 project = "armgpi"
 author = "The armgpi developers"
@@ -21,10 +30,101 @@ def metrics_table():
         meaning = metric.function.__doc__.partition("\n\n")[0].removeprefix("Return ").rstrip(".")
         row = (metric.heading, f"`{name}`", meaning, str(metric.unit) or "–", ", ".join(metric.tables))
         rows.append(tuple(cell.replace("|", "\\|").replace("``", "`") or "files alone" for cell in row))
+    return _table(rows)
+
+
+def _table(rows):
+    """Return rows of cells as Markdown."""
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-myst_substitutions = {"metrics_table": metrics_table()}
+def _row(key, each):
+    """Return what is to be known of a declared parameter: key, meaning, values, default."""
+    values = {
+        "choice": ", ".join(f"`{choice}`" for choice in each.choices),
+        "flag": "`true`, `false`",
+        "text": "text",
+        "vector": "three numbers",
+        "numbers": "a list of numbers",
+        "points": "a list of points",
+        "group": "a mapping",
+    }.get(each.kind, _replace(each, unit="").bounds)
+    values = {"box": "box, ", "times": "one or several, "}.get(each.kind, "") + values
+    default = each.chosen or each.none or each.unlimited
+    if not default:
+        default = "required" if each.default is _REQUIRED else f"{_plain(each.default)}"
+    unit = f" [{each.unit}]" if each.unit else ""
+    cells = (f"`{key}`", f"{each.text}{unit}", f"{'per joint, ' if each.per_joint else ''}{values}", default)
+    return tuple(cell.replace("|", "\\|") for cell in cells)
+
+
+def _plain(value):
+    """Return a default as a file has it."""
+    return list(value) if isinstance(value, tuple) else f"{value:g}" if isinstance(value, float) else value
+
+
+def _rows(declared, prefix=""):
+    """Return the rows of declared parameters, those of a group below it."""
+    rows = []
+    for name, each in declared.items():
+        if each.in_file:
+            key = f"{prefix}{each.key or name}"
+            rows.append(_row(key, each))
+            rows += _rows(_parameters(each.group), f"{key}.") if each.kind == "group" else []
+    return rows
+
+
+_HEADS = [("key", "meaning", "values", "default"), ("---",) * 4]
+
+
+def plant_table():
+    """Return the keys of sensors and actuators, from the arm to the controller."""
+    rows = list(_HEADS)
+    for name, cls in sorted(_registered(_Wrapper).items(), key=lambda item: item[1].order):
+        declared = {key: each for key, each in _parameters(cls).items() if each.in_file}
+        if len(declared) == 1:
+            rows += [(*_row(name, each)[:3], each.none or "none") for each in declared.values()]
+        else:
+            rows += [
+                (f"`{name}`", cls.__doc__.partition("\n")[0], "a mapping", "none"),
+                *_rows(declared, f"{name}."),
+            ]
+    return _table(rows)
+
+
+def _by_type(base):
+    """Return the keys of all named classes below `base`."""
+    rows = [("`type`", *_HEADS[0]), ("---",) * 5]
+    for name, cls in _registered(base).items():
+        own = _rows(_parameters(cls)) or [("", cls.__doc__.partition("\n")[0], "", "")]
+        rows += [(f"`{name}`" if index == 0 else "", *row) for index, row in enumerate(own)]
+    return _table(rows)
+
+
+def controllers_table():
+    """Return a table for each controller that an experiment file can name."""
+    tables = []
+    for name, kind in _KINDS.items():
+        heads = [(f"key of `{name}`", *_HEADS[0][1:]), _HEADS[1]]
+        tables.append(_table([*heads, *_rows(kind.parameters)]))
+    return "\n\n".join(tables)
+
+
+def options_table():
+    """Return the options that come from declared parameters."""
+    rows = [("option", "meaning"), ("---",) * 2]
+    rows += [(f"`{each.flag}` {each.metavar}", each.help.replace("|", "\\|")) for each in _declared.options()]
+    return _table(rows)
+
+
+myst_substitutions = {
+    "metrics_table": metrics_table(),
+    "options_table": options_table(),
+    "plant_table": plant_table(),
+    "loads_table": _by_type(_Load),
+    "controllers_table": controllers_table(),
+    "paths_table": _by_type(_Path),
+}
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

@@ -13,6 +13,7 @@ import contextlib
 import io
 import math
 import re
+import runpy
 import shlex
 import sys
 from pathlib import Path
@@ -24,7 +25,13 @@ from pydantic import BaseModel
 
 import armgpi
 from armgpi import config
-from armgpi.cli import app, main
+from armgpi.cli import app, declared, main
+from armgpi.config import schema
+from armgpi.parameter import parameters
+from armgpi.plants.loads import Load
+from armgpi.plants.plant import Wrapper
+from armgpi.references.paths import Path as ToolPath
+from armgpi.registry import registered
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -129,8 +136,20 @@ def test_every_public_name_is_in_the_reference() -> None:
     assert set(armgpi.__all__) - {"__version__"} <= named
 
 
-def test_every_command_and_option_is_in_the_page_of_the_command_line() -> None:
+def page_of_the_command_line() -> str:
+    """Return the page with its tables, which the build makes from declarations."""
+    tables = runpy.run_path(str(ROOT / "docs" / "conf.py"))["myst_substitutions"]
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    for name, table in tables.items():
+        assert f"{{{{ {name} }}}}" in text
+        text = text.replace(f"{{{{ {name} }}}}", table)
+    return text
+
+
+def test_every_command_and_option_is_in_the_page_of_the_command_line() -> None:
+    text = page_of_the_command_line()
+    for declared_option in declared.options():
+        assert f"`{declared_option.flag}`" in text
     for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
         assert f"armgpi {name}" in text
         for parameter in command.params:
@@ -138,13 +157,23 @@ def test_every_command_and_option_is_in_the_page_of_the_command_line() -> None:
                 assert not option.startswith("-") or f"`{option}" in text, f"{name} {option}"
 
 
+def test_every_declared_parameter_is_in_a_table_with_its_sentence() -> None:
+    text = page_of_the_command_line()
+    declared_ones = [each for kind in schema.KINDS.values() for each in kind.parameters.values()]
+    for base in (Load, Wrapper, ToolPath):
+        for cls in registered(base).values():
+            declared_ones += [each for each in parameters(cls).values() if each.in_file]
+    assert len(declared_ones) > 40
+    for each in declared_ones:
+        assert f"| {each.text}" in text, each.text
+
+
 def test_every_key_of_the_experiment_file_is_in_the_page_of_the_command_line() -> None:
-    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    sections = [
-        value
-        for value in vars(config).values()
-        if isinstance(value, type) and issubclass(value, BaseModel) and value.__module__ == config.__name__
-    ]
-    for section in sections:
+    text = page_of_the_command_line()
+    sections: dict[str, type[BaseModel]] = {"": config.ExperimentConfig, **schema.SECTIONS}
+    assert len(sections) > 10
+    for name, section in sections.items():
         for key in section.model_fields:
-            assert f"`{key}`" in text, f"{section.__name__}: {key}"
+            assert f"`{key}`" in text or f".{key}`" in text or f"{{{key}:" in text or f" {key}:" in text, (
+                f"{name}: {key}"
+            )

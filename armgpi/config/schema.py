@@ -283,7 +283,7 @@ class Kind(NamedTuple):
     def parameters(self) -> dict[str, Parameter]:
         """Declared parameters that are keys of the section."""
         both = {**(parameters(self.variant) if self.variant else {}), **parameters(self.law)}
-        return {name: each for name, each in both.items() if each.in_file}
+        return {name: each for name, each in both.items() if each.in_file and each.kind != "variant"}
 
 
 def _kinds() -> dict[str, Kind]:

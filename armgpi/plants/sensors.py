@@ -109,7 +109,6 @@ class Delayed(StatefulWrapper):
 
     samples: int = parameter(
         "samples by which measurements are late",
-        unit="samples",
         kind="integer",
         default=1,
         least=0,

@@ -88,7 +88,7 @@ def test_an_experiment_file_defines_the_controller(export: Callable[..., Answer]
     code, out, err = export("--config", tmp_path / "mine.yaml", "-o", tmp_path / "c")
     assert code == 0, out + err
     assert "#define ARMGPI_DT (0.002)" in (tmp_path / "c" / "armgpi_controller.h").read_text()
-    assert "GAINS_BOXES_OMEGA_C_1" in (tmp_path / "c" / "armgpi_controller.c").read_text()
+    assert "GAINS_OMEGA_C_1" in (tmp_path / "c" / "armgpi_controller.c").read_text()
 
 
 def test_without_a_compiler_the_folder_is_written_all_the_same(
