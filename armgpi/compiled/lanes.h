@@ -135,8 +135,9 @@ static inline V v_fmod(V x, V y)
     return z;
 }
 
-/* Sine and cosine are in every kernel, so they are worked out for all lanes at once: x - k pi / 2 in three parts (Cody, Waite 1980), then fdlibm's polynomials on
-   [-pi/4, pi/4]. The absolute error is below 1.6e-16 for |x| < 1e6 (tests); NaN and infinity give NaN. */
+/* Sine and cosine are in every kernel, so they are worked out for all lanes at once: x - k pi / 2 in three
+   parts (Cody, Waite 1980), then fdlibm's polynomials on [-pi/4, pi/4]. The absolute error is below 1.6e-16 for
+   |x| < 1e6 (tests); NaN and infinity give NaN. */
 typedef struct { V sine, cosine; U quadrant; } Quarter;
 static inline Quarter v_quarter(V x)
 {

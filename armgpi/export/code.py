@@ -156,6 +156,7 @@ class _Writer:
         law, limits = self.law, self.bounds
         robot = law.controller.robot
         functions = [
+            # In this order, as kernels are numbered by their first use.
             self.routine("law_init", law.init, writes_torque=False),
             self.routine("law_step", law.step, writes_torque=True),
             self.hold(),
@@ -182,6 +183,7 @@ class _Writer:
             "zero": self.literal(0.0),
             **supervision(limits, law.inputs, self.names, self.ending, self.literal),
         }
+        # The frozen check works out the arm's weight in every sample, and the torque to hold is it once more.
         law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
         # D(q)^-1 of the saturation residual, which is zero in a typical step.
         skipped = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
@@ -275,6 +277,7 @@ class _Writer:
 
     def _kernel_name(self, kernel: Kernel) -> str:
         """Return the name of a kernel in C: arm_inertia_times, and arm2_... of a second arm."""
+        # Without the digest of the model, which would be another for every payload: exports stay comparable.
         alike = [name for name, other in self.kernels.items() if _kind(other) == _kind(kernel)]
         number = alike.index(kernel.name) + 1
         return f"arm{number if number > 1 else ''}_{_kind(kernel)}"
@@ -439,6 +442,7 @@ def _call(i: int, call: Call, name: str, zero: str) -> list[str]:
 
 def _with_buffers(lines: list[str], buffers: Sequence[tuple[str, int]]) -> list[str]:
     """Return lines behind the arrays that they use; a copy of an array as it is, is left out."""
+    # Often an argument is the measurement itself, or what another call has given.
     declared = []
     for name, size in buffers:
         copies = {

@@ -122,6 +122,7 @@ class ExportedController(Controller):
             raise BackendError(f"this is no exported controller: {error}") from None
         for function in (self._init, self._step):
             function.restype = ctypes.c_int
+        # By name and order: another arm with as many joints would run, and break.
         names = [info.joints[j].decode() for j in range(info.n)]
         if names != [plain(name) for name in robot.joint_names]:
             joints = ", ".join(names)
@@ -140,6 +141,7 @@ class ExportedController(Controller):
 
     def init(self, measurement: Measurement | FullState, target: Target) -> npt.NDArray[np.uint64]:
         """Return the state before the first sample; see :meth:`Controller.init`."""
+        # As 64-bit words, which aligns it for doubles.
         state = np.zeros(-(-self.state_bytes // 8), dtype=np.uint64)
         _, pointers = self._arguments(measurement, target)
         self._init(ctypes.c_void_p(state.ctypes.data), *pointers)

@@ -11,7 +11,7 @@ from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_j
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
 
-#: A measurement that stands still for so long [s], while it should not, is frozen.
+#: A measurement that does not change for so long [s], while it should, is frozen.
 _FROZEN_TIME = 0.05
 #: Counts by which a reference has to move before a measurement has to.
 _FROZEN_COUNTS = 16.0
@@ -81,7 +81,7 @@ def bounds(faults: Faults, controller: Controller) -> Bounds:
     if samples is None:
         samples = _samples(dt)
     samples = check_whole(samples, "frozen_samples", 0)
-    if samples >= 2**31:
+    if samples >= 2**31:  # counted in a uint32_t
         raise ParameterError("frozen_samples", samples, "below 2^31")
     counts = check_number(faults.frozen_counts, "frozen_counts", "zero or positive")
     share = check_number(faults.frozen_effort, "frozen_effort", "positive", open_=True)
@@ -90,6 +90,7 @@ def bounds(faults: Faults, controller: Controller) -> Bounds:
         count = default_resolution(controller)
     else:
         count = per_joint(faults.resolution, "resolution", robot.joint_names, "positive", positive)
+    # A joint whose URDF gives no velocity limit may move at any speed.
     speed = np.where(robot.limits.velocity > 0.0, robot.limits.velocity, math.inf)
     return Bounds(
         faults.action,
@@ -106,7 +107,7 @@ def suited(faults: Faults, plant: Any, controller: Controller) -> Faults:
         count = default_resolution(controller, plant.encoder_bits or _BITS)
         noise = 0.0 if plant.noise is None else plant.noise.position
         faults = faults._replace(resolution=count + _SIGMAS * noise)
-    if faults.frozen_samples is None:  # what is late stands still for longer
+    if faults.frozen_samples is None:  # what comes late repeats itself for longer
         faults = faults._replace(frozen_samples=_samples(controller.dt) + plant.delay)
     return faults
 

@@ -201,8 +201,10 @@ def _texts(code: Code, log: Log) -> dict[str, str]:
     joints = code.law.controller.robot.joint_names
     columns = [*(log.inputs[name] for name in names), log.tau]
     titles = [f"{name}[{plain(joint)}]".replace(",", " ") for name in (*names, "tau") for joint in joints]
+    # repr, so that the replay reads the very numbers.
     rows = [",".join(map(repr, row)) for row in np.concatenate(columns, axis=1).tolist()]
     effort = np.broadcast_to(code.law.controller.effort, (code.law.n,))
+    # A joint without a limit is measured by its largest torque in the log.
     largest = np.maximum(np.abs(log.tau).max(axis=0), 1e-300)
     scale = np.where(np.isfinite(effort), effort, largest)
     adding = getattr(code.law.controller, "realisation", "") == "paper" or (np.abs(log.tau) >= effort).any()
@@ -237,6 +239,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
     Raises:
         BackendError: when the compiler fails.
     """
+    # Not in the user's folder, where objects and a program would be left behind.
     with tempfile.TemporaryDirectory(prefix="armgpi-export-") as name:
         folder = Path(name)
         for file, text in texts.items():
@@ -248,6 +251,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
         with suppress(OSError, ValueError):
             text = (folder / sources[1]).with_suffix(".su").read_text(encoding="utf-8")
             stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
+        # As in the Makefile, so that what is refused here is refused there: warnings are errors.
         built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
         if built.returncode:
             lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
@@ -259,6 +263,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
         match = re.search(pattern, said)
         return float(match[1]) if match else math.nan
 
+    # A step that faults too often is not timed: the replay says -1.
     def time(pattern: str) -> float | None:
         value = number(pattern)
         return value if value > 0.0 else None

@@ -65,12 +65,14 @@ def elementary(body: str, ending: str) -> str:
 def block(lines: Sequence[str], arguments: Sequence[str]) -> str:
     """Return the body of a function; arguments that it does not need are named as such."""
     text = "\n".join(lines)
+    # A law has the same arguments in `init` and `step`, and -Wextra warns of those without use.
     unused = [f"(void){name};" for name in arguments if not re.search(rf"\b{name}\b", text)]
     return "{\n" + "".join(f"    {line}\n" for line in [*lines, *unused]) + "}\n"
 
 
 def filled(text: str, values: Mapping[str, str]) -> str:
     """Return a text of C, which is full of braces, with {names} replaced."""
+    # Neither str.format nor Template: C is full of {}, and $ is the templates'.
     for key, value in values.items():
         text = text.replace(f"{{{key}}}", value)
     return text

@@ -62,6 +62,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
 
 def plain(text: object) -> str:
     """Return a text that can stand in a comment or a string of C."""
+    # ASCII alone: C99 leaves it to the compiler what else a comment may have.
     kept = re.sub(r"[^ -~]", "?", str(text)).replace("\\", "/").replace('"', "'")
     for sign in ("*/", "/*", "??"):  # comments, and trigraphs
         kept = kept.replace(sign, " ".join(sign))

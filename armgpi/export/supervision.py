@@ -8,6 +8,8 @@ from armgpi.arrays import Array
 from armgpi.export.faults import Bounds
 from armgpi.export.layout import filled, rows
 
+# Each check is one function and one call of it, left out whole where it is switched off, so that no code is
+# there that never runs. Calls come in the order of the reasons: a NaN is no jump, a jump is not frozen.
 _HOLD = """\
     if (state->status == ARMGPI_STATUS_RUN) {
         law_hold(state->q_last, state->tau_fault);
@@ -103,6 +105,7 @@ def supervision(
 def _bounds(limits: Bounds, joints: Sequence[str], literal: Callable[[float], str]) -> str:
     """Return the tables of the supervision."""
     parts: list[tuple[str, str, Array]] = []
+    # Where there is no limit it is REAL_MAX, beyond which nothing is: no branch is needed.
     if limits.jump is not None:
         parts.append(("JUMP", "Largest change of a position in one sample [rad or m].", limits.jump))
     if limits.frozen_samples:
@@ -124,6 +127,7 @@ def _bounds(limits: Bounds, joints: Sequence[str], literal: Callable[[float], st
 
 def _checks(inputs: Iterable[str]) -> str:
     """Return the tests of arguments for numbers that are not finite."""
+    # The first reason stays: what comes after it may follow from it.
     lines: list[str] = []
     for name in inputs:
         reason = "MEASUREMENT" if name.endswith("measured") else "REFERENCE"
