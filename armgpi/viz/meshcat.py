@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import queue
 import threading
 import webbrowser
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -29,6 +28,9 @@ from armgpi.viz import page, scene
 LOOPBACK = "127.0.0.1"
 #: First port tried when none is given, and how many after it.
 _FIRST_PORT, _PORTS = 7070, 50
+#: Longest time that a browser may leave unread what is sent, and time after which it hears from a live page
+#: on which nothing moves [s].
+_PATIENCE, _HEARTBEAT = 10.0, 5.0
 
 
 class ServerError(ArmgpiError):
@@ -127,8 +129,7 @@ class Server:
     def show(self, q: ArrayLike, robot: Robot) -> None:
         """Move the arm of a live page to joint positions (n,) [rad or m]."""
         configuration = json.dumps(as_joint_array(q, "q", robot.joint_names).tolist())
-        for listener in list(self._server.listeners):
-            listener.put(configuration)
+        self._server.latest.put(configuration)
 
     def open(self) -> bool:
         """Open the page in a browser; False where there is none."""
@@ -144,8 +145,7 @@ class Server:
 
     def close(self) -> None:
         """Stop serving."""
-        for listener in list(self._server.listeners):
-            listener.put(None)
+        self._server.latest.close()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -172,12 +172,44 @@ def _bound(port: int | None, page: bytes) -> _Loopback:
     raise ServerError(ports[-1], reason)
 
 
+class _Latest:
+    """The newest configuration; older ones are dropped, so that a slow or dead browser costs no memory."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._text, self._count, self._closed = "", 0, False
+
+    def put(self, text: str) -> None:
+        """Replace it."""
+        with self._changed:
+            self._text, self._count = text, self._count + 1
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Let nobody wait any more."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def after(self, seen: int) -> tuple[int, str]:
+        """Wait for a newer one than the `seen`-th, for a while.
+
+        Returns:
+            Its number and text: no text when there was none, -1 when there will be none any more.
+        """
+        with self._changed:
+            newer = self._changed.wait_for(lambda: self._closed or self._count > seen, _HEARTBEAT)
+            if self._closed:
+                return -1, ""
+            return (self._count, self._text) if newer else (seen, "")
+
+
 class _Loopback(ThreadingHTTPServer):
     """A server of one page, whose requests end with the program.
 
     Attributes:
         page: what it hands out.
-        listeners: a queue of configurations for every page that is open.
+        latest: the configuration that live pages show.
     """
 
     daemon_threads = True
@@ -186,7 +218,7 @@ class _Loopback(ThreadingHTTPServer):
 
     def __init__(self, port: int, page: bytes) -> None:
         self.page = page
-        self.listeners: list[queue.Queue[str | None]] = []
+        self.latest = _Latest()
         super().__init__((LOOPBACK, port), _Handler)
 
 
@@ -194,6 +226,7 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers GET for a server's page and for what moves it."""
 
     server: _Loopback
+    timeout = _PATIENCE
 
     def do_GET(self) -> None:
         """Answer."""
@@ -222,19 +255,15 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _stream(self) -> None:
         """Send configurations as they come, until the page goes away or the server is closed."""
-        listener: queue.Queue[str | None] = queue.Queue()
         self.send_response(200)
         self._headers("text/event-stream")
         self.end_headers()
-        self.server.listeners.append(listener)
-        try:
-            while (configuration := listener.get()) is not None:
-                self.wfile.write(f"data: {configuration}\n\n".encode())
-                self.wfile.flush()
-        except OSError:
-            pass
-        finally:
-            self.server.listeners.remove(listener)
+        seen, text = self.server.latest.after(0)
+        while seen >= 0:
+            # A line that begins with a colon says nothing, and fails when the browser is gone.
+            self.wfile.write(f"data: {text}\n\n".encode() if text else b":\n\n")
+            self.wfile.flush()
+            seen, text = self.server.latest.after(seen)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing."""
@@ -243,7 +272,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer; a browser that goes away is no error."""
         try:
             super().handle()
-        except ConnectionError:
+        except OSError:  # or that reads nothing for too long
             self.close_connection = True
 
 

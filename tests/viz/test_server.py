@@ -8,6 +8,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
+import tracemalloc
 import urllib.request
 from pathlib import Path
 
@@ -221,11 +224,40 @@ def test_a_live_page_is_moved_by_a_program() -> None:
         received = connection.makefile()
         while received.readline().strip():
             pass
-        while not server._server.listeners:
-            pass
         server.show([0.1, 0.2, 0.3], robot)
         assert received.readline() == "data: [0.1, 0.2, 0.3]\n"
         connection.close()
+
+
+def test_a_browser_that_reads_nothing_costs_no_memory_and_then_sees_the_newest_pose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(meshcat, "_HEARTBEAT", 0.05)
+    monkeypatch.setattr(meshcat._Handler, "timeout", 0.5)
+    robot = Robot.load(ARM)
+    request = b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    before = threading.active_count()
+    with Server(meshcat.robot_page(robot, live=True), port=0) as server:
+        asleep = socket.create_connection(("127.0.0.1", server.port), timeout=10)
+        asleep.sendall(request)
+        server.show([0.0, 0.0, 0.0], robot)
+        tracemalloc.start()
+        for k in range(20_000):
+            server.show([1e-4 * k, 0.0, 0.0], robot)
+        kept, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert kept < 100_000  # 20,000 poses are a megabyte
+        late = socket.create_connection(("127.0.0.1", server.port), timeout=10)
+        with late, late.makefile() as received:
+            late.sendall(request)
+            assert next(line for line in received if line.startswith("data:")) == "data: [1.9999, 0.0, 0.0]\n"
+        asleep.close()
+        # The threads of those who are gone end, though nothing moves any more.
+        for _ in range(100):
+            if threading.active_count() <= before + 1:
+                break
+            time.sleep(0.05)
+        assert threading.active_count() <= before + 1
 
 
 def test_a_page_goes_through_a_link_and_into_a_device(tmp_path: Path) -> None:
