@@ -137,10 +137,10 @@ def test_inspect_says_what_a_robot_is_and_exits_by_what_it_finds(cli: Callable[.
     assert (code, err) == (0, "")
     assert out.startswith("ur5: 6 joints, ")
     assert "cross-check: yourdfpy sees the same" in out
-    assert "0 findings stop a run, 0 are probably wrong" in out
+    assert "0 errors, 0 warnings, " in out
     code, out, _ = cli("inspect", "double_pendulum")
     assert code == 1
-    assert "stop: joint 'joint1': has effort limit 0" in out
+    assert "error: joint 'joint1': has effort limit 0" in out
     assert "--effort joint1=10" in out
     assert cli("inspect", "double_pendulum", "--effort", "10").code == 0
     code, out, err = cli("inspect", "pandas")
@@ -153,7 +153,7 @@ def test_inspect_takes_locks_as_run_does(cli: Callable[..., Answer]) -> None:
     report = json.loads(out)
     assert (code, report["n"]) == (0, 7)
     assert report["locked"] == {"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.01}
-    assert not [f for f in report["findings"] if f["level"] != "note"]
+    assert not [f for f in report["findings"] if f["level"] != "info"]
     assert json.loads(cli("inspect", "panda", "--mimic", "follow", "--json").out)["n"] == 8
     assert json.loads(cli("inspect", "panda", "--keep", "panda_joint1", "--json").out)["n"] == 1
     code, _, err = cli("inspect", "panda", "--mimic", "free")
@@ -185,7 +185,7 @@ def test_doctor_finds_this_installation_healthy(
     assert (code, err) == (0, "")
     assert "loads our arm" in out
     checks = {check["what"]: check for check in json.loads(cli("doctor", "--json").out)}
-    assert {check["level"] for check in checks.values()} <= {"ok", "note"}
+    assert {check["level"] for check in checks.values()} <= {"ok", "info"}
     assert checks["example-robot-data"]["found"].startswith("6.")
 
 
@@ -218,7 +218,7 @@ def test_doctor_sees_what_shadows_an_installed_package(
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     code, out, _ = cli("doctor")
     assert code == 1
-    assert f"bad  PYTHONPATH: hides installed packages by pinocchio in {tmp_path}" in out
+    assert f"error PYTHONPATH: hides installed packages by pinocchio in {tmp_path}" in out
 
 
 # Runs.
@@ -871,7 +871,7 @@ def test_the_effort_of_joints_may_be_given_one_by_one_as_inspect_proposes_it(
     cli: Callable[..., Answer],
 ) -> None:
     report = json.loads(cli("inspect", "double_pendulum", "--json").out)
-    options = [word for f in report["findings"] if f["level"] == "stop" for word in f["option"].split()]
+    options = [word for f in report["findings"] if f["level"] == "error" for word in f["option"].split()]
     assert options == ["--effort", "joint1=10", "--effort", "joint2=10"]
     assert cli("inspect", "double_pendulum", *options).code == 0
     assert cli("run", "double_pendulum", *SHORT, *options).code == 0

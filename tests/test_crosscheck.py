@@ -57,7 +57,9 @@ def test_what_yourdfpy_alone_cannot_read_does_not_take_the_report(
     with pytest.raises(CrossCheckUnavailable, match=said):
         cross_check(Robot.load(path))
     app(["inspect", str(path), "--cross-check"], standalone_mode=False)
-    assert f"warn: file: yourdfpy {'cannot' if said == 'KeyError' else 'finds no'}" in capsys.readouterr().out
+    assert (
+        f"warning: file: yourdfpy {'cannot' if said == 'KeyError' else 'finds no'}" in capsys.readouterr().out
+    )
 
 
 def test_what_the_file_says_of_its_encoding_does_not_stop_the_second_reading(tmp_path: Path) -> None:

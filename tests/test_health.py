@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ import numpy as np
 import pytest
 
 from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, health, robots, simulate
-from armgpi.errors import ArmgpiError, NameNotFound, UrdfError
-from armgpi.health.report import Finding
+from armgpi.cli.parsing import as_option
+from armgpi.errors import ArmgpiError, NameNotFound, Remedy, UrdfError
+from armgpi.health import findings
+from armgpi.health.findings import Finding
 
 BODY = (
     '<inertial><origin xyz="0.1 0 0" rpy="0 0 0"/><mass value="1.0"/>'
@@ -56,13 +59,13 @@ def report(tmp_path: Path) -> Any:
 
 
 def serious(found: health.HealthReport) -> list[Finding]:
-    return [finding for finding in found.findings if finding.level != "note"]
+    return [finding for finding in found.findings if finding.level != "info"]
 
 
 def test_a_good_arm_has_nothing_serious_and_states_what_it_is(report: Any) -> None:
     found = report(GOOD)
     assert not serious(found)
-    assert not found.stops
+    assert not found.has_errors
     facts = found.facts
     assert (facts["n"], facts["base"], facts["tip"]) == (2, "base", "fore")
     assert facts["moving_mass"] == facts["total_mass"] == 2.0
@@ -76,35 +79,40 @@ def test_a_good_arm_has_nothing_serious_and_states_what_it_is(report: Any) -> No
     assert facts["reach"] == pytest.approx(0.2, rel=1e-12)  # the tip is the elbow's own frame
 
 
+def options(finding: Finding) -> str:
+    """Return the options that the command line would print."""
+    return " or ".join(map(as_option, finding.remedies))
+
+
 WARNED = [  # kind, level, place, what stands there, what to write instead
-    ("triangle", "warn", "link 'fore'", 'ixx="0.01"', 'ixx="0.1"'),
-    ("axis", "warn", "joint 'elbow'", 'xyz="0 1 0"', 'xyz="0 3 4"'),
-    ("axis", "warn", "joint 'elbow'", 'xyz="0 1 0"', 'xyz="0 1e-9 0"'),
-    ("degrees", "warn", "joint 'elbow'", 'lower="-1.5" upper="2.5"', 'lower="-90" upper="90"'),
-    ("degrees", "warn", "joint 'elbow'", 'rpy="0 0 0"/><axis', 'rpy="90 0 0"/><axis'),
-    ("degrees", "warn", "link 'fore'", 'rpy="0 0 0"/><mass', 'rpy="0 0 180"/><mass'),
-    ("limits", "warn", "joint 'elbow'", 'lower="-1.5" upper="2.5"', 'lower="-1e5" upper="1e5"'),
-    ("limits", "warn", "joint 'elbow'", 'lower="-1.5" upper="2.5"', ""),
-    ("limits", "warn", "joint 'elbow'", 'lower="-1.5" upper="2.5"', 'lower="0.5" upper="0.5"'),
-    ("velocity", "warn", "joint 'elbow'", 'velocity="3"', 'velocity="180"'),
-    ("velocity", "warn", "joint 'elbow'", 'velocity="3"', 'velocity="0"'),
-    ("effort", "stop", "joint 'elbow'", 'effort="20"', 'effort="0"'),
-    ("effort", "warn", "joint 'elbow'", 'effort="20"', 'effort="1e30"'),
-    ("gravity", "warn", "joint 'elbow'", 'effort="20"', 'effort="0.95"'),
-    ("gravity", "stop", "joint 'elbow'", 'effort="20"', 'effort="0.5"'),
-    ("length", "warn", "joint 'elbow'", 'xyz="0.2 0 0"', 'xyz="200 0 0"'),
-    ("length", "warn", "link 'fore'", 'xyz="0.1 0 0"', 'xyz="100 0 0"'),
-    ("mass", "warn", "link 'fore'", 'value="1.0"', 'value="1e9"'),
-    ("mass", "warn", "joint 'elbow'", 'value="1.0"', 'value="1e-5"'),
-    ("inertia", "warn", "link 'fore'", 'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"',
+    ("triangle", "warning", "link 'fore'", 'ixx="0.01"', 'ixx="0.1"'),
+    ("axis", "warning", "joint 'elbow'", 'xyz="0 1 0"', 'xyz="0 3 4"'),
+    ("axis", "warning", "joint 'elbow'", 'xyz="0 1 0"', 'xyz="0 1e-9 0"'),
+    ("degrees", "warning", "joint 'elbow'", 'lower="-1.5" upper="2.5"', 'lower="-90" upper="90"'),
+    ("degrees", "warning", "joint 'elbow'", 'rpy="0 0 0"/><axis', 'rpy="90 0 0"/><axis'),
+    ("degrees", "warning", "link 'fore'", 'rpy="0 0 0"/><mass', 'rpy="0 0 180"/><mass'),
+    ("limits", "warning", "joint 'elbow'", 'lower="-1.5" upper="2.5"', 'lower="-1e5" upper="1e5"'),
+    ("limits", "warning", "joint 'elbow'", 'lower="-1.5" upper="2.5"', ""),
+    ("limits", "warning", "joint 'elbow'", 'lower="-1.5" upper="2.5"', 'lower="0.5" upper="0.5"'),
+    ("velocity", "warning", "joint 'elbow'", 'velocity="3"', 'velocity="180"'),
+    ("velocity", "warning", "joint 'elbow'", 'velocity="3"', 'velocity="0"'),
+    ("effort", "error", "joint 'elbow'", 'effort="20"', 'effort="0"'),
+    ("effort", "warning", "joint 'elbow'", 'effort="20"', 'effort="1e30"'),
+    ("gravity", "warning", "joint 'elbow'", 'effort="20"', 'effort="0.95"'),
+    ("gravity", "error", "joint 'elbow'", 'effort="20"', 'effort="0.5"'),
+    ("length", "warning", "joint 'elbow'", 'xyz="0.2 0 0"', 'xyz="200 0 0"'),
+    ("length", "warning", "link 'fore'", 'xyz="0.1 0 0"', 'xyz="100 0 0"'),
+    ("mass", "warning", "link 'fore'", 'value="1.0"', 'value="1e9"'),
+    ("mass", "warning", "joint 'elbow'", 'value="1.0"', 'value="1e-5"'),
+    ("inertia", "warning", "link 'fore'", 'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"',
      'ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"'),
-    ("inertia", "warn", "link 'fore'", 'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"',
+    ("inertia", "warning", "link 'fore'", 'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"',
      'ixx="100" ixy="0" ixz="0" iyy="100" iyz="0" izz="100"'),
-    ("twice", "warn", "link 'fore'", BODY, BODY + BODY),
-    ("unknown", "warn", "joint 'elbow'", "<axis", '<limits lower="0"/><axis'),
-    ("mesh", "warn", "link 'fore'", BODY, BODY + SHAPE.format('<mesh filename="x.stl"/>')),
-    ("shape", "warn", "link 'fore'", BODY, BODY + SHAPE.format('<box size="big"/>')),
-    ("shape", "warn", "link 'fore'", BODY, BODY + SHAPE.format('<sphere radius="-1"/>')),
+    ("twice", "warning", "link 'fore'", BODY, BODY + BODY),
+    ("unknown", "warning", "joint 'elbow'", "<axis", '<limits lower="0"/><axis'),
+    ("mesh", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<mesh filename="x.stl"/>')),
+    ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<box size="big"/>')),
+    ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<sphere radius="-1"/>')),
 ]  # fmt: skip
 
 
@@ -117,9 +125,9 @@ def test_a_thing_that_will_bite_is_found_where_it_is(
     found = report(changed(old, new))
     hits = [f for f in serious(found) if f.kind == kind]
     assert [(f.level, f.where) for f in hits] == [(level, where)]
-    assert found.stops == any(f.level == "stop" for f in serious(found))
+    assert found.has_errors == any(f.level == "error" for f in serious(found))
     (hit,) = hits
-    assert hit.repair or hit.option
+    assert hit.repair or hit.remedies
     assert where in str(hit)
 
 
@@ -152,7 +160,7 @@ def test_frames_and_a_joint_named_like_a_link_are_notes(report: Any) -> None:
 
 def test_effort_given_takes_the_place_of_the_files(report: Any) -> None:
     text = changed('effort="20"', 'effort="0"')
-    assert report(text).stops
+    assert report(text).has_errors
     assert not serious(report(text, effort={"elbow": 20.0}))
     with pytest.raises(NameNotFound, match="did you mean 'elbow'"):
         report(text, effort={"elbw": 20.0})
@@ -163,7 +171,7 @@ def test_a_mimic_and_the_way_out_are_found(report: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # the finding says what the warning would
         (hit,) = serious(report(text))
-        assert (hit.kind, hit.value, hit.option) == ("mimic", 0.1, "--lock shoulder or --mimic follow")
+        assert (hit.kind, hit.value, options(hit)) == ("mimic", 0.1, "--lock shoulder or --mimic follow")
         assert not serious(report(text, mimic="follow"))
 
 
@@ -173,8 +181,9 @@ def test_a_floating_base_that_is_locked_is_a_note(report: Any) -> None:
         '<link name="world"/><joint name="root" type="floating"><parent link="world"/><child link="base"/>'
         "</joint></robot>",
     )
-    with pytest.raises(UrdfError, match=r"joint 'root' is floating.*--lock root"):
+    with pytest.raises(UrdfError, match="joint 'root' is floating") as caught:
         report(text)
+    assert caught.value.remedies == (Remedy("lock", ("root",)),)
     found = report(text, lock=["root"])
     assert not serious(found)
     assert [f.where for f in found.findings if f.kind == "type"] == ["joint 'root'"]
@@ -196,7 +205,7 @@ def test_a_floating_base_that_is_locked_is_a_note(report: Any) -> None:
 def test_what_is_known_of_the_arms_of_example_robot_data_is_found(name: str, kinds: set[str]) -> None:
     found = health.inspect(name)
     assert {f.kind for f in serious(found)} == kinds
-    assert found.stops == ("effort" in kinds)
+    assert found.has_errors == ("effort" in kinds)
 
 
 @pytest.mark.parametrize("name", ["panda", "kinova"])
@@ -264,9 +273,9 @@ PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inerti
 def test_an_upright_arm_is_said_to_fall_as_it_does(share: float, falls: bool, report: Any) -> None:
     length = 9.81 / (share * 16.0 / 15.0 * 30.0**2)  # the limit of the Routh criterion, where share is 1
     found = report(PENDULUM.replace("LENGTH", str(length)))
-    kinds = [(f.level, f.where, f.option) for f in found.findings if f.kind == "tipping"]
+    kinds = [(f.level, f.where, options(f)) for f in found.findings if f.kind == "gravity-unstable"]
     omega = math.ceil(1.05 * 30.0 * math.sqrt(share))
-    assert kinds == ([("warn", "joint 'j'", f"--omega {omega}")] if falls else [])
+    assert kinds == ([("warning", "joint 'j'", f"--omega {omega}")] if falls else [])
     for omega_c, stays in ((30.0, not falls), (float(omega), True)):
         controller = GPI(found.robot, 1e-3, FixedGains(omega_c))
         plant = RigidBodyPlant(found.robot)
@@ -278,9 +287,45 @@ def test_an_upright_arm_is_said_to_fall_as_it_does(share: float, falls: bool, re
 
 def test_a_joint_locked_outside_its_limits_is_found(report: Any) -> None:
     (finding,) = (f for f in report(GOOD, lock={"elbow": 99.0}).findings if f.kind == "limits")
-    assert (finding.level, finding.value, finding.bound, finding.option) == (
-        "warn",
+    assert (finding.level, finding.value, finding.bound, options(finding)) == (
+        "warning",
         99.0,
         2.5,
         "--lock elbow=0",
     )
+
+
+# --- The registry of checks ----------------------------------------------------------------------
+
+
+def test_the_docs_list_the_checks_there_are() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "robots.md").read_text(encoding="utf-8")
+    assert findings.table() in text, f"put this table into docs/robots.md:\n\n{findings.table()}"
+
+
+def test_every_check_of_every_row_gives_its_levels_alone(report: Any) -> None:
+    levels = {kind: {level for row in findings.CHECKS if row.kind == kind for level in row.levels}
+              for kind in {row.kind for row in findings.CHECKS}}  # fmt: skip
+    for name in robots.names():
+        found = health.with_payload(health.inspect(name), 50.0).findings
+        assert all(finding.level in levels[finding.kind] for finding in found), name
+        # A Python user has no options; the command line makes them of the remedies.
+        assert not any("--" in str(finding) for finding in found), name
+    for kind, level, _, _, _ in WARNED:
+        assert level in levels[kind]
+
+
+def test_a_new_check_is_one_function(report: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(findings, "CHECKS", list(findings.CHECKS))
+
+    @health.check("reach", "an arm longer than 10 cm", "warning")
+    def too_long(subject: findings.Subject) -> Iterator[Finding]:
+        if subject.reach > 0.1:
+            yield Finding("warning", "robot", f"reaches {subject.reach:g} m", subject.reach, 0.1)
+
+    found = report(GOOD)
+    (hit,) = serious(found)
+    assert hit.kind == "reach"
+    assert hit.value == pytest.approx(0.2)
+    assert "reach" in {each["kind"] for each in found.as_dict()["findings"]}
+    assert "| `reach` | warning | an arm longer than 10 cm |" in findings.table()

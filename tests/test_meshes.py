@@ -141,9 +141,9 @@ def test_a_missing_mesh_names_every_path_that_was_tried(package: Path) -> None:
         ("", "no file name"),
         ("a\0b.stl", "no file name"),
         ("x" * 5000 + ".stl", "no such file"),
-        ("arm.urdf", "none of"),  # not a mesh by its name
+        ("arm.urdf", "not one of"),  # not a mesh by its name
         ("$(find arm)/x.stl", "no such file"),
-        (".", "none of"),
+        (".", "not one of"),
     ],
 )
 def test_names_that_lead_nowhere_say_so(package: Path, name: str, said: str) -> None:

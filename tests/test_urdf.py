@@ -344,7 +344,7 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         ("<!DOCTYPE html><html><body><p>404</html>", "a web page (HTML): download the file itself"),
         ("<HTML><br></HTML>", "a web page (HTML)"),
         ("version https://git-lfs.github.com/spec/v1\noid sha256:0", "git lfs pull"),
-        ("robot:\n  name: panda\n", "YAML: an experiment file goes with --config"),
+        ("robot:\n  name: panda\n", "YAML: if it is an experiment file"),
         ('{"robot": 1}', "JSON"),
         ("# ours\n# 2024 \n\nrobot:\n  name: panda\n", "YAML"),
         ('[robot]\nname = "x"\n', "TOML"),
@@ -477,9 +477,10 @@ def test_a_moving_link_without_inertia_is_refused_naming_joint_and_link() -> Non
 def test_joints_without_inertia_are_named_together() -> None:
     palm = '<link name="a"/><link name="b"/>'
     fingers = "".join(WRIST.replace('"wrist"', f'"f{x}"').replace('"hand"', f'"{x}"') for x in "ab")
-    text = str(refusal(GOOD.replace("</robot>", f"{palm}{fingers}</robot>")))
-    assert {"'fa'", "'fb'"} <= set(text.replace(";", "").replace(",", "").split())
-    assert "--lock" in text
+    error = refusal(GOOD.replace("</robot>", f"{palm}{fingers}</robot>"))
+    assert {"'fa'", "'fb'"} <= set(str(error).replace(";", "").replace(",", "").split())
+    ((kind, joints, _),) = error.remedies
+    assert (kind, set(joints)) == ("lock", {"fa", "fb"})
 
 
 def test_a_robot_made_for_drawing_alone_is_refused_as_that() -> None:

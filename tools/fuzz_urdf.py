@@ -26,6 +26,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 from xml.etree import ElementTree
 
 import numpy as np
@@ -48,9 +49,7 @@ def mutated(text: str, rng: random.Random) -> bytes:
     """Return a URDF with one to four things wrong."""
     root = ElementTree.fromstring(text)
     for _ in range(rng.randint(1, 4)):
-        rng.choice((delete, repeat, swap, move, number, number, number, name, kind, tag, attribute))(
-            root, rng
-        )
+        rng.choice(MUTATIONS)(root, rng)
     data = ElementTree.tostring(root)
     if rng.random() < 0.15:
         data = scrambled(data, rng)
@@ -177,7 +176,18 @@ def scrambled(data: bytes, rng: random.Random) -> bytes:
     return bytes(array)
 
 
-MUTATIONS = (delete, repeat, swap, move, number, number, number, name, kind, tag, attribute)
+def mendable(root: ElementTree.Element, rng: random.Random) -> None:
+    """Do what a repair undoes: commas between numbers, or a mass of 0."""
+    vectors = attributes(root, "xyz", "rpy")
+    masses = list(root.iter("mass"))
+    if vectors and rng.random() < 0.5:
+        element, key = rng.choice(vectors)
+        element.set(key, rng.choice((", ", ",")).join(element.get(key, "").split()))
+    elif masses:
+        rng.choice(masses).set("value", "0")
+
+
+MUTATIONS = (delete, repeat, swap, move, number, number, number, name, kind, tag, attribute, mendable)
 
 
 def cases(seed: int, start: int, count: int) -> Iterator[tuple[int, bytes]]:
@@ -189,14 +199,21 @@ def cases(seed: int, start: int, count: int) -> Iterator[tuple[int, bytes]]:
 
 
 def outcome(path: Path, rng: np.random.Generator) -> str:
-    """Return how a file ends: "refused", "stop" or "loaded"; raises what is no error of ours."""
+    """Return how a file ends: "refused", "errors", "repaired" or "loaded"; raises what is no error of ours.
+
+    A file whose refusal names repairs must load with them.
+    """
+    mimic: Literal["lock", "follow"] = "follow" if rng.random() < 0.3 else "lock"
+    repair: list[str] = []
     try:
-        mimic = "follow" if rng.random() < 0.3 else "lock"
-        report = health.inspect(path, mimic=mimic)  # type: ignore[arg-type]
+        report = health.inspect(path, mimic=mimic)
     except ArmgpiError as error:
         if "\n" in str(error):
             raise AssertionError(f"an error of several lines: {error}") from error
-        return "refused"
+        repair = [str(remedy.value) for remedy in error.remedies if remedy.kind == "repair"]
+        if not repair:
+            return "refused"
+        report = health.inspect(path, mimic=mimic, repair=",".join(repair))
     robot = report.robot
     q = np.vstack([robot.middle(), robot.random_positions(5)])
     for result in (
@@ -206,7 +223,9 @@ def outcome(path: Path, rng: np.random.Generator) -> str:
     ):
         if not np.isfinite(result).all():
             raise AssertionError("dynamics that are no numbers")
-    return "stop" if report.stops else "loaded"
+    if repair:
+        return "repaired"
+    return "errors" if report.has_errors else "loaded"
 
 
 def work(seed: int, start: int, count: int, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The command that looks at the installation."""
+"""The command that checks the installation."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Check(NamedTuple):
     """One line of the diagnosis.
 
     Attributes:
-        level: "ok", "note" or "bad".
-        what: what was looked at.
+        level: "ok", "info" or "error".
+        what: what was checked.
         found: what was found.
         repair: what to do; empty when nothing has to be done.
     """
@@ -43,16 +43,16 @@ class Check(NamedTuple):
 
 
 def doctor(as_json: opt.Json = False) -> None:
-    """Look at the installation: which Pinocchio is imported, which extras are there, what is in the way."""
+    """Check the installation: which Pinocchio is imported, which extras are there, what is in the way."""
     checks = diagnose()
     if as_json:
         say(json.dumps([check._asdict() for check in checks]))
     else:
-        colours = {"ok": None, "note": None, "bad": "red"}
+        colours = {"ok": None, "info": None, "error": "red"}
         for check in checks:
             repair = f" -> {check.repair}" if check.repair else ""
-            say(f"{check.level:4} {check.what}: {check.found}{repair}", fg=colours[check.level])
-    if any(check.level == "bad" for check in checks):
+            say(f"{check.level:5} {check.what}: {check.found}{repair}", fg=colours[check.level])
+    if any(check.level == "error" for check in checks):
         sys.exit(FAILED)
 
 
@@ -74,7 +74,7 @@ def diagnose() -> list[Check]:
     ros = [key for key in ("ROS_DISTRO", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH") if os.environ.get(key)]
     if ros:
         values = ", ".join(f"{key}={os.environ[key]}" for key in ros)
-        checks.append(Check("note", "ROS", values, "its PYTHONPATH may bring another Pinocchio"))
+        checks.append(Check("info", "ROS", values, "its PYTHONPATH may bring another Pinocchio"))
     threads = os.environ.get("OMP_NUM_THREADS", "not set: all cores")
     checks.append(Check("ok", "threads", f"OMP_NUM_THREADS {threads}; {os.cpu_count()} cores"))
     return checks
@@ -85,27 +85,29 @@ def _pinocchio() -> Check:
     try:
         import pinocchio
     except ImportError as error:
-        return Check("bad", "pinocchio", f"does not import: {error}", "pip install pin, and clear PYTHONPATH")
+        return Check(
+            "error", "pinocchio", f"does not import: {error}", "pip install pin, and clear PYTHONPATH"
+        )
     place = getattr(pinocchio, "__file__", None) or "nowhere"
     if not hasattr(pinocchio, "buildModelFromXML"):
         # PyPI's `pinocchio` is a plug-in for nose.
         repair = "pip uninstall pinocchio; pip install pin"
-        return Check("bad", "pinocchio", f"{place} is another package of that name", repair)
+        return Check("error", "pinocchio", f"{place} is another package of that name", repair)
     found = f"{pinocchio.__version__} in {Path(place).parent}"
     if _major(pinocchio.__version__) < _OLDEST_PIN:
-        return Check("bad", "pinocchio", found, f"pip install 'pin>={_OLDEST_PIN}'")
+        return Check("error", "pinocchio", found, f"pip install 'pin>={_OLDEST_PIN}'")
     wheel = _version("pin")
     if wheel is None:
-        return Check("note", "pinocchio", found, "it is not the wheel `pin`; armgpi is tested with that")
+        return Check("info", "pinocchio", found, "it is not the wheel `pin`; armgpi is tested with that")
     if not pinocchio.__version__.startswith(wheel):
         repair = "another installation comes first on the path; clear PYTHONPATH"
-        return Check("bad", "pinocchio", f"{found}, but pin {wheel} is installed", repair)
+        return Check("error", "pinocchio", f"{found}, but pin {wheel} is installed", repair)
     try:
         from armgpi import Robot
 
         Robot.load("anthropomorphic3")
     except Exception as error:  # whatever a broken installation does
-        return Check("bad", "pinocchio", f"{found} fails: {error}", "install pin and numpy anew")
+        return Check("error", "pinocchio", f"{found} fails: {error}", "install pin and numpy anew")
     return Check("ok", "pinocchio", f"{found}; loads our arm")
 
 
@@ -113,7 +115,7 @@ def _package(name: str) -> Check:
     """Return the version of a package that is needed."""
     version = _version(name)
     if version is None:
-        return Check("bad", name, "is missing", f"pip install {name}")
+        return Check("error", name, "is missing", f"pip install {name}")
     return Check("ok", name, version)
 
 
@@ -125,7 +127,7 @@ def _compiler() -> Check:
     try:
         found = compiler()
     except BackendError as error:
-        return Check("note", "C compiler", str(error), "apt install gcc, or xcode-select --install")
+        return Check("info", "C compiler", str(error), "apt install gcc, or xcode-select --install")
     return Check("ok", "C compiler", found.version.splitlines()[0] if found.version else found.command[0])
 
 
@@ -133,7 +135,7 @@ def _extra(name: str, packages: tuple[tuple[str, str], ...]) -> Check:
     """Return which packages of an extra are there."""
     missing = [package for package, module in packages if find_spec(module) is None]
     if missing:
-        return Check("note", f"extra {name}", f"no {', '.join(missing)}", f"pip install 'armgpi[{name}]'")
+        return Check("info", f"extra {name}", f"no {', '.join(missing)}", f"pip install 'armgpi[{name}]'")
     return Check("ok", f"extra {name}", ", ".join(f"{p} {_version(p) or '?'}" for p, _ in packages))
 
 
@@ -145,10 +147,10 @@ def _example_robot_data() -> Check:
     folder = robots.example_folder()
     install = "pip install 'armgpi[robots]'"
     if folder is None:
-        return Check("note", "example-robot-data", f"not found; {count} robots by name", install)
+        return Check("info", "example-robot-data", f"not found; {count} robots by name", install)
     found = f"{version or 'unknown version'} in {folder}; {count} robots by name"
     if version is not None and _major(version) < _OLDEST_DATA:
-        return Check("note", "example-robot-data", found, f"some robots may be missing: {install}")
+        return Check("info", "example-robot-data", found, f"some robots may be missing: {install}")
     return Check("ok", "example-robot-data", found)
 
 
@@ -175,7 +177,7 @@ def _shadows() -> Check:
     ]
     if hidden:
         repair = "start without it: env -u PYTHONPATH armgpi ..."
-        return Check("bad", "PYTHONPATH", f"hides installed packages by {', '.join(hidden)}", repair)
+        return Check("error", "PYTHONPATH", f"hides installed packages by {', '.join(hidden)}", repair)
     return Check("ok", "PYTHONPATH", os.pathsep.join(entries) or "not set")
 
 

@@ -1,4 +1,4 @@
-"""The command that looks at a robot's model."""
+"""The command that inspects a robot's model."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.parsing import FAILED, locks, per_joint, split
+from armgpi.cli.parsing import FAILED, as_option, locks, per_joint, split
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import say
 from armgpi.escape import shown
 
 if TYPE_CHECKING:
-    from armgpi.health.report import Finding, HealthReport
+    from armgpi.health.findings import Finding
+    from armgpi.health.report import HealthReport
 
 _Robot = Annotated[
     str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
@@ -30,7 +31,7 @@ _CrossCheck = Annotated[
     ),
 ]
 _Payload = Annotated[
-    float, typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is told.")
+    float, typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is shown.")
 ]
 
 
@@ -39,6 +40,7 @@ def inspect(
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
+    repair: opt.Repair = None,
     effort: opt.Effort = None,
     package_dir: opt.PackageDir = None,
     encoder_bits: opt.Bits = None,
@@ -48,7 +50,7 @@ def inspect(
     cross_check: _CrossCheck = False,
     as_json: opt.Json = False,
 ) -> None:
-    """Say what a robot's model is, what will bite, and what a controller will do with it.
+    """Report what a robot's model is, what will bite, and what a controller will do with it.
 
     \b
     armgpi inspect ur5
@@ -66,20 +68,26 @@ def inspect(
         1e-3 if dt is None else dt,
         0 if delay is None else delay,
         16 if encoder_bits is None else encoder_bits,
+        split(repair or []),
     )
     report = health.with_payload(report, payload)
     if cross_check:
-        report = _second_opinion(report)
+        from armgpi.health.crosscheck import with_cross_check
+
+        report = with_cross_check(report)
     if as_json:
-        say(json.dumps(report.as_dict()))
+        data = report.as_dict()
+        for found, finding in zip(data["findings"], report.findings, strict=True):
+            found["option"] = _option(finding)
+        say(json.dumps(data))
     else:
         _show(report)
-    if report.stops:
+    if report.has_errors:
         sys.exit(FAILED)
 
 
 def _folders(given: list[Path]) -> list[Path]:
-    """Return the package folders, refusing what is none."""
+    """Return the package folders, refusing those that do not exist."""
     from armgpi.cli.parsing import refusal
 
     for folder in given:
@@ -88,28 +96,8 @@ def _folders(given: list[Path]) -> list[Path]:
     return given
 
 
-def _second_opinion(report: HealthReport) -> HealthReport:
-    """Return the report with what yourdfpy sees otherwise; a file that it cannot read may be sound."""
-    from armgpi.health.crosscheck import CrossCheckUnavailable, cross_check
-    from armgpi.health.report import Finding
-
-    try:
-        result = cross_check(report.robot)
-    except CrossCheckUnavailable as error:
-        repair = "nothing, if other tools read it: there is just no second opinion"
-        finding = Finding("warn", "cross-check", "file", None, None, str(error), repair)
-        return report.with_findings([finding])
-    repair = "one of the readers is wrong: look at that element"
-    findings = [
-        Finding("stop", "cross-check", "file", None, None, line, repair) for line in result.differences
-    ]
-    return report.with_findings(findings, cross_check=result._asdict())
-
-
 def _show(report: HealthReport) -> None:
     """Print the report: facts, joints, findings."""
-    from rich.table import Table
-
     facts = report.facts
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
     console = console_of(width, soft_wrap=True)
@@ -122,31 +110,7 @@ def _show(report: HealthReport) -> None:
     if facts["locked"]:
         locked = (f"{shown(name)} at {x:g}" for name, x in facts["locked"].items())
         console.print("locked: " + ", ".join(locked))
-    table = Table()
-    longest = max(len(shown(joint["name"])) for joint in facts["joints"])
-    table.add_column("joint", overflow="fold", min_width=min(longest, 24))
-    table.add_column("type")
-    for heading in (
-        *("position\nrad, m", "speed\nrad/s, m/s", "effort\nN m, N", "to hold\nN m, N"),
-        *("inertia\nkg m², kg", "damping\nN m s, N s/m", "ω_c by\nencoder"),
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for joint in facts["joints"]:
-        table.add_row(
-            shown(joint["name"]),
-            joint["type"],
-            f"{_number(joint['lower'])}..{_number(joint['upper'])}" if joint["type"] != "continuous" else "-",
-            _number(joint["velocity"]),
-            _number(joint["effort"]),
-            _number(joint["holding"]),
-            f"{_number(joint['inertia_least'])}..{_number(joint['inertia_most'])}",
-            _number(joint["damping"]),
-            _number(joint["omega_encoder"]),
-        )
-    from rich.measure import Measurement
-
-    console.width = max(console.width, Measurement.get(console, console.options, table).minimum)
-    console.print(table, soft_wrap=False)
+    _show_joints(console, facts["joints"])
     control = facts["control"]
     console.print(
         f"over {facts['configurations']} configurations: D(q) has eigenvalues from "
@@ -157,14 +121,14 @@ def _show(report: HealthReport) -> None:
         f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column"
     )
     load = facts["payload"]
-    less, more = load["delta_unknown"][0], load["delta_believed"][1]
+    less, more = load["delta_unknown"][0], load["delta_nominal"][1]
     console.print(
-        f"{load['mass']:g} kg at {load['frame']!r}: unknown, D(q) as believed is {less:.2g} to 1 of the true "
-        f"one; believed in and perhaps gone, 1 to {more:.3g}"
+        f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
+        f"true one; with it, and the load gone, 1 to {more:.3g}"
     )
     console.print(
         f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
-        f"{load['largest_believed']:.3g} kg as --payload-range at the default bandwidth, "
+        f"{load['largest_nominal']:.3g} kg as --payload-range at the default bandwidth, "
         f"{load['largest_held']:.3g} kg by effort"
     )
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
@@ -176,15 +140,50 @@ def _show(report: HealthReport) -> None:
     _show_findings(console, report.findings)
 
 
+def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
+    """Print the table of joints, which is never narrower than its numbers."""
+    from rich.measure import Measurement
+    from rich.table import Table
+
+    table = Table()
+    longest = max(len(shown(joint["name"])) for joint in joints)
+    table.add_column("joint", overflow="fold", min_width=min(longest, 24))
+    table.add_column("type")
+    for heading in (
+        *("position\nrad, m", "speed\nrad/s, m/s", "effort\nN m, N", "to hold\nN m, N"),
+        *("inertia\nkg m², kg", "damping\nN m s, N s/m", "ω_c by\nencoder"),
+    ):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for joint in joints:
+        table.add_row(
+            shown(joint["name"]),
+            joint["type"],
+            f"{_number(joint['lower'])}..{_number(joint['upper'])}" if joint["type"] != "continuous" else "-",
+            _number(joint["velocity"]),
+            _number(joint["effort"]),
+            _number(joint["holding"]),
+            f"{_number(joint['inertia_least'])}..{_number(joint['inertia_most'])}",
+            _number(joint["damping"]),
+            _number(joint["omega_encoder"]),
+        )
+    console.width = max(console.width, Measurement.get(console, console.options, table).minimum)
+    console.print(table, soft_wrap=False)
+
+
 def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
     """Print the findings and how many there are."""
-    styles = {"stop": "red", "warn": "yellow", "note": ""}
+    styles = {"error": "red", "warning": "yellow", "info": ""}
     for finding in findings:
-        console.print(f"{finding.level}: {shown(finding)}", style=styles[finding.level])
+        option = _option(finding)
+        remedy = f"{'; ' if finding.repair else ' -> '}{option}" if option else ""
+        console.print(f"{finding.level}: {shown(f'{finding}{remedy}')}", style=styles[finding.level])
     count = {level: sum(f.level == level for f in findings) for level in styles}
-    console.print(
-        f"{count['stop']} findings stop a run, {count['warn']} are probably wrong, {count['note']} are notes"
-    )
+    console.print(f"{count['error']} errors, {count['warning']} warnings, {count['info']} infos")
+
+
+def _option(finding: Finding) -> str:
+    """Return the options that apply what a finding proposes; empty when none does."""
+    return " or ".join(map(as_option, finding.remedies))
 
 
 def _number(value: float) -> str:

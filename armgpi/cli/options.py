@@ -84,6 +84,13 @@ Mimic = Annotated[
     str | None,
     typer.Option(metavar="HOW", help="Joints that mimic another: 'lock' (default), or 'follow' it exactly."),
 ]
+Repair = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Repair to make in the URDF, as its refusal names it, or 'all'; may be repeated.",
+    ),
+]
 PackageDir = Annotated[
     list[Path] | None,
     typer.Option(
@@ -197,6 +204,7 @@ def experiment(
     lock: Lock = None,
     keep: Keep = None,
     mimic: Mimic = None,
+    repair: Repair = None,
     effort: Effort = None,
     inertia_scale: InertiaScale = None,
     payload: Payload = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar, cast
@@ -26,6 +27,7 @@ OPTIONS = {
     "omega": ("--omega", "BANDWIDTH"),
     "package_dir": ("--package-dir", "FOLDER"),
     "port": ("--port", "PORT"),
+    "repair": ("--repair", "NAME"),
     "robot": ("--robot", "ROBOT"),
     "start": ("--from", "POSITIONS"),
     "time_limit": ("--time-limit", "SECONDS"),
@@ -51,7 +53,8 @@ def as_option(remedy: Remedy) -> str:
     name, placeholder = OPTIONS[remedy.kind]
     value = f"{remedy.value:g}" if isinstance(remedy.value, float) else remedy.value
     joints = ",".join(joint if value is None else f"{joint}={value}" for joint in remedy.joints)
-    return f"{name} {joints or value or placeholder}".rstrip()
+    proposed = joints or value
+    return f"{name} {shlex.quote(proposed) if proposed else placeholder}".rstrip()
 
 
 def with_options(error: BaseException) -> str:

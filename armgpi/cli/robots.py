@@ -10,11 +10,12 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from armgpi.cli import options as opt
+from armgpi.cli.parsing import as_option
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
-    from armgpi.health.report import Finding
+    from armgpi.health.findings import Finding
 
 #: Kind of a finding -> what to say of it in a few words.
 _REMARKS = {
@@ -49,7 +50,7 @@ def robots(as_json: opt.Json = False) -> None:
 
 
 def _row(name: str) -> dict[str, Any]:
-    """Return what to know of a robot."""
+    """Return the row of a robot."""
     from armgpi.errors import ArmgpiError
     from armgpi.health import report as health
     from armgpi.robot.robots import EXAMPLE_ROBOT_DATA
@@ -85,8 +86,8 @@ def _remarks(findings: Iterable[Finding]) -> list[str]:
     remarks: dict[str, None] = {}
     for finding in findings:
         if finding.kind == "gripper":
-            remarks[f"gripper: {finding.option}"] = None
-        elif finding.kind in _REMARKS and (finding.level != "note" or finding.kind == "neutral"):
+            remarks[f"gripper: {as_option(finding.remedies[0])}"] = None
+        elif finding.kind in _REMARKS and (finding.level != "info" or finding.kind == "neutral"):
             remarks[_REMARKS[finding.kind]] = None
     return list(remarks)
 

@@ -1,4 +1,4 @@
-"""The commands that look at robots and rollouts: view and report."""
+"""The commands that show robots and rollouts: view and report."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ def view(
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
+    repair: opt.Repair = None,
     robot: opt.RobotOf = None,
     frame: opt.Frame = None,
     port: opt.Port = None,
@@ -58,7 +59,7 @@ def view(
     from armgpi.viz import meshcat
 
     pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
-    page = _page(target, lock, keep, mimic, robot, frame)
+    page = _page(target, lock, keep, mimic, repair, robot, frame)
     if html is not None:
         say(f"wrote {meshcat.write(page, html)}", err=True)
     else:
@@ -109,6 +110,7 @@ def _page(
     lock: list[str] | None,
     keep: list[str] | None,
     mimic: Any,
+    repair: list[str] | None,
     robot: str | None,
     frame: str | None,
 ) -> str:
@@ -119,7 +121,10 @@ def _page(
     from armgpi.viz import meshcat, scene
 
     if Path(target).suffix.lower() == ".nc":
-        for option, value in (("--lock", lock), ("--keep", keep), ("--mimic", mimic)):
+        for option, value in (
+            *(("--lock", lock), ("--keep", keep)),
+            *(("--mimic", mimic), ("--repair", repair)),
+        ):
             if value:
                 raise refusal(option, "is for robots; a rollout has its joints locked already")
         result = rollouts.load(target)
@@ -129,7 +134,7 @@ def _page(
         raise refusal("--robot", "requires a rollout")
     locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
     kept = split(keep) if keep else None
-    shown = Robot.load(target, lock=locked, keep=kept, mimic=mimic or "lock")
+    shown = Robot.load(target, locked, kept, mimic or "lock", split(repair or []))
     return meshcat.robot_page(shown, frame=frame)
 
 

@@ -146,10 +146,11 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
     # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.
     lock: Any = section.lock
     try:
-        robot = Robot.load(section.name, lock=lock, keep=section.keep, mimic=section.mimic)
+        robot = Robot.load(section.name, lock, section.keep, section.mimic, section.repair)
     except NameNotFound as error:
         # Robots and joints are looked up: say whose key it is.
-        key = next((k for k in ("lock", "keep") if error.name in (getattr(section, k) or ())), "name")
+        other = "repair" if "repair" in error.kind else "name"
+        key = next((k for k in ("lock", "keep") if error.name in (getattr(section, k) or ())), other)
         raise place.at(key).error(str(error)) from None
     except ArmgpiError as error:
         raise place.at("name").error(str(error)) from error

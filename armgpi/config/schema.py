@@ -211,6 +211,7 @@ class RobotSection(_Section):
         lock: joints to hold fixed: names, or name -> value [rad or m].
         keep: when given, every other joint is locked.
         mimic: whether joints that mimic another are locked or follow it.
+        repair: names of repairs that may be made in the URDF, or "all"; see :mod:`armgpi.robot.repairs`.
         effort: effort limits that replace the URDF's [N m or N].
     """
 
@@ -218,6 +219,7 @@ class RobotSection(_Section):
     lock: Locks = []
     keep: Names | None = None
     mimic: Literal["lock", "follow"] = "lock"
+    repair: Names = []
     effort: PerJointNotNegative | None = None
 
 

@@ -1,5 +1,6 @@
-"""What is to be said of a robot before it is used: findings, a second reading, the zoo of arms."""
+"""What is known of a robot before it is used: findings, a second reading, the zoo of arms."""
 
-from armgpi.health.report import LEVELS, Finding, HealthReport, inspect, with_payload
+from armgpi.health.findings import LEVELS, Finding, check
+from armgpi.health.report import HealthReport, inspect, with_payload
 
-__all__ = ["LEVELS", "Finding", "HealthReport", "inspect", "with_payload"]
+__all__ = ["LEVELS", "Finding", "HealthReport", "check", "inspect", "with_payload"]

@@ -18,7 +18,9 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
-from armgpi.robot import urdf
+from armgpi.health.findings import Finding
+from armgpi.health.report import HealthReport
+from armgpi.robot import repairs, tree, urdf
 from armgpi.robot.robot import Robot
 
 #: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
@@ -65,7 +67,7 @@ def cross_check(robot: Robot) -> CrossCheck:
         raise ArmgpiError(f"the cross-check needs yourdfpy ({error}): pip install 'armgpi[check]'") from None
     source = robot.provenance["source"]
     text = urdf.read_file(Path(source))
-    document = urdf.parse(text, source)
+    document = urdf.parse(text, source, repairs.made_in(robot.provenance))
     if document.sha256 != robot.provenance["sha256"]:
         raise ArmgpiError(f"{source}: has changed since the robot was loaded; load it again")
     other = _read(yourdfpy, text)
@@ -74,6 +76,25 @@ def cross_check(robot: Robot) -> CrossCheck:
     if differences:
         return CrossCheck(0, 0, float("nan"), float("nan"), tuple(differences))
     return _of_poses(document, robot, other)
+
+
+def with_cross_check(report: HealthReport) -> HealthReport:
+    """Return a report with what yourdfpy reads otherwise; a file that it cannot read may be sound.
+
+    Raises:
+        ArmgpiError: when yourdfpy is not installed, or the file has changed.
+    """
+    try:
+        result = cross_check(report.robot)
+    except CrossCheckUnavailable as error:
+        repair = "nothing, if other tools read it: there is just no second opinion"
+        finding = Finding("warning", "file", str(error), repair=repair, kind="cross-check")
+        return report.with_findings([finding])
+    repair = "one of the readers is wrong: look at that element"
+    findings = [
+        Finding("error", "file", line, repair=repair, kind="cross-check") for line in result.differences
+    ]
+    return report.with_findings(findings, cross_check=result._asdict())
 
 
 def _read(yourdfpy: Any, text: str) -> Any:
@@ -109,7 +130,7 @@ def _of_names(document: urdf.Urdf, other: Any) -> list[str]:
     return lines
 
 
-def _of_joint(joint: urdf.Joint, other: Any) -> list[str]:
+def _of_joint(joint: tree.Joint, other: Any) -> list[str]:
     """Return what the readers see differently of one joint."""
     theirs = other.joint_map.get(joint.name)
     if theirs is None:
@@ -153,7 +174,7 @@ def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
     configurations = robot.random_positions(count, seed=2)
     apart = _differently_locked(document, robot)
     names = [name for name in document.links if name not in apart]
-    order = _topological_order(document)
+    order = tree.topological_order(document.joints, document.base)
     ours = {name: robot.frame_pose(name, configurations) for name in names}
     position = rotation = 0.0
     worst = names[0]
@@ -177,20 +198,6 @@ def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
             f"by {rotation:.3g}"
         )
     return CrossCheck(len(names), len(configurations), position, rotation, tuple(lines))
-
-
-def _topological_order(document: urdf.Urdf) -> list[urdf.Joint]:
-    """Return the joints, each one after that which carries it."""
-    carried: dict[str, list[urdf.Joint]] = {}
-    for joint in document.joints.values():
-        carried.setdefault(joint.parent, []).append(joint)
-    order: list[urdf.Joint] = []
-    front = [document.base]
-    while front:
-        below = carried.get(front.pop(), [])
-        order += below
-        front += [joint.child for joint in below]
-    return order
 
 
 def _differently_locked(document: urdf.Urdf, robot: Robot) -> set[str]:

@@ -10,7 +10,9 @@ import re
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from armgpi.robot.urdf import Joint, Urdf
+from armgpi.robot import tree
+from armgpi.robot.tree import Joint
+from armgpi.robot.urdf import Urdf
 
 #: An arm has at least so many joints before its gripper.
 _ARM = 2
@@ -46,7 +48,10 @@ class _Node:
         self.children: list[_Node] = []
         #: Leaves of the tree of links that hang on its child by fixed joints.
         self.tips: list[str] = []
-        self.before: int = 0 if parent is None else parent.before + 1
+        #: Names of the joints before it, from the base.
+        self.above: tuple[str, ...] = () if parent is None else (*parent.above, parent.joint.name)
+        if parent is not None:
+            parent.children.append(self)
 
     def below(self) -> Iterator[_Node]:
         """Give the node and all under it."""
@@ -58,7 +63,7 @@ class _Node:
 
     def height(self) -> int:
         """Return how many joints there are one after the other, itself included."""
-        return max(node.before for node in self.below()) - self.before + 1
+        return max(len(node.above) for node in self.below()) - len(self.above) + 1
 
 
 def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
@@ -70,25 +75,10 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
     """
     nodes = _tree(urdf, locked)
     reasons: dict[str, tuple[str, str]] = {}  # joint -> (joint before the gripper, why)
-
-    def mark(top: _Node, reason: str) -> None:
+    for top, reason in (*_branches(nodes), *_together(nodes), *_alone(nodes)):
         if top.parent is not None:
             for node in top.below():
                 reasons.setdefault(node.joint.name, (top.parent.joint.name, reason))
-
-    for node in nodes.values():
-        if node.before + 1 >= _ARM and len(node.children) > 1:
-            heights = [child.height() for child in node.children]
-            if max(heights) <= min(_FINGER, node.before):
-                for child in node.children:
-                    mark(child, f"{len(heights)} fingers branch off there")
-    for tops in _mimic_groups(nodes):
-        for top in tops:
-            mark(top, "they move together as mimic joints")
-    for node in nodes.values():
-        reason = _single(node)
-        if reason is not None:
-            mark(node, reason)
     grippers: dict[str, tuple[list[str], str]] = {}
     for name in urdf.joints:
         if name in reasons:
@@ -99,23 +89,42 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
 
 def _tree(urdf: Urdf, locked: Collection[str]) -> dict[str, _Node]:
     """Return a node for every moving joint, parents first."""
-    carried: dict[str, list[Joint]] = {}
-    for joint in urdf.joints.values():
-        carried.setdefault(joint.parent, []).append(joint)
+    order = tree.topological_order(urdf.joints, urdf.base)
+    carriers = {joint.parent for joint in order}
     nodes: dict[str, _Node] = {}
-    front: list[tuple[str, _Node | None]] = [(urdf.base, None)]
-    while front:
-        link, node = front.pop()
-        for joint in carried.get(link, ()):
-            under = node
-            if joint.moves and joint.name not in locked:
-                under = nodes[joint.name] = _Node(joint, node)
-                if node is not None:
-                    node.children.append(under)
-            elif node is not None and joint.child not in carried:
-                node.tips.append(joint.child)
-            front.append((joint.child, under))
+    carrying: dict[str, _Node | None] = {urdf.base: None}  # link -> the moving joint that carries it
+    for joint in order:
+        node = carrying[joint.child] = carrying[joint.parent]
+        if joint.moves and joint.name not in locked:
+            nodes[joint.name] = carrying[joint.child] = _Node(joint, node)
+        elif node is not None and joint.child not in carriers:
+            node.tips.append(joint.child)
     return nodes
+
+
+def _branches(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
+    """Give the first joints of fingers that branch off at the end of an arm."""
+    for node in nodes.values():
+        if len(node.above) + 1 >= _ARM and len(node.children) > 1:
+            heights = [child.height() for child in node.children]
+            if max(heights) <= min(_FINGER, len(node.above)):
+                for child in node.children:
+                    yield child, f"{len(heights)} fingers branch off there"
+
+
+def _together(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
+    """Give the uppermost joints of mimics that move together."""
+    for tops in _mimic_groups(nodes):
+        for top in tops:
+            yield top, "they move together as mimic joints"
+
+
+def _alone(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
+    """Give joints that alone, with what hangs on them, are a gripper."""
+    for node in nodes.values():
+        reason = _single(node)
+        if reason is not None:
+            yield node, reason
 
 
 def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
@@ -127,38 +136,29 @@ def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
     for leader, members in groups.items():
         group = [*([nodes[leader]] if leader in nodes else []), *members]
         names = {node.joint.name for node in group}
-        tops = [node for node in group if not any(up in names for up in _above(node))]
+        tops = [node for node in group if not any(up in names for up in node.above)]
         mimics = all(
             under.joint.name in names or under.joint.mimic is not None
             for top in tops
             for under in top.below()
         )
         # One after the other they may as well be an arm whose joints are coupled.
-        behind = min(node.before for node in tops) >= _ARM
+        behind = min(len(node.above) for node in tops) >= _ARM
         if mimics and behind and (len(tops) > 1 or leader not in nodes):
             yield tops
 
 
-def _above(node: _Node) -> Iterator[str]:
-    """Give the names of the joints before a joint."""
-    up = node.parent
-    while up is not None:
-        yield up.joint.name
-        up = up.parent
-
-
 def _single(node: _Node) -> str | None:
-    """Return why a joint alone, with what hangs on it, is a gripper; None when it is none."""
-    if node.before < _ARM or node.height() > _FINGER or (node.parent and len(node.parent.children) > 1):
+    """Return why a joint alone, with what hangs on it, is a gripper; None when it is not one."""
+    if len(node.above) < _ARM or node.height() > _FINGER or (node.parent and len(node.parent.children) > 1):
         return None
-    joint = node.joint
-    ends = len(node.children) == 0
+    joint, ends = node.joint, not node.children
     named = _NAMES.search(f"{joint.name} {joint.child}") and not _ARM_NAMES.search(joint.name)
     # Where the joints before it have such names too, the whole robot is a finger.
-    if named and not any(map(_NAMES.search, _above(node))):
+    if named and not any(map(_NAMES.search, node.above)):
         return "they are named like one" if node.children else "it is named like one"
     travel = joint.upper - joint.lower
-    if ends and joint.type == "prismatic" and node.before >= _SLIDE_BEHIND and travel <= _SLIDE_TRAVEL:
+    if ends and joint.type == "prismatic" and len(node.above) >= _SLIDE_BEHIND and travel <= _SLIDE_TRAVEL:
         return f"it slides by {travel:g} m at the end"
     turns = ends and joint.type == "revolute" and travel < 3.2
     if turns and node.parent is not None and any(map(_TIPS.search, node.parent.tips)):

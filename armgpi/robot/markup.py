@@ -1,4 +1,4 @@
-"""From a file to its XML: what can hang, fill the memory or is no URDF at all is told apart here.
+"""From a file to its XML: what can hang, fill the memory or is no URDF at all is refused here.
 
 The tree holds elements and attributes alone. A URDF has nothing of use in its text, and what is not kept
 cannot be large.
@@ -12,7 +12,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from armgpi.errors import UrdfError
+from armgpi.errors import Remedy, UrdfError
 
 MAX_BYTES = 32 * 1024 * 1024
 MAX_DEPTH = 100
@@ -41,10 +41,11 @@ _BINARY = (
     (b"7z\xbc\xaf", "a 7z archive: unpack it and give the URDF in it"),
     (b"Rar!", "a rar archive: unpack it and give the URDF in it"),
     (b"PXR-USDC", "a scene (OpenUSD): give the URDF of the robot; USD is not read"),
-    (b"\x89HDF", "a rollout or other data (HDF5, NetCDF): give the URDF; rollouts go with view and report"),
+    (b"\x89HDF", "a rollout or other data (HDF5, NetCDF): give the URDF"),
     (b"glTF", "a mesh (glTF): give the URDF that shows it"),
 )
 _HTML = "a web page (HTML): download the file itself, by the 'raw' link"
+_YAML = "YAML: if it is an experiment file, give it as that; else give a URDF"
 #: How a text begins that is no XML -> what it is.
 _TEXTS = (
     (r"<!doctype\s+html|<html", _HTML),
@@ -60,10 +61,7 @@ _TEXTS = (
     (r"#usda", "a scene (OpenUSD): give the URDF of the robot; USD is not read"),
     (r"ISO-10303", "a CAD model (STEP): give a URDF, to which CAD tools export"),
     (r"(#[^\n]*\n\s*)*(v|o|mtllib) \S", "a mesh (OBJ): give the URDF that shows it"),
-    (
-        r"(#[^\n]*\n\s*)*(%YAML|---\s|robot:|[\w]+:\s)",
-        "YAML: an experiment file goes with --config; give a URDF as robot",
-    ),
+    (r"(#[^\n]*\n\s*)*(%YAML|---\s|robot:|[\w]+:\s)", _YAML),
 )
 _FLAGS = re.IGNORECASE | re.MULTILINE
 #: Root element -> what such a file is and the way on.
@@ -141,7 +139,8 @@ def parse_xml(text: str, source: str) -> Element:
     try:
         root = _elements(stripped, source)
     except (expat.ExpatError, UnicodeEncodeError) as error:
-        raise UrdfError(source, f"is {kind or f'not well-formed XML: {error}'}") from None
+        refused = UrdfError(source, f"is {kind or f'not well-formed XML: {error}'}")
+        raise refused.suggesting(*[Remedy("config", (), source)] * (kind == _YAML)) from None
     if root.tag != "robot":
         other = _ROOTS.get(root.tag, "no URDF")
         if root.tag.lower() == "robot" and root.tag != "Robot":

@@ -1,6 +1,6 @@
 """Where a URDF's meshes are: found as ROS finds them, read only inside the robot's own package folders.
 
-Dynamics never need a mesh; a viewer does, and the health report says which ones are missing. A URDF may
+Dynamics never need a mesh; a viewer does, and the health report lists those that are missing. A URDF may
 come from anywhere and can name any file of this machine, and so can the textures of a mesh. So whatever a
 name leads to must lie, links resolved, in a folder of the robot: the package that its URDF is in, a
 package that a ``package://`` name finds, or a folder that the user gave.
@@ -138,9 +138,7 @@ class MeshFinder:
         places = [(root / path, (*self.roots, root)) for root in self._packages(package)]
         found = self._first(name, places, MESHES)
         if found.path is None and not places:
-            return found._replace(
-                reason=f"there is no package {package!r} here; give its folder (--package-dir)"
-            )
+            return found._replace(reason=f"there is no package {package!r} here; give its folder")
         return found
 
     def _packages(self, package: str) -> Iterator[Path]:
@@ -181,9 +179,9 @@ class MeshFinder:
             except (OSError, ValueError):
                 continue
             if not any(real.is_relative_to(root) for root in roots):
-                reason = reason or f"{real} is outside the robot's folders; allow it with --package-dir"
+                reason = reason or f"{real} is outside the robot's folders; give its folder to allow it"
             elif real.suffix.lower() not in suffixes:
-                reason = reason or f"{real} is none of {', '.join(sorted(suffixes))}"
+                reason = reason or f"{real} is not one of {', '.join(sorted(suffixes))}"
             elif not stat.S_ISREG(status.st_mode):
                 reason = reason or f"{real} is no regular file"
             elif status.st_size > MAX_MESH_BYTES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, frozen
 from armgpi.errors import UrdfError
-from armgpi.robot import robots, urdf, urdf_model
+from armgpi.robot import robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
@@ -79,6 +79,7 @@ class Robot(Edits):
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
         mimic: urdf_model.Mimic = "lock",
+        repair: str | Iterable[str] = (),
     ) -> Robot:
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
@@ -90,13 +91,15 @@ class Robot(Edits):
                 larger robot (``baxter_left_arm``) keeps that arm by itself.
             mimic: joints that mimic another are locked where its zero (or lock) puts them; with "follow"
                 they move with it, and their inertia and weight are felt by it.
+            repair: names of repairs that may be made in the file (:mod:`armgpi.robot.repairs`), or "all".
+                A refusal names the one that helps; ``provenance["repairs"]`` says what was there before.
 
         Raises:
-            NameNotFound: for a robot or joint name that does not exist.
+            NameNotFound: for a robot, joint or repair that does not exist.
             UrdfError: for a file that is no usable URDF.
         """
         path, name = robots.locate(path_or_name)
-        document = urdf.parse(urdf.read_file(path), str(path))
+        document = urdf.parse(urdf.read_file(path), str(path), repair)
         if name is not None and keep is None:
             keep = robots.kept(name, (j.name for j in document.joints.values() if j.moves), lock)
         return cls._from_document(document, name or document.name, lock, keep, mimic)
@@ -108,9 +111,10 @@ class Robot(Edits):
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
         mimic: urdf_model.Mimic = "lock",
+        repair: str | Iterable[str] = (),
     ) -> Robot:
         """Load a robot from the text of a URDF; arguments and errors as :meth:`load`."""
-        document = urdf.parse(text, "URDF text")
+        document = urdf.parse(text, "URDF text", repair)
         return cls._from_document(document, document.name, lock, keep, mimic)
 
     @classmethod
@@ -136,7 +140,7 @@ class Robot(Edits):
         if built.coupling is not None:
             limits, friction = _coupled(limits, friction, built.coupling, document.source, joints)
             joints = tuple(j for j in joints if j.mimic is None)
-        provenance = {
+        provenance: dict[str, Any] = {
             "source": document.source,
             "sha256": document.sha256,
             "locked": dict(built.locked),
@@ -144,6 +148,8 @@ class Robot(Edits):
         }
         if built.coupling is not None:
             provenance["mimic"] = "follow"
+        if built.repairs:
+            provenance["repairs"] = [made._asdict() for made in built.repairs]
         robot = cls(
             built.model,
             name,
@@ -214,7 +220,7 @@ def _coupled(
     friction: Friction,
     coupling: urdf_model.Coupling,
     source: str,
-    joints: Sequence[urdf.Joint],
+    joints: Sequence[tree.Joint],
 ) -> tuple[Limits, Friction]:
     """Return limits and friction of the free joints, with those of the joints that follow them.
 

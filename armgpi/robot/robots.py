@@ -147,30 +147,41 @@ def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
         raise NameNotFound("robot", path_or_name, names()) from None
     path = Path(text)
     if path.suffix or len(path.parts) != 1 or path.is_absolute():
-        if "://" in text:
-            raise UrdfError(text, "is an address: download the file first, and what it names beside it")
-        if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
-            known = path.stem in names()
-            hint = f"; the name {path.stem!r} alone is a robot that armgpi knows" if known else ""
-            raise UrdfError(path, f"there is no such file{hint}")
-        return path, None
-    own = _own_folder() / f"{text}.urdf"
-    if os.path.isfile(own):
-        return own, text
-    folder = example_folder()
-    if folder is not None and text in EXAMPLE_ROBOT_DATA:
-        file = folder / EXAMPLE_ROBOT_DATA[text].file
-        if file.is_file():
-            return file, text
+        return _existing(path, text), None
+    file = _installed(text)
+    if file is not None:
+        return file, text
     if os.path.isfile(path):
         return path, None
     described = description_names()
     if text in described:
         return _described(text), text
     remedy = "or give the path of a URDF file"
-    if text in EXAMPLE_ROBOT_DATA and folder is None:
+    if text in EXAMPLE_ROBOT_DATA and example_folder() is None:
         remedy = "it comes with the example-robot-data package: pip install 'armgpi[robots]'"
     raise NameNotFound("robot", text, (*names(), *described), remedy)
+
+
+def _existing(path: Path, text: str) -> Path:
+    """Return the path of a URDF as given, refusing one that is not there."""
+    if "://" in text:
+        raise UrdfError(text, "is an address: download the file first, and what it names beside it")
+    if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
+        known = path.stem in names()
+        hint = f"; the name {path.stem!r} alone is a robot that armgpi knows" if known else ""
+        raise UrdfError(path, f"there is no such file{hint}")
+    return path
+
+
+def _installed(name: str) -> Path | None:
+    """Return the URDF of one of our arms or of example-robot-data; None where it is neither."""
+    own, folder = _own_folder() / f"{name}.urdf", example_folder()
+    if os.path.isfile(own):
+        return own
+    if folder is not None and name in EXAMPLE_ROBOT_DATA:
+        file = folder / EXAMPLE_ROBOT_DATA[name].file
+        return file if file.is_file() else None
+    return None
 
 
 def kept(

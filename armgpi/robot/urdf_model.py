@@ -13,6 +13,7 @@ import tempfile
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -20,12 +21,15 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array, as_number, frozen
-from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, UrdfError
-from armgpi.robot.urdf import WIDE_TYPES, Joint, Link, Urdf
+from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, Remedy, UrdfError
+from armgpi.robot import tree
+from armgpi.robot.repairs import Repair, Repairs
+from armgpi.robot.tree import MULTI_DOF_TYPES, Joint, Link
+from armgpi.robot.urdf import Urdf
 
 #: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
 MAX_MOVING_JOINTS = 64
-#: Stands for "no limit" where urdfdom wants a number; ours are set afterwards.
+#: Means "no limit" where urdfdom wants a number; ours are set afterwards.
 _UNBOUNDED = {"lower": "-1e300", "upper": "1e300", "effort": "1e300", "velocity": "1e300"}
 
 Mimic = Literal["lock", "follow"]
@@ -51,12 +55,14 @@ class Built(NamedTuple):
         joints: the URDF joint of every coordinate, in the model's order.
         locked: value of every locked joint [rad or m].
         coupling: how the coordinates follow from fewer free ones; None when all of them are free.
+        repairs: the repairs that were made, in the file and in the tree with these joints locked.
     """
 
     model: Any
     joints: tuple[Joint, ...]
     locked: Mapping[str, float]
     coupling: Coupling | None = None
+    repairs: tuple[Repair, ...] = ()
 
 
 def build(
@@ -84,14 +90,33 @@ def build(
         raise ParameterError("mimic", mimic, "'lock' or 'follow'")
     locked = _locked_values(urdf, lock, keep, mimic)
     moving = [j for j in urdf.joints.values() if j.moves and j.name not in locked]
+    _check_joints(urdf, moving, locked)
+    moved = urdf.moved_links(locked)
+    repairs = Repairs(urdf.source, urdf.wanted, urdf.repairs)
+    links = [_checked(link, repairs) if link.name in moved else link for link in urdf.links.values()]
+    if not any(urdf.links[name].mass > 0.0 for name in moved):
+        _refuse_shapes_alone(urdf, moved)
+    model = _pinocchio_model(_written(urdf, links, locked), urdf.source)
+    joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
+    if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
+        raise UrdfError(
+            urdf.source,
+            f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
+        )
+    coupling = _coupling(urdf, joints) if mimic == "follow" else None
+    return Built(model, joints, locked, coupling, tuple(repairs.made))
+
+
+def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, float]) -> None:
+    """Refuse multi-DoF joints that are not locked, no moving joint at all, and too many of them."""
     for joint in urdf.joints.values():
-        if joint.type in WIDE_TYPES and joint.name not in locked:
+        if joint.type in MULTI_DOF_TYPES and joint.name not in locked:
             raise UrdfError(
                 urdf.source,
                 f"joint {joint.name!r} is {joint.type}; armgpi needs a fixed base and revolute, continuous "
-                f"or prismatic joints: lock it (lock=[{joint.name!r}], --lock {joint.name}) or make it fixed",
+                f"or prismatic joints: lock it (lock=[{joint.name!r}]) or make it fixed",
                 joint.name,
-            )
+            ).suggesting(Remedy("lock", (joint.name,)))
     if not moving:
         if locked:
             left = "left (revolute, continuous or prismatic); lock fewer, or keep some"
@@ -102,38 +127,28 @@ def build(
         raise UrdfError(
             urdf.source,
             f"has {len(moving)} moving joints, more than the {MAX_MOVING_JOINTS} allowed; lock some of them "
-            "or keep only those of an arm (keep=[...], --keep JOINT,JOINT,...)",
-        )
-    moved = urdf.moved_links(locked)
-    for link in urdf.links.values():
-        if link.name in moved:
-            _check_inertia(link, urdf.source)
-    if not any(urdf.links[name].mass > 0.0 for name in moved):
-        _refuse_shapes_alone(urdf, moved)
-    model = _pinocchio_model(_written(urdf, locked), urdf.source)
-    joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
-    if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
-        raise UrdfError(
-            urdf.source,
-            f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
-        )
-    coupling = _coupling(urdf, joints) if mimic == "follow" else None
-    return Built(model, joints, locked, coupling)
+            "or keep only those of an arm (keep=[...])",
+        ).suggesting(Remedy("keep"))
 
 
-def _check_inertia(link: Link, source: str) -> None:
-    """Refuse a moving link whose inertia no body has: not positive, or without mass."""
-    where = f"link {link.name!r}"
-    smallest = float(link.moments()[0])
-    largest = max(map(abs, link.inertia))
+def _checked(link: Link, repairs: Repairs) -> Link:
+    """Return a link that moves, refusing an inertia that no body has: not positive, or without mass."""
+    where, smallest, largest = f"link {link.name!r}", float(link.moments()[0]), max(map(abs, link.inertia))
+    if link.missing:
+        raise UrdfError(repairs.source, f"{where} has an <inertial> without <{link.missing}>", link.name)
     if smallest < -1e-9 * max(1e-6, largest):
         raise UrdfError(
-            source,
+            repairs.source,
             f"{where} has an inertia that is not positive (smallest eigenvalue {smallest:g})",
             link.name,
         )
-    if link.mass == 0.0 and largest > 0.0:
-        raise UrdfError(source, f"{where} has an inertia but no mass", link.name)
+    if link.mass > 0.0 or largest == 0.0:
+        return link
+    before = f"mass 0, inertia {_words(link.inertia)}"
+    repairs.make(
+        "drop-inertia", link.name, f"{where} has an inertia but no mass", before, "a frame, without inertia"
+    )
+    return replace(link, inertia=(0.0,) * 6)
 
 
 def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
@@ -153,6 +168,25 @@ def _locked_values(
     urdf: Urdf, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None, mimic: Mimic
 ) -> dict[str, float]:
     """Return the value of every joint to lock: those asked for, those not kept, and mimic joints."""
+    asked = _asked(urdf, lock, keep, mimic)
+    values: dict[str, float] = {}
+    for name, value in asked.items():
+        joint = urdf.joints[name]
+        values[name] = joint.nearest_to_zero() if value is None else as_number(value, f"lock[{name!r}]")
+        if joint.type in MULTI_DOF_TYPES and values[name] != 0.0:
+            raise ParameterError(
+                f"lock[{name!r}]", value, f"0, as a {joint.type} joint is locked at its origin"
+            )
+    for joint in urdf.joints.values():
+        if joint.mimic is not None and joint.moves and joint.name not in values:
+            _lock_follower(urdf, joint, values, mimic)
+    return values
+
+
+def _asked(
+    urdf: Urdf, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None, mimic: Mimic
+) -> dict[str, float | None]:
+    """Return the joints to lock by name, or by not being kept, with the value that was given for them."""
     moving = [name for name, joint in urdf.joints.items() if joint.type != "fixed"]
     asked: dict[str, float | None] = (
         dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(_name_list(lock, "lock"))
@@ -165,44 +199,27 @@ def _locked_values(
             raise ParameterError("lock", name, "a joint that is not in keep as well")
     if kept is not None:
         for name in moving:
-            followed = mimic == "follow" and _leader(urdf, name).name in kept
+            followed = mimic == "follow" and tree.mimic_leader(urdf.joints, name).joint.name in kept
             if name not in kept and not followed:
                 asked.setdefault(name, None)
-    values: dict[str, float] = {}
-    for name, value in asked.items():
-        joint = urdf.joints[name]
-        values[name] = joint.nearest_to_zero() if value is None else as_number(value, f"lock[{name!r}]")
-        if joint.type in WIDE_TYPES and values[name] != 0.0:
-            raise ParameterError(
-                f"lock[{name!r}]", value, f"0, as a {joint.type} joint is locked where it stands"
-            )
-    for name in moving:
-        joint = urdf.joints[name]
-        if joint.mimic is not None and joint.moves and name not in values:
-            _lock_follower(urdf, joint, values, mimic)
-    return values
+    return asked
 
 
 def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mimic) -> None:
     """Lock a joint that mimics another where it would have followed to, or let it follow."""
-    follow = [joint]
-    while follow[-1].mimic is not None and follow[-1].name not in values:
-        leader = follow[-1].mimic
-        if leader not in urdf.joints:
-            raise UrdfError(
-                urdf.source,
-                f"joint {follow[-1].name!r} mimics {leader!r}, which does not exist; correct the name, "
-                f"or lock it (--lock {follow[-1].name})",
-                follow[-1].name,
-            )
-        follow.append(urdf.joints[leader])
-    leader_moves = follow[-1].moves and follow[-1].name not in values
+    leader, ratio, offset = tree.mimic_leader(urdf.joints, joint.name, values)
+    held = leader.name in values
+    if leader.mimic is not None and not held:
+        raise UrdfError(
+            urdf.source,
+            f"joint {leader.name!r} mimics {leader.mimic!r}, which does not exist; correct the name, "
+            "or lock it",
+            leader.name,
+        ).suggesting(Remedy("lock", (leader.name,)))
+    leader_moves = leader.moves and not held
     if leader_moves and mimic == "follow":
         return
-    value = values.get(follow[-1].name, 0.0)
-    for follower in reversed(follow[:-1]):
-        value = follower.mimic_offset + follower.mimic_multiplier * value
-    values[joint.name] = value
+    value = values[joint.name] = offset + ratio * values.get(leader.name, 0.0)
     if leader_moves:
         warnings.warn(
             f"{urdf.source}: joint {joint.name!r} mimics {joint.mimic!r}; it is locked at {value:g}, "
@@ -212,14 +229,6 @@ def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mi
         )
 
 
-def _leader(urdf: Urdf, name: str) -> Joint:
-    """Return the joint that a joint follows in the end; itself when it follows none."""
-    joint = urdf.joints[name]
-    while joint.mimic is not None and joint.mimic in urdf.joints:
-        joint = urdf.joints[joint.mimic]
-    return joint
-
-
 def _coupling(urdf: Urdf, joints: Sequence[Joint]) -> Coupling | None:
     """Return how all of `joints` follow from the free ones among them; None when all are free."""
     free = [joint.name for joint in joints if joint.mimic is None]
@@ -227,12 +236,8 @@ def _coupling(urdf: Urdf, joints: Sequence[Joint]) -> Coupling | None:
         return None
     ratio, offset = np.zeros((len(joints), len(free))), np.zeros(len(joints))
     for row, joint in enumerate(joints):
-        factor, shift, current = 1.0, 0.0, joint
-        while current.mimic is not None:
-            shift += factor * current.mimic_offset
-            factor *= current.mimic_multiplier
-            current = urdf.joints[current.mimic]
-        ratio[row, free.index(current.name)], offset[row] = factor, shift
+        leader, factor, shift = tree.mimic_leader(urdf.joints, joint.name)
+        ratio[row, free.index(leader.name)], offset[row] = factor, shift
     return Coupling(frozen(ratio), frozen(offset))
 
 
@@ -246,11 +251,11 @@ def _name_list(value: Any, name: str) -> list[Any]:
         raise ParameterError(name, value, "names of joints") from None
 
 
-def _written(urdf: Urdf, locked: Mapping[str, float]) -> str:
+def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> str:
     """Return the URDF that Pinocchio gets: locked joints fixed, continuous ones unbounded, no geometry."""
     version = {"version": urdf.root.get("version", "1.0")}
     root = Element("robot", {"name": urdf.name, **version})  # urdfdom insists on a name
-    for link in urdf.links.values():
+    for link in links:
         element = SubElement(root, "link", name=link.name)
         if link.inertial:
             inertial = SubElement(element, "inertial")
@@ -274,7 +279,7 @@ def _written(urdf: Urdf, locked: Mapping[str, float]) -> str:
 
 
 def _fixed_origin(joint: Joint, value: float) -> tuple[Sequence[float], Sequence[float]]:
-    """Return xyz and rpy of a fixed joint that stands where the moving one stands at `value`."""
+    """Return xyz and rpy of a fixed joint with the pose of the moving one at `value`."""
     if value == 0.0:
         return joint.xyz, joint.rpy
     axis, xyz = joint.direction, np.array(joint.xyz)

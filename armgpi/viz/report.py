@@ -27,6 +27,7 @@ from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
 from armgpi.loop.provenance import Provenance
 from armgpi.loop.units import POSITION, TORQUE
+from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.viz import meshcat, page, scene, tracks
 
@@ -339,12 +340,14 @@ def _health(robot: Robot) -> tuple[list[str], list[str]]:
         return [], []
     mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
     try:
-        found = health.inspect(source, lock=made_from["locked"], mimic=mimic).findings
+        found = health.inspect(
+            source, lock=made_from["locked"], mimic=mimic, repair=made_in(made_from)
+        ).findings
     except ArmgpiError as error:  # it has changed since
         return [str(error)], []
     # Meshes that are missing the scene has named already.
-    wrong = [str(finding) for finding in found if finding.level != "note" and finding.kind != "mesh"]
-    return wrong, [str(finding) for finding in found if finding.level == "note"]
+    wrong = [str(finding) for finding in found if finding.level != "info" and finding.kind != "mesh"]
+    return wrong, [str(finding) for finding in found if finding.level == "info"]
 
 
 def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:

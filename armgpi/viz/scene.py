@@ -24,6 +24,7 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, Ro
 from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status, describe_end
 from armgpi.robot import urdf
+from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.viz import meshes, tracks
 from armgpi.viz.meshes import MeshError, Triangles
@@ -259,6 +260,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         source, digest = str(made_from["source"]), str(made_from["sha256"])
         locked = {str(name): float(value) for name, value in made_from["locked"].items()}
         mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
+        repair = made_in(made_from)
     except (RolloutError, KeyError, TypeError, ValueError, AttributeError):
         raise RolloutError("the rollout does not say which robot it was made with; name it") from None
     from armgpi.robot import robots
@@ -272,7 +274,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ArmgpiWarning)  # it was said when the rollout was made
-                robot = Robot.load(candidate, lock=locked, mimic=mimic)
+                robot = Robot.load(candidate, lock=locked, mimic=mimic, repair=repair)
         except ArmgpiError:
             continue
         if robot.provenance["sha256"] == digest:
@@ -323,7 +325,7 @@ def _document(robot: Robot, findings: list[str]) -> ElementTree.Element | None:
         findings.append("the robot's URDF is not there as a file, so it is drawn as sticks")
         return None
     try:
-        document = urdf.parse(urdf.read_file(source), str(source))
+        document = urdf.parse(urdf.read_file(source), str(source), made_in(robot.provenance))
     except ArmgpiError as error:
         findings.append(f"{error}; the robot is drawn as sticks")
         return None

@@ -1,0 +1,197 @@
+"""Checks of a robot's dynamics, and of what a controller with default gains makes of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.control.gains import Tuning, betas
+from armgpi.errors import Remedy
+from armgpi.health.findings import Finding, Level, Subject, check
+
+_LEAST_MASS = 1e-4
+_CONDITION, _LEAST_EIGENVALUE = 1e6, 1e-6
+#: GPI with zeta_c = 1 is unstable where friction moves a joint's pole beyond this times omega_c (Theory).
+_FRICTION_RATE = 6.67
+#: It is unstable, too, where gravity drives the arm away faster than the root of this times omega_c (Theory).
+_UNSTABLE = 16.0 / 15.0
+#: Configurations at which that is computed, step of the differences [rad or m], most of the delay margin
+#: (0.356) that a higher bandwidth may be proposed to use.
+_CONFIGURATIONS, _STEP, _MOST_PHASE = 50, 1e-4, 0.2
+#: One count of an encoder may cost this share of the torque.
+_COUNT_SHARE = 0.05
+
+
+@check("mass", "a joint that carries less than 0.1 g of its own", "warning")
+def light(subject: Subject) -> Iterator[Finding]:
+    """Find joints without mass of their own."""
+    model = subject.robot.pinocchio_model()
+    for index in range(1, model.njoints):
+        mass, name = float(model.inertias[index].mass), model.names[index]
+        if mass < _LEAST_MASS:
+            links = ", ".join(map(repr, subject.robot.links_moved_by(name)))
+            what = "nothing of its own" if mass == 0.0 else f"only {mass:.3g} kg"
+            message = f"carries {what} (links {links}), besides what hangs on the joints after it"
+            repair = "give these links their mass and inertia, if they are more than frames"
+            yield Finding("warning", f"joint {name!r}", message, mass, _LEAST_MASS, repair)
+
+
+@check("condition", "D(q) has a condition above 1e6 or an eigenvalue below 1e-6", "warning")
+def condition(subject: Subject) -> Iterator[Finding]:
+    """Find a joint that hardly any inertia resists."""
+    eigenvalues = subject.eigenvalues
+    row = int(np.argmin(eigenvalues[:, 0]))
+    least, worst = float(eigenvalues[row, 0]), float((eigenvalues[:, -1] / eigenvalues[:, 0]).max())
+    vector = np.linalg.eigh(subject.inertia[row])[1][:, 0]
+    weak = f"joint {subject.robot.joint_names[int(np.argmax(np.abs(vector)))]!r}"
+    repair = "give it the inertia of its rotor times the gear ratio squared: with_armature, or `armature`"
+    if worst > _CONDITION:
+        message = f"D(q) has condition {worst:.3g}, as this joint moves very little inertia"
+        yield Finding("warning", weak, message, worst, _CONDITION, repair)
+    elif least < _LEAST_EIGENVALUE:
+        message = f"moves an inertia of only {least:.3g} at some configuration"
+        yield Finding("warning", weak, message, least, _LEAST_EIGENVALUE, repair)
+
+
+@check(
+    "gravity",
+    "where runs start (error; `run` refuses it) or elsewhere (warning, with the share of configurations), "
+    "holding the arm takes more than the joint has",
+    "error",
+    "warning",
+)
+def gravity(subject: Subject) -> Iterator[Finding]:
+    """Find joints that cannot hold the arm."""
+    robot, holding, shares = subject.robot, np.abs(subject.gravity), subject.robot.holding_share(subject.q)
+    for j, name in enumerate(robot.joint_names):
+        most, start, limit = float(holding[:, j].max()), float(holding[0, j]), float(robot.limits.effort[j])
+        if limit == 0.0 or shares[:, j].max() <= 1.0:
+            continue
+        where, remedies = f"joint {name!r}", (Remedy("effort", (name,), float(f"{1.5 * most:.3g}")),)
+        if shares[0, j] > 1.0:
+            message = f"needs {start:.4g} to hold the arm where runs start, and has effort limit {limit:g}"
+            repair = "start elsewhere, or give what its motor can"
+            yield Finding("error", where, message, start, limit, repair, remedies)
+        else:
+            share = float((shares[:, j] > 1.0).mean())
+            message = (
+                f"needs up to {most:.4g} to hold the arm, and has effort limit {limit:g}: too little at "
+                f"{100.0 * share:.2g} % of {len(holding)} configurations"
+            )
+            repair = "keep the arm from there, or give what its motor can"
+            yield Finding("warning", where, message, most, limit, repair, remedies)
+
+
+@check("friction", "the URDF states some; the plant has it only when asked for", "info")
+def friction(subject: Subject) -> Iterator[Finding]:
+    """Find joint friction."""
+    viscous, coulomb = subject.robot.friction
+    if viscous.any() or coulomb.any():
+        message = "the URDF states joint friction; the plant has it only when asked for"
+        yield Finding("info", "joints", message, float(viscous.max()), remedies=(Remedy("friction"),))
+
+
+@check(
+    "friction",
+    "the URDF's damping makes GPI unstable without rotor inertia "
+    "([Theory](theory.md#friction-and-where-gpi-ends))",
+    "warning",
+)
+def strong_friction(subject: Subject) -> Iterator[Finding]:
+    """Find damping that makes GPI unstable."""
+    viscous = subject.robot.friction.viscous
+    rates = np.linalg.eigvals(np.linalg.solve(subject.inertia[0], np.diag(viscous)))
+    fastest, bound = float(rates.real.max()), _FRICTION_RATE * subject.omega
+    if fastest > bound:
+        message = (
+            f"the URDF's damping acts at up to {fastest:.3g} 1/s; with it in the plant GPI "
+            f"is unstable beyond {_FRICTION_RATE} omega_c = {bound:.3g} 1/s"
+        )
+        where = f"joint {subject.robot.joint_names[int(np.argmax(viscous))]!r}"
+        repair = "give the controller's nominal model some rotor inertia (with_armature)"
+        yield Finding("warning", where, message, fastest, bound, repair)
+
+
+@check("armature", "no rotor inertia", "info")
+def armature(subject: Subject) -> Iterator[Finding]:
+    """Find robots without rotor inertia."""
+    if not subject.robot.armature.any():
+        message = "no rotor inertia: URDFs have none, and real gears make light wrists heavier"
+        yield Finding(
+            "info", "joints", message, 0.0, repair="with_armature, or `armature` in the experiment file"
+        )
+
+
+@check(
+    "gravity-unstable",
+    "upright, the arm falls faster than GPI at its default bandwidth catches it "
+    "([Theory](theory.md#gravity-that-tips-the-arm-over)): where runs start (warning), or elsewhere (info)",
+    "warning",
+    "info",
+)
+def gravity_unstable(subject: Subject) -> Iterator[Finding]:
+    """Find configurations that gravity makes unstable faster than the default bandwidth catches."""
+    robot, q = subject.robot, subject.q[: _CONFIGURATIONS + 1]
+    values, vectors = np.linalg.eig(np.linalg.solve(subject.inertia[: len(q)], _stiffness(subject, q)))
+    growth, fastest = -values.real.min(axis=1), values.real.argmin(axis=1)
+    bound = _UNSTABLE * subject.omega**2
+    if not (growth > bound).any():
+        return
+    start = bool(growth[0] > bound)
+    row = 0 if start else int(growth.argmax())
+    joint = robot.joint_names[int(np.abs(vectors[row][:, fastest[row]]).argmax())]
+    enough = 1.05 * math.sqrt(float(growth[row]) / _UNSTABLE)
+    where = "where runs start" if start else f"at one of {len(q)} configurations"
+    message = (
+        f"gravity tips the arm over at {math.sqrt(growth[row]):.3g} 1/s {where}, as it does with what is "
+        f"short, light and upright; at the default bandwidth GPI catches up to {math.sqrt(bound):.3g} 1/s"
+    )
+    if enough <= _MOST_PHASE / ((1.5 + subject.delay) * subject.dt):
+        repair, remedy = "a higher bandwidth", Remedy("omega", (), float(math.ceil(enough)))
+    else:
+        repair = "a shorter sample time, the inertia that its links really have, or lock it"
+        remedy = Remedy("lock", (joint,))
+    level: Level = "warning" if start else "info"
+    yield Finding(level, f"joint {joint!r}", message, float(growth[row]), bound, repair, (remedy,))
+
+
+def _stiffness(subject: Subject, q: Array) -> Array:
+    """Return dG/dq by central differences, shape (batch, n, n)."""
+    columns = []
+    for step in _STEP * np.eye(subject.robot.n):
+        ahead, behind = subject.robot.dynamics.gravity(q + step), subject.robot.dynamics.gravity(q - step)
+        columns.append((ahead - behind) / (2.0 * _STEP))
+    return np.stack(columns, axis=-1)
+
+
+@check("encoder", "the default bandwidth costs more than 5 % of the torque per count", "warning", "info")
+def encoder(subject: Subject) -> Iterator[Finding]:
+    """Find joints whose encoder is too coarse for the default bandwidth."""
+    omega, allowed = subject.omega, omega_of_encoder(subject)
+    for j, name in enumerate(subject.robot.joint_names):
+        if allowed[j] < omega:
+            message = (
+                f"one count of a {subject.encoder_bits}-bit encoder costs more than {100 * _COUNT_SHARE:g} % "
+                f"of its torque above omega_c = {allowed[j]:.3g} rad/s, and the default is {omega:.3g}"
+            )
+            level: Level = "warning" if allowed[j] < 0.5 * omega else "info"
+            remedies = (Remedy("omega", (), float(f"{allowed[j]:.2g}")),)
+            yield Finding(level, f"joint {name!r}", message, float(allowed[j]), omega, "", remedies)
+
+
+def omega_of_encoder(subject: Subject) -> Array:
+    """Return the bandwidth at which a count of an encoder costs a set share of the torque, (n,) [rad/s].
+
+    A step of the measured position by one count is a step of v by beta3 counts, at once.
+    """
+    one, robot = np.ones(1), subject.robot
+    beta3 = float(betas(Tuning(one, one, one)).beta3[0])  # at omega_c = 1; it grows with omega_c^2
+    most = np.diagonal(subject.inertia, axis1=1, axis2=2).max(axis=0)
+    count = robot.encoder_count(subject.encoder_bits)
+    # Roots apart: a limit of 1e308 would overflow.
+    result: Array = np.sqrt(_COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * count)
+    result[robot.limits.effort == 0.0] = math.inf  # the check of the effort reports it
+    return result

@@ -1,0 +1,198 @@
+"""Findings about a robot's model, and the registry of the checks that make them.
+
+A check is a function with a decorator, in a module that :mod:`armgpi.health.report` imports. It is given the
+:class:`Subject` and gives findings; the report, its JSON and the table of docs/robots.md follow from the
+registry::
+
+    @check("reach", "an arm longer than 5 m", "warning")
+    def too_long(subject: Subject) -> Iterator[Finding]:
+        if subject.reach > 5.0:
+            yield Finding("warning", "robot", f"reaches {subject.reach:g} m", subject.reach, 5.0)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.control.gains import default_omega
+from armgpi.errors import Remedy
+from armgpi.robot.meshes import MeshFinder
+from armgpi.robot.robot import Robot
+from armgpi.robot.tree import Joint
+from armgpi.robot.urdf import Urdf
+
+Level = Literal["error", "warning", "info"]
+LEVELS: tuple[Level, ...] = ("error", "warning", "info")
+#: Random configurations at which gravity and inertia are computed, besides the middle of the ranges.
+_SAMPLES = 500
+#: Findings of one kind that are listed one by one.
+_LISTED = 5
+
+
+class Finding(NamedTuple):
+    """One thing about a model that its user should know.
+
+    Attributes:
+        level: "error" when it stops a run, "warning" when it is probably wrong, "info" when it is good to
+            know.
+        where: the link, joint or file concerned, as in "joint 'j1'".
+        message: what is the matter, in a sentence.
+        value: what was found, None where a single value does not say it.
+        bound: what it was compared with, None likewise.
+        repair: what to do about it; empty when nothing has to be done.
+        remedies: changes that would help, any one of them, as data.
+        kind: a short name of the kind of finding ("degrees", "effort", ...); the registry fills it in.
+    """
+
+    level: Level
+    where: str
+    message: str
+    value: float | str | None = None
+    bound: float | str | None = None
+    repair: str = ""
+    remedies: tuple[Remedy, ...] = ()
+    kind: str = ""
+
+    def __str__(self) -> str:
+        """Return the finding in a line."""
+        return f"{self.where}: {self.message}" + (f" -> {self.repair}" if self.repair else "")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a check is given: the URDF as written, the robot as loaded, and the controller's timing.
+
+    Attributes:
+        document: the URDF, read and checked.
+        robot: the robot, with its joints locked and its efforts replaced.
+        finder: finds meshes.
+        dt: sample time of the controller [s].
+        delay: samples by which measurements are late.
+        encoder_bits: resolution of the position sensors.
+    """
+
+    document: Urdf
+    robot: Robot
+    finder: MeshFinder
+    dt: float
+    delay: int
+    encoder_bits: int
+
+    @cached_property
+    def q(self) -> Array:
+        """Configurations: the middle of the ranges, then random ones [rad or m], shape (501, n)."""
+        return np.vstack([self.robot.middle(), self.robot.random_positions(_SAMPLES, seed=1)])
+
+    @cached_property
+    def gravity(self) -> Array:
+        """G(q) at these configurations [N m or N], shape (501, n)."""
+        return self.robot.dynamics.gravity(self.q)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """D(q) at these configurations, shape (501, n, n)."""
+        return self.robot.dynamics.mass_matrix(self.q)
+
+    @cached_property
+    def eigenvalues(self) -> Array:
+        """Eigenvalues of D(q), ascending, shape (501, n)."""
+        return np.asarray(np.linalg.eigvalsh(self.inertia), dtype=np.float64)
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance of the tip from the first joint at these configurations [m]."""
+        first = self.robot.frame_pose(self.robot.joint_names[0], self.q[0]).translation
+        tip = self.robot.frame_pose(self.robot.tip, self.q).translation
+        return float(np.linalg.norm(tip - first, axis=-1).max())
+
+    @property
+    def omega(self) -> float:
+        """Default bandwidth of a controller [rad/s]."""
+        return default_omega(self.dt, self.delay * self.dt)
+
+    @property
+    def locked(self) -> Mapping[str, float]:
+        """Value of every locked joint [rad or m]."""
+        locked: Mapping[str, float] = self.robot.provenance["locked"]
+        return locked
+
+    @cached_property
+    def moved(self) -> frozenset[str]:
+        """Links that some joint moves."""
+        return self.document.moved_links(self.locked)
+
+    @cached_property
+    def free(self) -> tuple[Joint, ...]:
+        """The URDF joints of the robot's coordinates."""
+        return tuple(self.document.joints[name] for name in self.robot.joint_names)
+
+    @cached_property
+    def elements(self) -> Mapping[str, Element]:
+        """Name of a joint -> its XML."""
+        return {element.get("name", ""): element for element in self.document.root.findall("joint")}
+
+
+Function = Callable[[Subject], Iterator[Finding]]
+
+
+class Check(NamedTuple):
+    """A kind of finding.
+
+    Attributes:
+        kind: its short name.
+        meaning: what it means, in a sentence (Markdown).
+        levels: the levels that its findings have.
+        function: what finds it; None for what is found elsewhere.
+    """
+
+    kind: str
+    meaning: str
+    levels: tuple[Level, ...]
+    function: Function | None = None
+
+
+#: Every check; several may have one kind.
+CHECKS: list[Check] = [
+    Check("payload", "the motors do not hold the load given with `--payload` everywhere", ("warning",)),
+    Check("cross-check", "yourdfpy reads another robot", ("error",)),
+    Check("cross-check", "yourdfpy cannot read the file", ("warning",)),
+]
+
+
+def check(kind: str, meaning: str, *levels: Level) -> Callable[[Function], Function]:
+    """Register a function that gives findings of one kind, with these levels."""
+
+    def register(function: Function) -> Function:
+        CHECKS.append(Check(kind, meaning, levels, function))
+        return function
+
+    return register
+
+
+def find(subject: Subject) -> list[Finding]:
+    """Return what all checks find; of a check's findings at one level the first few, and how many more."""
+    kept: list[Finding] = []
+    for each in CHECKS:
+        found = [] if each.function is None else list(each.function(subject))
+        for level in LEVELS:
+            of_level = [finding._replace(kind=each.kind) for finding in found if finding.level == level]
+            kept += of_level[:_LISTED]
+            if len(of_level) > _LISTED:
+                more, last = len(of_level) - _LISTED, of_level[-1]
+                message = f"{more} more of this kind, the last of them at {last.where}"
+                kept.append(last._replace(where="others", value=more, bound=None, message=message))
+    return kept
+
+
+def table() -> str:
+    """Return the kinds of findings as a Markdown table, sorted by kind and level."""
+    rows = sorted(CHECKS, key=lambda row: (row.kind, min(map(LEVELS.index, row.levels))))
+    lines = [f"| `{row.kind}` | {', '.join(row.levels)} | {row.meaning} |" for row in rows]
+    return "\n".join(["| kind | level | what it means |", "|---|---|---|", *lines]) + "\n"

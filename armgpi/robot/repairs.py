@@ -1,0 +1,93 @@
+"""Repairs of a URDF: for what is written wrongly and can mean one thing alone.
+
+Such a file is refused, and the refusal names the repair. It is made only when it is asked for, by its name
+``KIND:ELEMENT``, by its kind, or by ``"all"``, and a robot's provenance keeps what was there before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, NamedTuple
+
+from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
+
+ALL = "all"
+#: Kind -> what the repair does.
+KINDS = {
+    "drop-inertia": "a moving link with an inertia and the mass 0 becomes a frame, without inertia",
+    "split-commas": "commas between the numbers of one attribute are read as separators",
+}
+
+
+class Repair(NamedTuple):
+    """A repair that was made.
+
+    Attributes:
+        name: its kind and the link or joint, as in "drop-inertia:flange".
+        before: what the file says.
+        after: what was taken instead.
+    """
+
+    name: str
+    before: str
+    after: str
+
+
+def wanted(names: str | Iterable[str]) -> frozenset[str]:
+    """Return the names of repairs given as several, or in one text with commas between them.
+
+    Raises:
+        ParameterError: when they are no names.
+        NameNotFound: for a kind of repair that does not exist.
+    """
+    try:
+        given = names.split(",") if isinstance(names, str) else list(names)
+        asked = frozenset(name.strip() for name in given if name.strip())
+    except (TypeError, AttributeError):
+        raise ParameterError("repair", names, "names of repairs, or 'all'") from None
+    for name in asked:
+        if name.partition(":")[0] not in KINDS and name != ALL:
+            raise NameNotFound("repair", name, (*KINDS, ALL))
+    return asked
+
+
+def made_in(provenance: Mapping[str, Any]) -> list[str]:
+    """Return the names of the repairs that a robot's provenance records, to load it in the same way."""
+    return [str(made["name"]) for made in provenance.get("repairs", ())]
+
+
+class Repairs:
+    """What may be repaired in one URDF, and what was.
+
+    Attributes:
+        source: the file, for messages.
+        wanted: names of the repairs that were asked for.
+        made: the repairs that were made, in order.
+    """
+
+    def __init__(self, source: str, wanted: frozenset[str], made: Iterable[Repair] = ()) -> None:
+        """Allow the `wanted` repairs."""
+        self.source = source
+        self.wanted = wanted
+        self.made = list(made)
+
+    def make(self, kind: str, element: str, problem: str, before: str, after: str) -> None:
+        """Record a repair that was asked for.
+
+        Raises:
+            UrdfError: with the `problem` and the name of the repair, when it was not.
+        """
+        name = f"{kind}:{element}"
+        if not self.wanted & {ALL, kind, name}:
+            error = UrdfError(
+                self.source, f"{problem}; correct the file, or load it with repair={name!r}", element
+            )
+            raise error.suggesting(Remedy("repair", (), name))
+        self.made.append(Repair(name, before, after))
+
+    def check_names(self, elements: Collection[str]) -> None:
+        """Refuse a repair of a link or joint that does not exist."""
+        for name in sorted(self.wanted):
+            _, colon, element = name.partition(":")
+            if colon and element not in elements:
+                raise NameNotFound("link or joint to repair", element, elements)
