@@ -26,9 +26,6 @@ MAX_COMPLEXITY = 10  # as in pyproject.toml, [tool.ruff.lint.mccabe]
 
 # Functions that may be longer, each with its reason.
 LONG = {
-    "armgpi/cli/inspect.py:_show": "to be taken apart",
-    "armgpi/cli/settings.py:settings": "to be taken apart",
-    "armgpi/robot/urdf.py:_read_joint": "to be taken apart",
     "armgpi/validation/hypotheses.py:_bodies": "to be taken apart",
     "armgpi/validation/hypotheses.py:_structure": "to be taken apart",
     "armgpi/validation/hypotheses.py:families": "to be taken apart",
