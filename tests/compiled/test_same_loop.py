@@ -137,6 +137,13 @@ CONTROLLERS: dict[str, Callable[[], Any]] = {
     "own robot": lambda: gpi(RobotBatch([ARM, HEAVY, ARM.scaled_inertia(0.8), ARM, HEAVY])),
     "scaled": lambda: gpi(ARM.scaled_inertia(1.2)),
     "own scales": lambda: gpi(RobotBatch([ARM.scaled_inertia(s) for s in (0.8, 0.9, 1.0, 1.1, 1.2)])),
+    "roll-off, own poles": lambda: gpi(rolloff=1, rolloff_ratio=3.0 + OWN),
+    "one integrator, second quadratic": lambda: gpi(
+        integrators=1, second_ratio=2.0, second_zeta=0.8 + 0.1 * EACH
+    ),
+    "three integrators, roll-off 2, network": lambda: gpi(
+        gains=BSplineNetwork(), integrators=3, rolloff=2, rolloff_ratio=8.0 + OWN
+    ),
     "network": lambda: network(),
     # The printed law under gains that change much does not settle.
     "network, paper": lambda: gpi(gains=BSplineNetwork((22.0, 24.0)), realisation="paper"),

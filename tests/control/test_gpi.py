@@ -226,6 +226,11 @@ def test_the_bumpless_lambda_settles_on_the_disturbance_acceleration() -> None:
         ({"gains": FixedGains([1.0, 2.0])}, ArrayError, "omega_c"),
         ({"gains": FixedGains(np.ones((2, 3))), "effort": np.ones((3, 3))}, ParameterError, "batch"),
         ({"realisation": "minimal"}, ParameterError, "realisation"),
+        ({"realisation": "paper", "rolloff": 1}, ParameterError, "realisation"),
+        ({"realisation": "paper", "second_ratio": 2.0}, ParameterError, "realisation"),
+        ({"integrators": 4}, ParameterError, "integrators"),
+        ({"rolloff": 3}, ParameterError, "rolloff"),
+        ({"rolloff_ratio": [4.0, 0.0, 4.0]}, ArrayError, "rolloff_ratio.*q2"),
         ({"start": "cold"}, ParameterError, "start"),
         ({"delay": -1.0}, ParameterError, "delay"),
         ({"delay": math.inf}, ParameterError, "delay"),
@@ -238,3 +243,10 @@ def test_the_bumpless_lambda_settles_on_the_disturbance_acceleration() -> None:
 def test_a_bad_parameter_is_named(options: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
     with pytest.raises(error, match=named):
         GPI(**{"robot": ARM, "dt": DT, **options})
+
+
+def test_a_range_of_loads_beyond_what_a_roll_off_tolerates_is_warned_of() -> None:
+    loads = (0.0, 3.0)  # without them the nominal inertia is more than four times the true one
+    assert GPI(ARM, DT, payload=loads).payload.delta[1] > 4.0
+    with pytest.warns(ArmgpiWarning, match="not stable"):
+        GPI(ARM, DT, payload=loads, rolloff=1)

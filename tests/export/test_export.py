@@ -122,6 +122,10 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
         paper_arm(), 1e-3, BSplineNetwork((20.0, 30.0), (0.7, 1.0), (10.0, 30.0))
     ),
     "payload": lambda: GPI(paper_arm(), 1e-3, payload=(0.0, 0.05)),
+    "roll-off": lambda: GPI(paper_arm(), 1e-3, rolloff=1, rolloff_ratio=[3.0, 4.0, 5.0]),
+    "three integrators, roll-off 2, network": lambda: GPI(
+        paper_arm(), 1e-3, network(), integrators=3, rolloff=2, rolloff_ratio=8.0, second_ratio=1.5
+    ),
     "from zero": lambda: GPI(paper_arm(), 1e-3, start="zero"),
     "wrong inertia": lambda: GPI(paper_arm().scaled_inertia(0.8), 1e-3),
     "pid": lambda: PIDInversion(paper_arm(), 1e-3),
