@@ -31,8 +31,8 @@ from armgpi.errors import ArmgpiError
 
 ROOT = Path(__file__).parents[1]
 ARM = "anthropomorphic3"
-#: Longest time that a case may take [s].
-PATIENCE = 10.0
+#: Longest time that a case may take [s]; an export compiles and replays, on a machine that may be busy.
+PATIENCE = 60.0
 
 WORDS = (
     *("robot", "name", "plant", "controllers", "type", "gpi"),
