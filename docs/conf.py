@@ -139,7 +139,7 @@ napoleon_use_ivar = True
 # A reference to one of our own names must resolve. Other projects' names cannot: that would
 # take intersphinx, which downloads their inventories.
 nitpicky = True
-nitpick_ignore_regex = [("py:.*", r"(?!armgpi\b).*")]
+nitpick_ignore_regex = [("py:.*", r"(?!armgpi\b).*"), ("py:class", r"armgpi\.config\.schema\.\w+Section")]
 
 html_theme = "furo"
 html_title = "armgpi"

@@ -210,8 +210,8 @@ class FixedGains(Gains):
 def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float:
     """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
 
-    A hold of dt and the computation take 1.5 dt, the wires take `delay`; the law stands 0.356 / omega_c of
-    them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. The cap keeps encoder
+    A hold of dt and the computation take 1.5 dt, transport takes `delay`; the law tolerates 0.356 / omega_c
+    of them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. The cap keeps encoder
     steps from becoming torque noise.
 
     Args:

@@ -278,7 +278,7 @@ class BSplineNetwork(Gains):
 
     def step(self, e: Array, learn: Array, state: NetworkState) -> GainStep:
         """Return the tuning for the tracking error `e`; see :meth:`Gains.step`."""
-        # A measurement that is no number teaches nothing, and leaves no trace in the weights.
+        # A NaN measurement teaches nothing, and leaves no trace in the weights.
         sound = np.abs(e) < math.inf
         e, learn = np.where(sound, e, 0.0), np.where(sound, learn, 0.0)
         slope = self.bandwidth * (e - state.filtered)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_joint, positive
+from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_joint, positive, quantity
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
 
@@ -104,8 +104,10 @@ def bounds(faults: Faults, controller: Controller) -> Bounds:
 def suited(faults: Faults, plant: Any, controller: Controller) -> Faults:
     """Return settings in which what is not given suits an experiment's encoder, noise and delay."""
     if faults.resolution is None:
-        count = default_resolution(controller, plant.encoder_bits or _BITS)
-        noise = 0.0 if plant.noise is None else plant.noise.position
+        names = controller.robot.joint_names
+        bits = _BITS if plant.encoder_bits is None else plant.encoder_bits
+        count = default_resolution(controller, quantity(bits, "encoder_bits", names, _BITS))
+        noise = 0.0 if plant.noise is None else quantity(plant.noise.position, "position", names, 0.0)
         faults = faults._replace(resolution=count + _SIGMAS * noise)
     if faults.frozen_samples is None:  # what comes late repeats itself for longer
         faults = faults._replace(frozen_samples=_samples(controller.dt) + plant.delay)
@@ -117,6 +119,6 @@ def _samples(dt: float) -> int:
     return max(3, math.ceil(_FROZEN_TIME / dt - 1e-9))
 
 
-def default_resolution(controller: Controller, bits: int = _BITS) -> Array:
+def default_resolution(controller: Controller, bits: Array | int = _BITS) -> Array:
     """Return a count of an encoder of so many bits [rad or m], shape (n,)."""
     return controller.robot.encoder_count(bits)
