@@ -124,5 +124,6 @@ def test_an_error_made_from_another_one_offers_what_helps_that_one() -> None:
 
 def test_every_option_that_is_offered_exists() -> None:
     commands = typer.main.get_group(cli.app).commands.values()
-    known = {option for command in commands for parameter in command.params for option in parameter.opts}
+    parameters = [each for command in commands for each in command.get_params(typer.Context(command))]
+    known = {option for parameter in parameters for option in parameter.opts}
     assert {name for name, _ in OPTIONS.values()} <= known
