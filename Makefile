@@ -15,6 +15,9 @@ export MKL_NUM_THREADS ?= 1
 # Plots are drawn to files, also where there is no screen.
 export MPLBACKEND ?= Agg
 
+# Of the fuzzers: another one each day, and one's own to repeat a run.
+SEED ?= $(shell date +%Y%m%d)
+
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .PHONY: help install demo test lint format hooks types unit quick search docs examples wheel bench clean
@@ -79,8 +82,12 @@ unit: $(FOR_ALL) ## The tests
 quick: $(FOR_ALL) ## The tests of what changed against main, and the fast ones of all
 	$(BIN)/python tools/quick.py
 
-search: $(FOR_ALL) ## The tests of what holds for every robot and file, with new random examples
+search: $(FOR_ALL) ## What holds for every robot and file: new random examples, and the fuzzers with their counts
 	$(BIN)/pytest -n auto --dist worksteal -m "hypothesis or search" --hypothesis-profile=search
+	$(BIN)/python tools/fuzz_urdf.py --count 3000 --seed $(SEED)
+	$(BIN)/python tools/fuzz.py yaml --count 3000 --seed $(SEED)
+	$(BIN)/python tools/fuzz.py rollout --count 2500 --seed $(SEED)
+	$(BIN)/python tools/fuzz.py arguments --count 400 --seed $(SEED)
 
 docs: $(FOR_ALL) ## The documentation, into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -q docs build/docs

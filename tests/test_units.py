@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from hand_models import planar, scara
 
-from armgpi import GPI, Bezier, RigidBodyPlant, RobotBatch, simulate
+from armgpi import GPI, Bezier, Hold, RigidBodyPlant, Robot, RobotBatch, simulate
 from armgpi.loop import units
 from armgpi.loop.units import Unit
+
+SLIDER = """<robot name="slider"><link name="base"/>
+<link name="cart"><inertial><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>"""
 
 
 @pytest.mark.parametrize(
@@ -47,3 +53,10 @@ def test_the_note_is_for_robots_with_both_kinds_of_joints() -> None:
     assert units.note(robot.joint_names, robot.prismatic) == "prismatic: q3: m for rad, N for N m"
     assert units.note(("x", "y"), np.array([True, True])) == ""
     assert units.note(planar().robot.joint_names, planar().robot.prismatic) == ""
+
+
+def test_a_rollout_of_sliding_joints_has_their_units() -> None:
+    robot = Robot.from_xml(SLIDER)
+    rollout = simulate(RigidBodyPlant(robot), GPI(robot, 1e-3), Hold(np.zeros(1)), 0.01)
+    found = {name: rollout[name].attrs["units"] for name in ("q", "v", "tau", "lower", "effort")}
+    assert found == {"q": "m", "v": "m/s", "tau": "N", "lower": "m", "effort": "N"}

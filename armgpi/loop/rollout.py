@@ -12,7 +12,8 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 ``lower`` ... ``effort``  limits of the plant's joints                                 rad, N m
 ========================  ===========================================================  ==============
 
-(m instead of rad and N instead of N m for prismatic joints; ``joint_type`` says which.)
+(m instead of rad and N instead of N m for prismatic joints; ``joint_type`` says which, and the attribute
+``units`` where all joints are prismatic.)
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
+from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
 
 #: Version of the layout described above.
@@ -47,29 +49,20 @@ _SAMPLED = ("q", "v", "q_measured", "tau_command", "tau", "q_ref", "v_ref")
 _REQUIRED = (*_SAMPLED, "status", "t_end", "lower", "upper", "velocity", "effort", "joint", "time")
 #: Recorded quantities to expect, when it is asked whether they fit into memory.
 _VARIABLES = 8
-_UNITS = {
-    "q": "rad",
-    "v": "rad/s",
-    "q_ref": "rad",
-    "v_ref": "rad/s",
-    "q_measured": "rad",
-    "tau_command": "N m",
-    "tau": "N m",
-    "disturbance": "N m",
-    "lower": "rad",
-    "upper": "rad",
-    "velocity": "rad/s",
-    "effort": "N m",
-}
-_LONG_NAMES = {
-    "q": "position",
-    "v": "velocity",
-    "q_ref": "reference position",
-    "v_ref": "reference velocity",
-    "q_measured": "measured position",
-    "tau_command": "torque asked for",
-    "tau": "torque applied",
-    "disturbance": "disturbance torque",
+#: What every quantity is called, and its unit.
+_QUANTITIES = {
+    "q": ("position", POSITION),
+    "v": ("velocity", VELOCITY),
+    "q_ref": ("reference position", POSITION),
+    "v_ref": ("reference velocity", VELOCITY),
+    "q_measured": ("measured position", POSITION),
+    "tau_command": ("torque asked for", TORQUE),
+    "tau": ("torque applied", TORQUE),
+    "disturbance": ("disturbance torque", TORQUE),
+    "lower": ("lower", POSITION),
+    "upper": ("upper", POSITION),
+    "velocity": ("velocity", VELOCITY),
+    "effort": ("effort", TORQUE),
 }
 
 
@@ -207,7 +200,7 @@ def to_dataset(
         arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
     for name, values in arrays.items():
         ordered = np.swapaxes(values[:stored], 0, 1) if batched else values[:stored]
-        variables[name] = (dims, ordered, _attributes(name))
+        variables[name] = (dims, ordered, _attributes(name, robot))
     per_rollout = ("rollout",) if batched else ()
     variables["status"] = (
         per_rollout,
@@ -221,7 +214,7 @@ def to_dataset(
     t_end = recording.t_end if batched else recording.t_end[0]
     variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
     for name, limit in robot.limits._asdict().items():
-        variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name))
+        variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
     return xr.Dataset(
         variables,
         coords={
@@ -337,9 +330,9 @@ def _too_much(samples: int, shape: tuple[int, ...]) -> str:
     )
 
 
-def _attributes(name: str) -> dict[str, str]:
-    """Return the attributes of a variable."""
-    attributes = {"long_name": _LONG_NAMES.get(name, name)}
-    if name in _UNITS:
-        attributes["units"] = _UNITS[name]
-    return attributes
+def _attributes(name: str, robot: AnyRobot) -> dict[str, str]:
+    """Return the attributes of a variable; units are those of prismatic joints where all are."""
+    if name not in _QUANTITIES:
+        return {"long_name": name}
+    long_name, unit = _QUANTITIES[name]
+    return {"long_name": long_name, "units": unit.symbol(bool(robot.prismatic.all()), ascii=True)}
