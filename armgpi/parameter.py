@@ -191,7 +191,7 @@ class Parameter:
             joint_names: of the joints; when they are known, an array over them is returned.
 
         Raises:
-            ParameterError: when a single value is not as declared, or a per-joint one before joints are known.
+            ParameterError: when a single value is not as declared, or a per-joint one of unknown joints.
             ArrayError: when a per-joint value is not, or does not fit the joints; it names the joint.
         """
         if value is None and (self.none or self.chosen):
