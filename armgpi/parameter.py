@@ -191,7 +191,7 @@ class Parameter:
             joint_names: of the joints; when they are known, an array over them is returned.
 
         Raises:
-            ParameterError: when a single value is not as declared.
+            ParameterError: when a single value is not as declared, or a per-joint one of unknown joints.
             ArrayError: when a per-joint value is not, or does not fit the joints; it names the joint.
         """
         if value is None and (self.none or self.chosen):
@@ -231,7 +231,7 @@ class Parameter:
         array = as_float_array(value, self.name)
         if not self.inside(array).all():
             wrong = array[~self.inside(array)].flat[0]
-            raise ArrayError(self.name, f"expected {expected} values, got {wrong:g}")
+            raise ParameterError(self.name, float(wrong), expected)
         return array
 
     def _numbers(self, value: Any) -> Array:

@@ -264,6 +264,16 @@ def test_a_name_belongs_to_one_class() -> None:
         First.config_name = None
 
 
+def test_a_class_that_comes_from_a_law_does_not_take_over_its_names() -> None:
+    @with_parameters
+    class Mine(GPI):
+        pass
+
+    assert Mine.__mro__[1] is GPI
+    assert {kind.law for kind in schema._kinds().values()} >= {GPI, PIDInversion}
+    assert Mine not in {kind.law for kind in schema._kinds().values()}
+
+
 # Wrappers with a state of their own.
 
 

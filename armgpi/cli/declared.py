@@ -206,7 +206,7 @@ def _controllers(classes: dict[str, _Class]) -> Iterator[tuple[str, dict[str, di
         own = _fields(classes, name)
         if each.config_name:
             yield each.config_name, own
-        for part in own.values():
+        for part in each.fields.values():
             if part["kind"] == "variant":
                 variants = (other for other in classes if _is_a(classes, other, part["group"]))
                 for variant in variants:

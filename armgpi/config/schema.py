@@ -9,6 +9,7 @@ joint names.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import reduce
@@ -292,8 +293,9 @@ def _kinds() -> dict[str, Kind]:
     """Return what controllers may be, by their names."""
     found = {name: Kind(cls) for name, cls in registered(Controller).items()}
     for law in subclasses(Controller):
+        own = inspect.get_annotations(law)  # a class that comes from it does not take over its names
         for part in parameters(law).values():
-            if part.kind == "variant" and part.group is not None:
+            if part.name in own and part.kind == "variant" and part.group is not None:
                 variants = registered(part.group).items()
                 found |= {name: Kind(law, variant, part.name) for name, variant in variants}
     return dict(sorted(found.items()))
