@@ -2,6 +2,7 @@
 
 They are found by importing the modules of the packages below, and those that installed distributions list as
 entry points of the group ``armgpi.plugins``. So a new controller, sensor, load or path is one new module.
+Plugins may declare metrics and checks of URDFs as well.
 """
 
 from __future__ import annotations
@@ -55,22 +56,40 @@ def modules() -> list[str]:
         for package in PACKAGES
         for each in pkgutil.iter_modules(import_module(package).__path__)
     ]
-    plugins = {each.value.partition(":")[0] for each in metadata.entry_points(group=GROUP)}
-    return [*found, *MODULES, *sorted(plugins)]
+    return [*found, *MODULES, *plugins()]
+
+
+@cache
+def plugins() -> tuple[str, ...]:
+    """Return the names of the modules that installed distributions list."""
+    return tuple(sorted({each.value.partition(":")[0] for each in metadata.entry_points(group=GROUP)}))
+
+
+@cache
+def load_plugins() -> None:
+    """Import the modules that installed distributions list.
+
+    Raises:
+        ConfigError: when one cannot be imported.
+    """
+    for name in plugins():
+        try:
+            import_module(name)
+        except Exception as error:  # whatever a stranger's module does
+            said = f"cannot be imported: {type(error).__name__}: {error}; mend it, or uninstall it"
+            raise ConfigError(f"plugin {name!r}", "", said) from error
 
 
 @cache
 def load() -> None:
-    """Import them all.
+    """Import all modules in which such classes may be.
 
     Raises:
         ConfigError: when a plugin cannot be imported.
     """
+    load_plugins()
     for name in modules():
-        try:
-            import_module(name)
-        except ImportError as error:
-            raise ConfigError(f"plugin {name!r}", "", f"cannot be imported: {error}") from error
+        import_module(name)
 
 
 def registered(base: type) -> dict[str, Any]:

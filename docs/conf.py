@@ -5,6 +5,8 @@ from importlib.metadata import version as _version
 
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
+from armgpi.health import findings as _findings
+from armgpi.health import report as _report  # noqa: F401  # registers the checks
 from armgpi.loop import metrics as _metrics
 from armgpi.parameter import REQUIRED as _REQUIRED
 from armgpi.parameter import parameters as _parameters
@@ -26,7 +28,7 @@ myst_heading_anchors = 3  # lets pages link to each other's headings
 def metrics_table():
     """Return the metrics as a Markdown table, from their declarations."""
     rows = [("column", "name in files", "meaning", "unit", "shown in"), ("---",) * 5]
-    for name, metric in _metrics.ALL.items():
+    for name, metric in _metrics.declared().items():
         meaning = metric.function.__doc__.partition("\n\n")[0].removeprefix("Return ").rstrip(".")
         row = (metric.heading, f"`{name}`", meaning, str(metric.unit) or "–", ", ".join(metric.tables))
         rows.append(tuple(cell.replace("|", "\\|").replace("``", "`") or "files alone" for cell in row))
@@ -118,6 +120,7 @@ def options_table():
 
 
 myst_substitutions = {
+    "findings_table": _findings.table(),
     "metrics_table": metrics_table(),
     "options_table": options_table(),
     "plant_table": plant_table(),

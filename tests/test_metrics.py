@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 T, H = 4.0, 1e-3
 TIME = np.arange(round(T / H) + 1) * H
 #: How each metric grows when all errors and torques are multiplied by a factor.
-POWER = dict.fromkeys(metrics.ALL, 1) | {"ise": 2, "isci": 2, "saturated_time": 0, "effort_used": 0}
+POWER = {name: metric.unit.position + metric.unit.torque for name, metric in metrics.ALL.items()}
 
 
 def rollout(

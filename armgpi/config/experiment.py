@@ -107,7 +107,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
             name: [_plain(x) for x in table[name].isel(rollout=index).values]
             if table is not None
             else [None] * rows.sizes["joint"]
-            for name in metrics.ALL
+            for name in metrics.declared()
         }
         found.append(
             {

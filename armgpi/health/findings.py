@@ -1,8 +1,8 @@
 """Findings about a robot's model, and the registry of the checks that make them.
 
-A check is a function with a decorator, in a module that :mod:`armgpi.health.report` imports. It is given the
-:class:`Subject` and gives findings; the report, its JSON and the table of docs/robots.md follow from the
-registry::
+A check is a function with a decorator, in a module that :mod:`armgpi.health.report` imports or in a plugin
+(:mod:`armgpi.registry`). It is given the :class:`Subject` and gives findings; the report, its JSON and the table
+of docs/robots.md follow from the registry::
 
     @check("reach", "an arm longer than 5 m", "warning")
     def too_long(subject: Subject) -> Iterator[Finding]:
@@ -20,6 +20,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.control.gains import default_omega
 from armgpi.errors import Remedy
@@ -178,6 +179,7 @@ def check(kind: str, meaning: str, *levels: Level) -> Callable[[Function], Funct
 
 def find(subject: Subject) -> list[Finding]:
     """Return what all checks find; of a check's findings at one level the first few, and how many more."""
+    registry.load_plugins()
     kept: list[Finding] = []
     for each in CHECKS:
         found = [] if each.function is None else list(each.function(subject))
@@ -193,6 +195,7 @@ def find(subject: Subject) -> list[Finding]:
 
 def table() -> str:
     """Return the kinds of findings as a Markdown table, sorted by kind and level."""
+    registry.load_plugins()
     rows = sorted(CHECKS, key=lambda row: (row.kind, min(map(LEVELS.index, row.levels))))
     lines = [f"| `{row.kind}` | {', '.join(row.levels)} | {row.meaning} |" for row in rows]
     return "\n".join(["| kind | level | what it means |", "|---|---|---|", *lines]) + "\n"

@@ -12,7 +12,7 @@ interrupted the metrics are those until then.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import wraps
 from typing import Literal, get_args
@@ -20,6 +20,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
+from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Status
@@ -92,7 +93,7 @@ class Metric:
         return short(value, min(self.digits, most))
 
 
-#: Every metric, by the name that it has in files.
+#: Those that are declared so far; :func:`declared` loads plugins first.
 ALL: dict[str, Metric] = {}
 
 
@@ -120,12 +121,12 @@ def metric(
 
     def declare(function: Function) -> Function:
         name = function.__name__
-        declared = Metric(name, heading, long_name or heading, unit, group, tables, total, digits, function)
-        ALL[name] = declared
+        made = Metric(name, heading, long_name or heading, unit, group, tables, total, digits, function)
+        ALL[name] = made
 
         @wraps(function)
         def checked(rollout: xr.Dataset) -> xr.DataArray:
-            return declared(rollout)
+            return made(rollout)
 
         checked.__doc__ = f"{function.__doc__}\n\nUnit: {str(unit) or 'none'}."
         return checked
@@ -133,9 +134,15 @@ def metric(
     return declare
 
 
+def declared() -> Mapping[str, Metric]:
+    """Return every metric by the name that it has in files, those of plugins too."""
+    registry.load_plugins()
+    return ALL
+
+
 def shown_in(table: Table) -> list[Metric]:
     """Return the metrics that a table shows: those of errors first, as they were declared."""
-    shown = [metric for metric in ALL.values() if table in metric.tables]
+    shown = [metric for metric in declared().values() if table in metric.tables]
     return sorted(shown, key=lambda metric: GROUPS.index(metric.group))
 
 
@@ -255,7 +262,7 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
     Raises:
         RolloutError: when the rollout lacks a variable or has fewer than two samples.
     """
-    return xr.Dataset({name: declared(rollout) for name, declared in ALL.items()})
+    return xr.Dataset({name: metric(rollout) for name, metric in declared().items()})
 
 
 def _integral(values: xr.DataArray) -> xr.DataArray:
