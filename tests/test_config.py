@@ -16,10 +16,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_omega
+from armgpi.config import schema
 from armgpi.errors import ArmgpiError, ConfigError
 
 ROOT = Path(__file__).parents[1]
 ARM = "robot: {name: anthropomorphic3}\n"
+KNOWN = ", ".join(schema.KINDS)
 
 
 def build(text: str) -> Any:
@@ -304,7 +306,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
         5,
         "did you mean 'kp'",
     ),
-    "unknown controller": ("controllers:\n- type: lqr", "controllers.0.type", 3, "known: gpi, network, pid"),
+    "unknown controller": ("controllers:\n- type: lqr", "controllers.0.type", 3, f"known: {KNOWN}"),
     "controller without type": ("controllers:\n- omega: 3", "controllers.0.type", 3, "is missing"),
     "unknown load": ("plant: {loads: [{type: sin}]}", "plant.loads.0.type", 2, "did you mean 'sine'"),
     "key of a load missing": ("plant: {loads: [{type: step}]}", "plant.loads.0.amplitude", 2, "is missing"),

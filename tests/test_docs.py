@@ -136,14 +136,23 @@ def test_every_public_name_is_in_the_reference() -> None:
     assert set(armgpi.__all__) - {"__version__"} <= named
 
 
+def tables() -> dict[str, str]:
+    """Return the tables that the build makes from declarations, by the names that pages have for them."""
+    made: dict[str, str] = runpy.run_path(str(ROOT / "docs" / "conf.py"))["myst_substitutions"]
+    return made
+
+
 def page_of_the_command_line() -> str:
-    """Return the page with its tables, which the build makes from declarations."""
-    tables = runpy.run_path(str(ROOT / "docs" / "conf.py"))["myst_substitutions"]
+    """Return the page with its tables."""
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
-    for name, table in tables.items():
-        assert f"{{{{ {name} }}}}" in text
+    for name, table in tables().items():
         text = text.replace(f"{{{{ {name} }}}}", table)
     return text
+
+
+def test_every_table_that_the_build_makes_is_in_a_page_and_none_is_missing() -> None:
+    texts = [page.read_text(encoding="utf-8") for page in PAGES]
+    assert set(tables()) == {name for text in texts for name in re.findall(r"\{\{ (\w+) \}\}", text)}
 
 
 def test_every_command_and_option_is_in_the_page_of_the_command_line() -> None:

@@ -90,7 +90,7 @@ def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
 
 
 def records(result: xr.Dataset) -> list[dict[str, Any]]:
-    """Return, for every rollout, its label, its end and its figures of merit as plain data."""
+    """Return, for every rollout, its label, its end and its metrics as plain data."""
     single = "rollout" not in result.dims
     rows = result.expand_dims("rollout") if single else result
     # A run that was stopped at once has no figures.

@@ -1,8 +1,8 @@
 """Findings about a robot's model, and the registry of the checks that make them.
 
 A check is a function with a decorator, in a module that :mod:`armgpi.health.report` imports or in a plugin
-(:mod:`armgpi.registry`). It is given the :class:`Subject` and gives findings; the report, its JSON and the table
-of docs/robots.md follow from the registry::
+(:mod:`armgpi.registry`). It is given the :class:`Subject` and gives findings; the report, its JSON and the
+table of docs/robots.md follow from the registry::
 
     @check("reach", "an arm longer than 5 m", "warning")
     def too_long(subject: Subject) -> Iterator[Finding]:
