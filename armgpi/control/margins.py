@@ -62,7 +62,7 @@ def open_loop(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> L
 
 
 def crossovers(loop: Loop) -> Array:
-    """Return the frequencies where |L| = 1 [rad/s]."""
+    """Return the frequencies where ``|L| = 1`` [rad/s]."""
     return loop.omega * np.sqrt(_positive(np.polysub(_square(loop.denominator), _square(loop.numerator))))
 
 
@@ -94,7 +94,7 @@ def delay_margins(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) 
 
 
 def peak_sensitivity(loop: Loop) -> float:
-    """Return the largest |1 / (1 + L)|."""
+    """Return the largest ``|1 / (1 + L)|``."""
     closed = np.polyadd(loop.denominator, loop.numerator)
     above, below = _square(loop.denominator), _square(closed)
     u = _stationary(above, below)

@@ -213,7 +213,7 @@ class Equations:
         return Outside(index, self.joint_names[index[-1]], value, low, high)
 
     def holding_share(self, q: ArrayLike) -> Array:
-        """Return the share of the effort limits that it takes to hold the arm at rest, |G(q)| / effort.
+        """Return the share of the effort limits that it takes to hold the arm at rest, ``|G(q)| / effort``.
 
         Above 1 the motor of that joint cannot hold the arm. 0 where gravity asks for nothing, infinite where
         it asks for something and the effort limit is 0.

@@ -84,7 +84,7 @@ class Robot(Edits):
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
         Args:
-            path_or_name: path of a URDF, or a name from :func:`armgpi.robots.names`.
+            path_or_name: path of a URDF, or a name from :func:`armgpi.robot.robots.names`.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
             keep: when given, every joint that is not named here is locked. A name that means an arm of a
