@@ -203,19 +203,26 @@ def test_the_check_is_in_the_output_of_inspect_and_in_its_json(run: Run, folder:
     assert (found["level"], found["value"], found["bound"]) == ("warning", "Q1", "q1")
 
 
-def test_a_plugin_that_cannot_be_imported_is_named(run: Run, folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "broken.py").write_text("import armgpi\narmgpi.Robot.load(1 / 0)\n")
+@pytest.mark.parametrize(("module", "said"), [("broken", "ZeroDivisionError"), ("nowhere.to", "nowhere")])
+def test_a_plugin_that_cannot_be_imported_is_named(module: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("1 / 0\n")
     info = tmp_path / "broken-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[armgpi.plugins]\nbroken = broken\n")
-    done = subprocess.run(
-        [sys.executable, "-m", "armgpi.cli", "inspect", "anthropomorphic3"],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: plugin 'broken'")
-    assert "ZeroDivisionError" in done.stderr
-    assert "Traceback" not in done.stderr
+    (info / "entry_points.txt").write_text(f"[armgpi.plugins]\nbroken = {module}\n")
+
+    def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "armgpi.cli", *arguments],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        )
+
+    for arguments in (("inspect", "anthropomorphic3"), ("run", "anthropomorphic3", "--t-final", "0.01")):
+        refused = call(*arguments)
+        assert refused.returncode == 2
+        assert refused.stderr.startswith(f"error: plugin '{module}'")
+        assert said in refused.stderr
+        assert "Traceback" not in refused.stderr
+    assert call("run", "--help").returncode == 0

@@ -148,7 +148,10 @@ def _classes() -> dict[str, _Class]:
     """Return the classes with declared parameters that the modules of the registry define, by their names."""
     found = {}
     for module in registry.modules():
-        spec = find_spec(module)
+        try:
+            spec = find_spec(module)
+        except Exception:  # the package of a plugin: the registry names it, when it is loaded
+            spec = None
         text = Path(spec.origin).read_text(encoding="utf-8") if spec and spec.origin else ""
         if "config_name" not in text and "with_parameters" not in text:
             continue
