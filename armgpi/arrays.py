@@ -7,19 +7,25 @@ word, so nothing reaches it unchecked. Inside the package arrays are trusted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
+from types import UnionType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.errors import ArrayError, NameNotFound, ParameterError, shown
 
 #: A native float64 array.
 Array = npt.NDArray[np.float64]
 #: What public functions accept: a float64 array, or plain (nested) lists of Python numbers.
 ArrayLike = npt.ArrayLike
+#: Largest size of a number that is taken, and smallest one of a number that has to be above zero: the fifth
+#: powers that gains are made of, and products of those, are then finite.
+LARGEST, SMALLEST = 1e30, 1e-30
 #: What a per-joint parameter may be: a number, or an array that broadcasts against (n,).
 PerJointInput = npt.ArrayLike
 
@@ -41,9 +47,51 @@ def as_float_array(value: Any, name: str, infinite: bool = False) -> Array:
     return array
 
 
-def as_number(value: Any, name: str, infinite: bool = False) -> float:
-    """Return `value` as a single float; arguments and errors as :func:`as_float_array`."""
+def as_sized_array(value: Any, name: str, infinite: bool = False) -> Array:
+    """Return `value` as :func:`as_float_array` does, refusing numbers beyond `LARGEST` as well."""
     array = as_float_array(value, name, infinite)
+    beyond = np.abs(array) > LARGEST
+    if infinite:
+        beyond &= np.isfinite(array)
+    if beyond.any():
+        raise ArrayError(name, f"expected numbers up to {LARGEST:g} in size, got {array[beyond].flat[0]:g}")
+    return array
+
+
+def as_times(t: Any, infinite: bool = True) -> Any:
+    """Return a time or times [s] as an array, symbols of generated code as they are.
+
+    Raises:
+        ArrayError: when it is no number, NaN, or infinite where that is no time.
+    """
+    if hasattr(t, "__array_ufunc__") and not isinstance(t, np.ndarray | np.generic):
+        return t
+    if isinstance(t, np.ndarray) and t.dtype.kind in "iuf":
+        t = t.astype(np.float64)
+    # Beyond that nothing that ends goes on, and products stay finite.
+    return np.clip(as_float_array(t, "t", infinite), -LARGEST, LARGEST)
+
+
+def is_listing(value: Any) -> bool:
+    """Tell whether something is a list of things: a sequence or an array, but no text and no lone number."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def check_type(value: Any, name: str, kind: type | UnionType, expected: str) -> None:
+    """Refuse what is no `kind`.
+
+    Raises:
+        ParameterError: when it is something else.
+    """
+    if not isinstance(value, kind):
+        raise ParameterError(name, value, expected)
+
+
+def as_number(value: Any, name: str, infinite: bool = False) -> float:
+    """Return `value` as a single float; arguments and errors as :func:`as_sized_array`."""
+    array = as_sized_array(value, name, infinite)
     if array.ndim:
         raise ArrayError(name, f"expected one number, got shape {array.shape}")
     return float(array)
@@ -70,6 +118,8 @@ def as_joint_array(value: Any, name: str, joint_names: Sequence[str]) -> Array:
             f"got {array.shape}",
         )
     _check_finite(array, name, joint_names)
+    if np.abs(array).max(initial=0.0) > LARGEST:
+        raise ArrayError(name, f"expected numbers up to {LARGEST:g} in size, got {np.abs(array).max():g}")
     return array
 
 
@@ -88,14 +138,16 @@ def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, 
     """
     array = as_float_array(value, name)
     n = len(joint_names)
-    if array.ndim > 2 or (array.ndim and array.shape[-1] not in (1, n)):
+    if array.ndim > 2 or (array.ndim and array.shape[-1] not in (1, n)) or not array.size:
         raise ArrayError(name, f"expected a number or shape ({n},) or (batch, {n}), got {array.shape}")
     array = np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], n)))
-    bad = np.argwhere(~ok(array))
+    bad = np.argwhere(~(ok(array) & (np.abs(array) <= LARGEST)))
     if bad.size:
         index = tuple(int(i) for i in bad[0])
         raise ArrayError(
-            name, f"expected {expected} values, got {array[index]:g} for joint {joint_names[index[-1]]!r}"
+            name,
+            f"expected {expected} values{_sizes(array[index])}, got {array[index]:g} for joint "
+            f"{joint_names[index[-1]]!r}",
         )
     return array
 
@@ -122,7 +174,7 @@ def quantity(
     """
     n = len(joint_names)
     if not isinstance(value, Mapping):
-        array = as_float_array(value, name, infinite)
+        array = as_sized_array(value, name, infinite)
         if array.shape not in ((), (n,)):
             raise ArrayError(name, f"expected {n} numbers ({', '.join(joint_names)}), got {array.size}")
         return np.array(np.broadcast_to(array, (n,)))
@@ -138,6 +190,29 @@ def quantity(
     return filled
 
 
+def check_choice(value: Any, name: str, choices: Collection[str]) -> None:
+    """Refuse what is none of some names.
+
+    Raises:
+        ParameterError: when it is something else.
+    """
+    if not (isinstance(value, str) and value in choices):
+        raise ParameterError(name, value, f"one of {', '.join(choices)}")
+
+
+def check_path(value: Any, name: str) -> Path:
+    """Return the path of a file or folder, given as text or as a path.
+
+    Raises:
+        ParameterError: when it is none.
+    """
+    with suppress(TypeError, ValueError):
+        text = os.fsdecode(value)
+        if b"\0" not in os.fsencode(text):
+            return Path(text)
+    raise ParameterError(name, value, "a path")
+
+
 #: Makes a NamedTuple, ``new(Kind, (a, b))``, in half the time of ``Kind(a, b)``: for the control loop.
 new = tuple.__new__
 
@@ -146,8 +221,8 @@ Check = Callable[[Array], npt.NDArray[np.bool_]]
 
 
 def positive(array: Array) -> npt.NDArray[np.bool_]:
-    """Tell which elements are above zero."""
-    return array > 0.0
+    """Tell which elements are above zero, and not too small to divide by."""
+    return array >= SMALLEST
 
 
 def not_negative(array: Array) -> npt.NDArray[np.bool_]:
@@ -163,7 +238,7 @@ def any_value(array: Array) -> npt.NDArray[np.bool_]:
 def check_number(
     value: Any, name: str, expected: str, lowest: float = 0.0, highest: float = math.inf, open_: bool = False
 ) -> float:
-    """Return a parameter as a finite float from `lowest` to `highest`.
+    """Return a parameter as a float from `lowest` to `highest`, no larger than `LARGEST`.
 
     Args:
         value: the number.
@@ -171,18 +246,20 @@ def check_number(
         expected: what it has to be, in words and with its unit.
         lowest: smallest value.
         highest: largest value.
-        open_: whether `lowest` itself is too small.
+        open_: whether `lowest` itself is too small; what has to be above zero is at least `SMALLEST`.
 
     Raises:
-        ParameterError: when it is no number, not finite, or outside.
+        ParameterError: when it is no number, not finite, outside, too large or too small.
     """
     number = math.nan
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with suppress(OverflowError):  # of an int beyond all floats
             number = float(value)
-    inside = math.isfinite(number) and lowest <= number <= highest and not (open_ and number == lowest)
-    if not inside:
-        raise ParameterError(name, value, expected)
+    inside = lowest <= number <= highest and not (open_ and number == lowest)
+    if open_ and lowest == 0.0:
+        inside = inside and number >= SMALLEST
+    if not inside or abs(number) > LARGEST:
+        raise ParameterError(name, value, f"{expected}{_sizes(number)}")
     return number
 
 
@@ -213,13 +290,21 @@ def _convert(value: Any, name: str) -> Array:
             f"expected a native float64 array, got dtype {value.dtype.str!r}; "
             "convert it with x.astype(np.float64)",
         )
-    if _holds_other_than_numbers(value):
-        raise ArrayError(name, f"expected numbers, got {value!r}")
     try:
+        if _holds_other_than_numbers(value):
+            raise ArrayError(name, f"expected numbers, got {shown(value)}")
         array = np.ascontiguousarray(value, dtype=np.float64).reshape(np.shape(value))
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ArrayError(name, f"expected an array of numbers, got {value!r} ({error})") from None
+    except ArrayError:
+        raise
+    except Exception as error:  # of NumPy, or of an object of the user's that says it is an array
+        raise ArrayError(name, f"expected an array of numbers, got {shown(value)} ({error})") from None
     return array
+
+
+def _sizes(number: float) -> str:
+    """Return what a number beyond what is taken should have been, empty for another one."""
+    good = number == 0.0 or SMALLEST <= abs(number) <= LARGEST or not math.isfinite(number)
+    return "" if good else f", from {SMALLEST:g} to {LARGEST:g} in size"
 
 
 def _check_finite(array: Array, name: str, joint_names: Sequence[str] | None = None) -> None:

@@ -47,6 +47,14 @@ class ArmgpiWarning(UserWarning):
     """Something that does not stop the work but that the user should know."""
 
 
+def shown(value: object) -> str:
+    """Return what a value looks like, its type where it cannot even say that."""
+    try:
+        return repr(value)
+    except Exception:  # a user's object, a whole number of thousands of digits, a list in itself
+        return f"a {type(value).__name__}"
+
+
 class ArrayError(ArmgpiError):
     """An array argument has the wrong shape, dtype or content.
 
@@ -72,7 +80,7 @@ class ParameterError(ArmgpiError):
         """Describe the bad parameter: its name, its value and what was expected."""
         self.name = name
         self.value = value
-        super().__init__(f"{name} must be {expected}, got {value!r}")
+        super().__init__(f"{name} must be {expected}, got {shown(value)}")
 
 
 class NameNotFound(ArmgpiError):
@@ -90,8 +98,9 @@ class NameNotFound(ArmgpiError):
         self.name = name
         self.valid = tuple(valid)
         folded = {each.casefold(): each for each in reversed(self.valid)}
-        near = [folded[n] for n in get_close_matches(str(name).casefold(), folded, n=3, cutoff=0.5)]
-        text = f"there is no {kind} named {name!r}"
+        said = name.casefold() if isinstance(name, str) else shown(name)
+        near = [folded[n] for n in get_close_matches(said, folded, n=3, cutoff=0.5)]
+        text = f"there is no {kind} named {shown(name)}"
         if near:
             text += f"; did you mean {' or '.join(repr(n) for n in near)}?"
         if self.valid:

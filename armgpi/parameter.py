@@ -27,12 +27,14 @@ from armgpi.arrays import (
     Array,
     ArrayLike,
     PerJointInput,
-    as_float_array,
+    as_sized_array,
     check_number,
     check_whole,
+    is_listing,
     per_joint,
+    positive,
 )
-from armgpi.errors import ArrayError, ParameterError
+from armgpi.errors import ArrayError, ParameterError, shown
 
 
 class _Required(Enum):
@@ -180,6 +182,8 @@ class Parameter:
     def inside(self, values: Array) -> Any:
         """Tell which values of an array are within the bounds, and whole where they have to be."""
         low = values > self.least if self.above else values >= self.least
+        if self.above and self.least == 0.0:
+            low = positive(values)
         high = values < self.most if self.below else values <= self.most
         return low & high & (values == np.rint(values)) if self.kind == "integer" else low & high
 
@@ -194,11 +198,11 @@ class Parameter:
             ParameterError: when a single value is not as declared, or a per-joint one of unknown joints.
             ArrayError: when a per-joint value is not, or does not fit the joints; it names the joint.
         """
-        if value is None and (self.none or self.chosen):
+        if value is None and self.none:
             return None
-        if self.unlimited and np.ndim(value) == 0 and value == math.inf:
+        if self.unlimited and isinstance(value, float) and value == math.inf:
             return math.inf
-        if self.kind == "choice" and value not in self.choices:
+        if self.kind == "choice" and not (isinstance(value, str) and value in self.choices):
             raise ParameterError(self.name, value, f"one of {', '.join(self.choices)}")
         if self.kind == "flag" and not isinstance(value, bool):
             raise ParameterError(self.name, value, "True or False")
@@ -223,12 +227,14 @@ class Parameter:
 
     def _per_joint(self, value: Any, joint_names: Sequence[str] | None) -> Array:
         """Return an array, over the joints where they are known."""
-        if self.kind == "integer" and np.ndim(value) == 0:
+        if self.kind == "integer" and not is_listing(value):
             value = self._number(value)
         expected = "whole numbers as" if self.kind == "integer" else self.bounds
         if joint_names is not None:
             return per_joint(value, self.name, joint_names, expected, self.inside)
-        array = as_float_array(value, self.name)
+        array = as_sized_array(value, self.name)
+        if not array.size:
+            raise ArrayError(self.name, f"expected {expected} values, got none")
         if not self.inside(array).all():
             wrong = array[~self.inside(array)].flat[0]
             raise ParameterError(self.name, float(wrong), expected)
@@ -236,7 +242,7 @@ class Parameter:
 
     def _numbers(self, value: Any) -> Array:
         """Return a vector of three numbers, or a list of any length."""
-        array = as_float_array(value, self.name)
+        array = as_sized_array(value, self.name)
         if self.kind == "vector" and array.shape != (3,):
             raise ArrayError(self.name, f"expected three numbers, got shape {array.shape}")
         return array
@@ -331,7 +337,7 @@ class Parametrised:
 
     def __repr__(self) -> str:
         """Return the class with its parameters."""
-        said = ", ".join(f"{name}={value!r}" for name, value in self.values().items())
+        said = ", ".join(f"{name}={shown(value)}" for name, value in self.values().items())
         return f"{type(self).__name__}({said})"
 
 

@@ -14,7 +14,7 @@ from armgpi.errors import EffortError, ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.batch import AnyRobot, RobotBatch, check_robot
 from armgpi.robot.robot import Robot
 
 
@@ -110,6 +110,7 @@ class Controller(Parametrised, ABC):
 
     def __post_init__(self) -> None:
         """Check the parameters; the effort limits are the robot's when none are given."""
+        check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
         self.fill("effort", self.robot.limits.effort)
         powerless = np.argwhere(~(self.effort > 0.0))

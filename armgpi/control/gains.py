@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -217,8 +218,13 @@ def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float
     Args:
         dt: sample time [s].
         delay: transport delay in the loop [s].
-        highest: cap [rad/s].
+        highest: cap [rad/s]; infinite for none.
+
+    Raises:
+        ParameterError: when a number is out of its range.
     """
     dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
     delay = check_number(delay, "delay", "zero or positive [s]")
+    if not (isinstance(highest, float) and highest == math.inf):
+        highest = check_number(highest, "highest", "positive [rad/s]", open_=True)
     return min(_DEFAULT_PHASE / (1.5 * dt + delay), highest)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -19,6 +20,7 @@ from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import PerJoint, Vector, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
+from armgpi.robot.batch import check_robot
 from armgpi.robot.robot import Robot
 
 
@@ -149,6 +151,7 @@ class GPI(Controller):
             ArrayError: for gains that are not positive or do not fit the joints.
             EffortError: when a joint has no torque.
         """
+        check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
         given: Any = self.gains
         if self.payload is not None:
@@ -173,7 +176,10 @@ class GPI(Controller):
             expected = "bumpless for what is not the law of the paper"
             raise ParameterError("realisation", self.realisation, expected)
         self._dynamics = self.robot.dynamics
-        self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
+        with np.errstate(all="ignore"):
+            self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
+        if not all(np.isfinite(x).all() for x in self._nominal):
+            raise ParameterError("gains", self.gains, "a tuning whose derived gains are finite")
         self._warn_of_delay(member)
 
     @classmethod
@@ -253,6 +259,8 @@ class GPI(Controller):
         spent = 0.5 * self.dt + self.delay
         delta = 1.0 if self.payload is None else self.payload.delta[1]
         margin = float(np.min(delay_margins(nominal, member, delta)))
+        if not math.isfinite(margin):
+            raise ParameterError("gains", self.gains, "a tuning with poles that are not so far apart")
         if margin == 0.0:
             warnings.warn(
                 f"without the load the nominal inertia is {delta:.3g} times the true one, and the loop not "

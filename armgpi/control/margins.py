@@ -81,15 +81,27 @@ def delay_margin(loop: Loop) -> float:
 def delay_margins(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> Array:
     """Return :func:`delay_margin` of every joint [s]; zero where the loop is not stable.
 
+    NaN where the poles are so far apart that floats do not tell.
+
     Args:
         tuning: arrays that broadcast.
         member: of the family.
         delta: factor by which the nominal inertia is too large.
     """
-    rows = _coefficients(tuning, member)
+    with np.errstate(all="ignore"):
+        return _delay_margins(_coefficients(tuning, member), member, delta)
+
+
+def _delay_margins(rows: Array, member: Member, delta: float) -> Array:
+    """Return the delay margins [s] for coefficients (..., k)."""
     unique, back = np.unique(rows.reshape(-1, rows.shape[-1]), axis=0, return_inverse=True)
-    loops = [_loop(row, member, delta) for row in unique]
-    margins = [delay_margin(x) if _stable(x.denominator, x.numerator) else 0.0 for x in loops]
+    margins = []
+    for row in unique:
+        loop = _loop(row, member, delta)
+        try:
+            margins.append(delay_margin(loop) if _stable(loop.denominator, loop.numerator) else 0.0)
+        except ValueError:  # no crossover is found, or roots of polynomials that are not finite
+            margins.append(math.nan)
     return np.array(margins)[np.ravel(back)].reshape(rows.shape[:-1])
 
 

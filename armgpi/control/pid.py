@@ -14,7 +14,7 @@ from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot
+from armgpi.robot.batch import AnyRobot, check_robot
 
 
 class PIDState(NamedTuple):
@@ -89,7 +89,9 @@ class PIDInversion(Controller):
             ArrayError: when a gain is negative or does not fit the joints.
             EffortError: when a joint has no torque.
         """
+        check_robot(self.robot)
         self.fill("bias_robot", self.robot)
+        check_robot(self.bias_robot, "bias_robot")
         if self.bias_robot.joint_names != self.robot.joint_names:
             joints = ", ".join(self.robot.joint_names)
             raise ParameterError("bias_robot", self.bias_robot, f"a robot with the joints {joints}")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armgpi.arrays import Array, as_float_array, check_whole
+from armgpi.arrays import Array, as_sized_array, check_whole
 from armgpi.errors import ArrayError, ParameterError
 
 
@@ -32,7 +32,7 @@ class BSplineBasis:
             ArrayError: when the knots decrease, are too few, or repeat more often than `order`.
         """
         self.order = order = check_whole(order, "order", 1)
-        self.knots = as_float_array(list(knots), "knots")
+        self.knots = as_sized_array(knots, "knots")
         if self.knots.ndim != 1 or len(self.knots) < 2 * order:
             raise ArrayError(
                 "knots", f"expected at least {2 * order} knots for order {order}, got {self.knots}"

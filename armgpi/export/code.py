@@ -18,6 +18,7 @@ from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
+from armgpi.arrays import check_choice
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds
 from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
@@ -99,8 +100,7 @@ def generate(controller: Controller, real: str = "double", faults: Faults | None
         ParameterError: when an argument is not as it should be.
         BackendError: when the controller does what has no C.
     """
-    if real not in _REALS:
-        raise ParameterError("real", real, f"one of {', '.join(_REALS)}")
+    check_choice(real, "real", _REALS)
     if not isinstance(controller, Controller):
         raise ParameterError("controller", controller, "a Controller")
     limits = bounds(Faults() if faults is None else faults, controller)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
+from armgpi.arrays import LARGEST, check_path, check_type
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.names import check_name, plain, renamed
 from armgpi.references.reference import Target
@@ -77,8 +78,10 @@ class ExportedController(Controller):
             ParameterError: when it is for other joints, or the name is none.
         """
         check_name(name)
+        check_type(robot, "robot", Robot, "a single Robot")
+        place = check_path(folder, "folder")
         texts = []
-        for path in (Path(folder) / renamed(file, name) for file in (HEADER, SOURCE)):
+        for path in (place / renamed(file, name) for file in (HEADER, SOURCE)):
             try:
                 texts.append(path.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
@@ -133,7 +136,7 @@ class ExportedController(Controller):
         effort = (ctypes.c_byte * (info.n * info.real_bytes)).from_address(info.effort)
         limits = np.frombuffer(effort, self._dtype).astype(np.float64)
         largest = float(np.finfo(self._dtype).max)
-        super().__init__(robot, float(info.dt), limits)
+        super().__init__(robot, float(info.dt), np.minimum(limits, LARGEST))
         self.keep("effort", np.where(limits < largest, limits, np.inf))
         self._given = [name for name, bit in _ARGUMENTS if bit & info.inputs == bit]
         # An attribute of the object, not of the class, as it is the library that says what it needs.

@@ -7,7 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_number, check_whole, per_joint, positive, quantity
+from armgpi.arrays import (
+    Array,
+    PerJointInput,
+    check_choice,
+    check_number,
+    check_type,
+    check_whole,
+    per_joint,
+    positive,
+    quantity,
+)
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
 
@@ -74,8 +84,8 @@ def bounds(faults: Faults, controller: Controller) -> Bounds:
         ParameterError: when one of the settings is not as it should be.
         ArrayError: when the resolution is not positive or does not fit the joints.
     """
-    if faults.action not in ("hold", "zero"):
-        raise ParameterError("action", faults.action, "one of hold, zero")
+    check_type(faults, "faults", Faults, "Faults")
+    check_choice(faults.action, "action", ("hold", "zero"))
     robot, dt = controller.robot, controller.dt
     samples = faults.frozen_samples
     if samples is None:

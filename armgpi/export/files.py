@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi import __version__, files
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_number, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import BackendError, RolloutError
@@ -107,8 +107,10 @@ def record(plant: Plant, controller: Controller, reference: Reference, t_final: 
 
     Raises:
         RolloutError: when the arm is out of control at the first sample.
+        ParameterError: when an argument is not as it should be.
     """
     loop = ClosedLoop(plant, controller, reference)
+    t_final = check_number(t_final, "t_final", "a positive time [s]", open_=True)
     state = loop.init()
     steps = max(1, min(round(t_final / loop.dt), MOST_SAMPLES))
     recording = Recording.new(loop.true_state(state).q.shape, steps, loop.dt, every=1)
@@ -158,6 +160,9 @@ def export_controller(
     from armgpi.config.experiment import prepare
 
     check_name(name)
+    folder = check_path(folder, "folder")
+    check_type(log, "log", Log | None, "a Log, as record returns it")
+    check_type(measure, "measure", bool, "True or False")
     # Everything is generated, and refused if need be, before a file is written.
     code = generate(controller, real, faults)
     texts = _texts(code, _at_rest(controller) if log is None else log)
@@ -167,7 +172,6 @@ def export_controller(
         renamed(file, name): text if file == "log.csv" else renamed(text, name)
         for file, text in texts.items()
     }
-    folder = Path(folder)
     prepare(folder)
     measured = None
     if measure:

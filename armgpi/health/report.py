@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import check_number, check_whole
+from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.control.payload import largest_payload
-from armgpi.errors import ArmgpiWarning, Remedy, UrdfError
+from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Subject
@@ -95,6 +95,9 @@ def inspect(
     check_number(dt, "dt", "positive [s]", open_=True)
     check_whole(delay, "delay", 0)
     check_whole(encoder_bits, "encoder_bits", 1, 52)
+    if isinstance(package_dirs, str | bytes) or not isinstance(package_dirs, Iterable):
+        raise ParameterError("package_dirs", package_dirs, "folders")
+    package_dirs = [check_path(folder, "package_dirs") for folder in package_dirs]
     path, name = robots.locate(path_or_name)
     asked = repairs.wanted(repair)
 
@@ -128,6 +131,7 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
     Raises:
         ParameterError: when the mass is negative, or the tip does not move.
     """
+    check_type(report, "report", HealthReport, "a HealthReport, as inspect returns it")
     mass = check_number(mass, "payload", "zero or positive [kg]")
     control = report.facts["control"]
     most = largest_payload(report.robot, dt=control["dt"], delay=control["delay"] * control["dt"])

@@ -73,6 +73,8 @@ class Metric:
         Raises:
             RolloutError: when the rollout lacks a variable or has fewer than two samples.
         """
+        if not isinstance(rollout, xr.Dataset):
+            raise RolloutError(f"{self.long_name} needs a rollout, got a {type(rollout).__name__}")
         try:
             if (count := rollout.sizes["time"]) < 2:
                 raise RolloutError(f"{self.long_name} needs at least two samples, the rollout has {count}")

@@ -36,7 +36,7 @@ import xarray as xr
 from xarray.backends import H5NetCDFStore
 
 from armgpi import files
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_path, check_type
 from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
@@ -252,8 +252,10 @@ def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
 
     Raises:
         RolloutError: when the file cannot be written.
+        ParameterError: when an argument is not as it should be.
     """
-    return files.write(path, netcdf(rollout))
+    check_type(rollout, "rollout", xr.Dataset, "a rollout, as simulate returns it")
+    return files.write(check_path(path, "path"), netcdf(rollout))
 
 
 def netcdf(rollout: xr.Dataset) -> bytes:
@@ -276,8 +278,9 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     Raises:
         RolloutError: when the file is missing, broken, no rollout of this format, or not the one that its
             folder was written with (``SHA256SUMS``).
+        ParameterError: when `path` is no path.
     """
-    source = Path(path)
+    source = check_path(path, "path")
     if not source.is_file():
         raise RolloutError(f"{source}: there is no such file")
     files.check_set(source.parent, [source.name])

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 import xarray as xr
 
-from armgpi.arrays import ArrayLike, check_number, check_whole
+from armgpi.arrays import ArrayLike, check_choice, check_number, check_type, check_whole
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
@@ -86,8 +86,9 @@ def simulate(
     steps = _whole_steps(t_final, loop.dt)
     record_every = check_whole(record_every, "record_every", 1)
     divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
-    if backend not in BACKENDS:
-        raise ParameterError("backend", backend, f"one of {', '.join(BACKENDS)}")
+    check_choice(backend, "backend", BACKENDS)
+    check_type(signals, "signals", bool, "True or False")
+    check_type(progress, "progress", bool | None, "True, False or None")
     state = loop.init(q0, v0)
     _check_reference(loop, steps * loop.dt)
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput
+from armgpi.arrays import Array, PerJointInput, is_listing
 from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, plain, with_parameters
 from armgpi.registry import Context
@@ -164,6 +164,8 @@ def multi_sine(
     Raises:
         ParameterError: when the sequences differ in length.
     """
+    if not is_listing(amplitudes) or not is_listing(omegas) or not (phases is None or is_listing(phases)):
+        raise ParameterError("amplitudes, omegas and phases", (amplitudes, omegas, phases), "lists")
     phases = [0.0] * len(amplitudes) if phases is None else phases
     if not len(amplitudes) == len(omegas) == len(phases):
         raise ParameterError("omegas", omegas, f"as many as amplitudes and phases ({len(amplitudes)})")

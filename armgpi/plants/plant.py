@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_type
 from armgpi.control.controller import FullState, batches, common_batch
 from armgpi.parameter import Parametrised, parameters, with_parameters
 from armgpi.registry import Context
@@ -87,6 +87,7 @@ class Wrapper(Parametrised, Plant):
 
     def __post_init__(self) -> None:
         """Check the parameters."""
+        check_type(self.plant, "plant", Plant, "a Plant")
         self.robot = self.plant.robot
         self.check_parameters(self.robot.joint_names)
         self.batch = common_batch(*batches(self))

@@ -14,11 +14,13 @@ from armgpi.control.controller import FullState, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
-from armgpi.robot.batch import AnyRobot
+from armgpi.robot.batch import AnyRobot, check_robot
 from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction: 1e-9 of it is left after 16 for all of 12,000 random arms.
 _NEWTON_STEPS = 16
+#: More integration steps per sample than any plant needs.
+_MOST_SUBSTEPS = 10_000
 
 
 class _StepSizes(NamedTuple):
@@ -64,16 +66,17 @@ class RigidBodyPlant(Plant):
             loads: disturbance torques, each (n,) or (batch, n).
             friction: "urdf" for the coefficients in the robot's URDF (which Pinocchio's dynamics ignore),
                 ``Friction(viscous, coulomb)`` for others, None for none.
-            substeps: integration steps per sample, at least 1.
+            substeps: integration steps per sample, 1 to 10,000.
             stick_velocity: speed below which Coulomb friction is smoothed [rad/s or m/s].
 
         Raises:
             ParameterError: for bad friction, substeps or stick velocity.
             ArrayError: when a load or coefficient does not fit the joints.
         """
+        check_robot(robot)
         self.robot = robot
         self.loads = tuple(loads) if isinstance(loads, Sequence) else (loads,)
-        self.substeps = check_whole(substeps, "substeps", 1)
+        self.substeps = check_whole(substeps, "substeps", 1, _MOST_SUBSTEPS)
         self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
         self.friction = self._friction(friction)
         self._sticks = self.friction is not None and bool(self.friction.coulomb.any())

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.arrays import Array, ArrayLike, as_sized_array, as_times, check_number, positive
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.reference import Reference, Target
 
@@ -60,16 +60,15 @@ def minimum_duration(
 
     Raises:
         ParameterError: when a limit is not positive.
+        ArrayError: when an argument is no array of numbers, or shapes do not go together.
     """
-    distance_ = np.abs(as_float_array(distance, "distance"))
-    velocity = np.asarray(velocity_limit, dtype=np.float64)
-    acceleration = np.asarray(acceleration_limit, dtype=np.float64)
+    distance_ = np.abs(as_sized_array(distance, "distance"))
+    velocity = _limit(velocity_limit, "velocity_limit")
+    acceleration = _limit(acceleration_limit, "acceleration_limit")
     for name, limit in (("velocity_limit", velocity), ("acceleration_limit", acceleration)):
-        if not (limit > 0.0).all():
-            raise ParameterError(name, limit.tolist(), "positive")
         try:
             np.broadcast_shapes(distance_.shape, limit.shape)
-        except ValueError:
+        except (ValueError, RuntimeError):  # or more axes than NumPy has
             raise ArrayError(name, f"shape {limit.shape} does not go with {distance_.shape}") from None
     by_velocity = PEAK_VELOCITY * distance_ / velocity
     by_acceleration = np.sqrt(PEAK_ACCELERATION * distance_ / acceleration)
@@ -126,7 +125,7 @@ class Bezier(Reference):
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
-        x = np.multiply(1.0, t)  # an array, or symbols
+        x = np.multiply(1.0, as_times(t))  # an array, or symbols
         x = (x - self.t_start) / self.duration
         step = blend(x.reshape(x.shape + (1,) * self._distance.ndim))
         return Target(
@@ -153,9 +152,19 @@ class Bezier(Reference):
         )
 
 
+def _limit(value: ArrayLike, name: str) -> Array:
+    """Return a limit as an array: positive, infinite for none."""
+    if isinstance(value, float) and math.isnan(value):
+        raise ParameterError(name, value, "positive")
+    limit = as_sized_array(value, name, infinite=True)
+    if not positive(limit).all():
+        raise ParameterError(name, limit.tolist(), "positive")
+    return limit
+
+
 def _configurations(start: ArrayLike, goal: ArrayLike) -> tuple[Array, Array]:
     """Check two configurations and give them one shape."""
-    start_, goal_ = as_float_array(start, "start"), as_float_array(goal, "goal")
+    start_, goal_ = as_sized_array(start, "start"), as_sized_array(goal, "goal")
     for name, array in (("start", start_), ("goal", goal_)):
         if array.ndim not in (1, 2):
             raise ArrayError(name, f"expected shape (n,) or (batch, n), got {array.shape}")

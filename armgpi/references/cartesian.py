@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array, as_float_array
-from armgpi.errors import ParameterError, ReachError
+from armgpi.errors import ArrayError, ParameterError, ReachError
 from armgpi.references.paths import Path
 from armgpi.references.reference import Reference, Target
 from armgpi.references.tracking import Track
@@ -37,6 +37,8 @@ class ClosedForm(ABC):
 
 #: Distance by which the frame may miss the path [m].
 _MISS = 1e-6
+#: Latest time that is taken [s]: a path is followed from its beginning.
+_LONGEST = 1e6
 #: Times at which turns are counted [s]: between two of them no joint turns by half a turn.
 _TURN_STEP = 0.01
 
@@ -75,6 +77,7 @@ class CartesianReference(Reference):
             raise ParameterError("robot", robot, "a single Robot")
         if not isinstance(path, Path):
             raise ParameterError("path", path, "a Path")
+        robot.frame_pose(frame, robot.middle())  # refuses a frame that does not exist
         self.robot = robot
         self.frame = frame
         self.path = path
@@ -87,6 +90,8 @@ class CartesianReference(Reference):
                 raise ParameterError("inverse", inverse, expected)
             self._track = Track(inverse, path)
             return
+        if not callable(inverse):
+            raise ParameterError("inverse", inverse, "a TrackingInverse, or a function of points (k, 3)")
         self._inverse = inverse
         self._turning = ~robot.prismatic
         self._continued = np.empty((0, robot.n))
@@ -108,6 +113,8 @@ class CartesianReference(Reference):
                 leave its joint limits.
         """
         times = np.atleast_1d(as_float_array(t, "t"))
+        if np.abs(times).max(initial=0.0) > _LONGEST:
+            raise ArrayError("t", f"expected times up to {_LONGEST:g} s, got {np.abs(times).max():g}")
         target = self._along(times) if self._track is None else self._track.at(times)
         return target if np.ndim(t) else Target(*(x[0] for x in target))
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array
+from armgpi.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_type, is_listing
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.references.waypoints import Waypoints
@@ -87,7 +87,7 @@ class LaserPath(Path):
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
-        s = np.asarray(t, dtype=np.float64) * self.rate
+        s = as_times(t, infinite=False) * self.rate
         one = np.ones_like(s)
         r, r2 = self.rate, self.rate * self.rate
         # cos(pi + s) sin(pi + s) = sin(2 s) / 2 and cos(pi + s)^2 = (1 + cos(2 s)) / 2.
@@ -127,7 +127,7 @@ class Lissajous(Path):
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
-        angle = np.asarray(t, dtype=np.float64)[..., None] * self.omega + self.phase
+        angle = as_times(t, infinite=False)[..., None] * self.omega + self.phase
         return PathPoint(
             x=self.centre + self.amplitude * np.sin(angle),
             v=self.amplitude * self.omega * np.cos(angle),
@@ -160,7 +160,7 @@ class Circle(Path):
         """Check the circle; it begins at the point nearest to the direction of +x (or +y)."""
         super().__post_init__()
         length = float(np.linalg.norm(self.normal))
-        if length == 0.0:
+        if length < SMALLEST:
             raise ParameterError("normal", self.normal, "a direction")
         self.keep("normal", self.normal / length)
         along = np.eye(3)[0 if abs(self.normal[0]) < 0.9 else 1]
@@ -176,7 +176,7 @@ class Circle(Path):
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
         omega = 2.0 * math.pi / self.period
-        angle = omega * np.asarray(t, dtype=np.float64)[..., None]
+        angle = omega * as_times(t, infinite=False)[..., None]
         out = self.radius * (np.cos(angle) * self._first + np.sin(angle) * self._second)
         ahead = self.radius * (np.cos(angle) * self._second - np.sin(angle) * self._first)
         return PathPoint(self.centre + out, omega * ahead, -omega * omega * out)
@@ -202,6 +202,8 @@ class Polyline(Path):
 
     def __post_init__(self) -> None:
         """Check the corners and make moves of them."""
+        if not is_listing(self.corners) or len(self.corners) == 0:
+            raise ParameterError("corners", self.corners, "at least one point [m]")
         self.keep("corners", np.stack([_vector(corner, "corners") for corner in self.corners]))
         self._moves = Waypoints(list(self.corners), self.durations, self.holds)
         self.t_end = float(self._moves.t_end)
@@ -235,11 +237,12 @@ class Eased(Path):
     def __post_init__(self) -> None:
         """Check the duration."""
         super().__post_init__()
+        check_type(self.path, "path", Path, "a Path")
         self.t_end = self.path.t_end + 0.5 * self.duration
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
-        t = np.asarray(t, dtype=np.float64)
+        t = as_times(t)
         s = np.clip(t / self.duration, 0.0, 1.0)
         begun = self.duration * (s**3 - 0.5 * s**4)
         x, v, a = self.path.at(np.where(t < self.duration, begun, t - 0.5 * self.duration))
@@ -277,7 +280,7 @@ def rectangle(corner: ArrayLike, side: ArrayLike, other: ArrayLike, duration: fl
 
 def _vector(value: ArrayLike, name: str) -> Array:
     """Return three numbers as an array."""
-    array = as_float_array(value, name)
+    array = as_sized_array(value, name)
     if array.shape != (3,):
         raise ArrayError(name, f"expected three numbers, got shape {array.shape}")
     return array

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike
+from armgpi.arrays import Array, ArrayLike, is_listing
 from armgpi.errors import ArrayError, ParameterError
 
 
@@ -87,7 +87,8 @@ class ReferenceBatch(Reference):
             ParameterError: when there are none.
             ArrayError: when one is for several rollouts, or for another number of joints.
         """
-        if not isinstance(references, Sequence) or not references:
+        listed = is_listing(references) and len(references) > 0
+        if not listed or not all(isinstance(part, Reference) for part in references):
             raise ParameterError("references", references, "a sequence of at least one Reference")
         shapes = [reference.at(0.0).q.shape for reference in references]
         if len(shapes[0]) != 1 or len(set(shapes)) > 1:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.arrays import Array, ArrayLike, as_sized_array, check_number, is_listing
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.bezier import Bezier
 from armgpi.references.reference import Reference, Target
@@ -46,7 +46,7 @@ class Waypoints(Reference):
             ArrayError: when the configurations do not go together.
             ParameterError: when there is no configuration, or numbers of durations or holds do not fit.
         """
-        if len(points) == 0:
+        if not is_listing(points) or len(points) == 0:
             raise ParameterError("points", points, "at least one configuration")
         legs = max(len(points) - 1, 0)
         times = _per_item(durations, "durations", legs)
@@ -94,7 +94,7 @@ class Waypoints(Reference):
 
 def _per_item(value: Any, name: str, count: int) -> list[Any]:
     """Return one number per item."""
-    if value is None or np.ndim(value) == 0:
+    if not is_listing(value):
         return [value] * count
     if len(value) != count:
         raise ParameterError(name, value, f"a number or {count} of them")
@@ -103,9 +103,9 @@ def _per_item(value: Any, name: str, count: int) -> list[Any]:
 
 def _one_shape(points: Sequence[ArrayLike]) -> list[Array]:
     """Return the configurations with one shape, (n,) or (batch, n)."""
-    arrays = [as_float_array(point, "points") for point in points]
+    arrays = [as_sized_array(point, "points") for point in points]
     try:
-        if len({array.shape[-1:] for array in arrays}) > 1:
+        if len({array.shape[-1:] for array in arrays}) > 1 or max(array.ndim for array in arrays) > 2:
             raise ValueError
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
     except ValueError:

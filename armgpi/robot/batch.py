@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import frozen
+from armgpi.arrays import check_type, frozen, is_listing
 from armgpi.errors import ParameterError
 from armgpi.robot.dynamics import stacked
 from armgpi.robot.equations import Equations, Friction, Limits
@@ -35,7 +35,7 @@ class RobotBatch(Equations):
         Raises:
             ParameterError: when there are none or their joints differ.
         """
-        if not isinstance(robots, Sequence) or not robots or not all(isinstance(r, Robot) for r in robots):
+        if not is_listing(robots) or not len(robots) or not all(isinstance(r, Robot) for r in robots):
             raise ParameterError("robots", robots, "a sequence of at least one Robot")
         first = robots[0]
         for robot in robots:
@@ -68,3 +68,12 @@ class RobotBatch(Equations):
 
 #: A single robot or one per rollout.
 AnyRobot = Robot | RobotBatch
+
+
+def check_robot(robot: Any, name: str = "robot") -> None:
+    """Refuse what is neither a robot nor one per rollout.
+
+    Raises:
+        ParameterError: when it is something else.
+    """
+    check_type(robot, name, AnyRobot, "a Robot or a RobotBatch")

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, as_number, frozen, quantity
+from armgpi.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
 from armgpi.errors import ArrayError, LimitError, ParameterError
 from armgpi.robot.dynamics import CoupledDynamics, PinocchioDynamics, ScaledDynamics, Workspace
 from armgpi.robot.equations import Limits, PerJoint
@@ -101,7 +101,7 @@ class Edits(Frames):
         D(q); see ``PIDInversion`` for a law that uses C and G as well.
         """
         factor = as_number(factor, "factor")
-        if factor <= 0.0:
+        if factor < SMALLEST:
             raise ParameterError("factor", factor, "positive")
         model = self._model.copy()
         for index, inertia in enumerate(self._model.inertias):
@@ -181,7 +181,7 @@ def parts_of(model: Any, coupling: Coupling | None) -> dict[str, Any]:
 
 def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
     """Return `value` as an array of exactly `shape`."""
-    array = as_float_array(value, name)
+    array = as_sized_array(value, name)
     if array.shape != shape:
         raise ArrayError(name, f"expected shape {shape}, got {array.shape}")
     return array

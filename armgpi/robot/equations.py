@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array, ArrayLike, as_joint_array
+from armgpi.arrays import Array, ArrayLike, as_joint_array, check_type
 from armgpi.errors import ArrayError, LimitError, ParameterError, Remedy
 from armgpi.robot.dynamics import Dynamics
 
@@ -191,6 +191,7 @@ class Equations:
             ArrayError: when the shape or dtype is wrong or a value is not finite.
             LimitError: when a position is outside its joint's limits by more than rounding.
         """
+        check_type(what, "what", str, "text")
         (positions,) = self._states(**{what: q})
         outside = self.outside(positions)
         if outside is not None:

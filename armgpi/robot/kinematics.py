@@ -14,7 +14,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, check_number, check_whole
+from armgpi.arrays import (
+    SMALLEST,
+    Array,
+    ArrayLike,
+    as_float_array,
+    as_sized_array,
+    check_number,
+    check_whole,
+)
 from armgpi.errors import ArrayError, ParameterError, ReachError
 from armgpi.robot.frames import Pose
 from armgpi.robot.robot import Robot
@@ -584,7 +592,7 @@ def _goal(
 
 def _rows(value: ArrayLike, name: str, shape: tuple[int, ...], k: int) -> Array:
     """Return an array of one shape, or of one per row, as rows."""
-    array = as_float_array(value, name)
+    array = as_sized_array(value, name)
     if array.shape not in (shape, (k, *shape)):
         raise ArrayError(name, f"expected shape {shape} or {(k, *shape)}, got {array.shape}")
     return np.broadcast_to(array, (k, *shape))
@@ -593,7 +601,7 @@ def _rows(value: ArrayLike, name: str, shape: tuple[int, ...], k: int) -> Array:
 def _unit(vectors: Array, name: str) -> Array:
     """Return vectors (k, 3) with length one."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    if (length == 0.0).any():
+    if (length < SMALLEST).any():
         raise ParameterError(name, [0.0, 0.0, 0.0], "a direction")
     return np.asarray(vectors / length)
 

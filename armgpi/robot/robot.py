@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, frozen
+from armgpi.arrays import Array, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.robot import robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
@@ -24,6 +24,8 @@ _SAMPLES = 16
 _WIDEST_TURN = 4.0 * math.pi
 #: The same for a prismatic joint [m].
 _WIDEST_SLIDE = 4.0
+#: Most configurations that are drawn at once.
+_MOST_POSITIONS = 10_000_000
 
 
 class Robot(Edits):
@@ -114,6 +116,7 @@ class Robot(Edits):
         repair: str | Iterable[str] = (),
     ) -> Robot:
         """Load a robot from the text of a URDF; arguments and errors as :meth:`load`."""
+        check_type(text, "text", str, "the text of a URDF")
         document = urdf.parse(text, "URDF text", repair)
         return cls._from_document(document, document.name, lock, keep, mimic)
 
@@ -203,7 +206,12 @@ class Robot(Edits):
         Args:
             count: how many.
             seed: the same seed gives the same configurations.
+
+        Raises:
+            ParameterError: when one is no whole number, or negative.
         """
+        count = check_whole(count, "count", 0, _MOST_POSITIONS)
+        seed = check_whole(seed, "seed", 0)
         lower, upper, middle = self.limits.lower, self.limits.upper, self.middle()
         half = 0.5 * np.where(self.prismatic, _WIDEST_SLIDE, _WIDEST_TURN)
         lower, upper = np.maximum(lower, middle - half), np.minimum(upper, middle + half)

@@ -20,7 +20,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, as_number, frozen
+from armgpi.arrays import Array, as_number, check_choice, frozen
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.robot import tree
 from armgpi.robot.repairs import Repair, Repairs
@@ -86,8 +86,7 @@ def build(
         UrdfError: when a joint type is not supported, no moving joint is left, a moving link has no
             possible inertia, or Pinocchio refuses.
     """
-    if mimic not in ("lock", "follow"):
-        raise ParameterError("mimic", mimic, "'lock' or 'follow'")
+    check_choice(mimic, "mimic", ("lock", "follow"))
     locked = _locked_values(urdf, lock, keep, mimic)
     moving = [j for j in urdf.joints.values() if j.moves and j.name not in locked]
     _check_joints(urdf, moving, locked)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_type
 from armgpi.errors import ArmgpiError, ParameterError
 from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
@@ -162,6 +162,7 @@ def derive(
         import sympy
     except ImportError:
         raise ArmgpiError("SymPy is not installed: pip install 'armgpi[derive]'") from None
+    check_type(numbers, "numbers", bool, "True or False")
     arm = robot if isinstance(robot, Robot) else Robot.load(robot)
     if arm.n > MOST_JOINTS:
         raise ParameterError(

@@ -132,7 +132,7 @@ def from_robot(robot: Robot, frame: str | None = None) -> Tree:
     for i in range(1, model.njoints):
         column = pin.computeJointJacobian(model, data, np.zeros(model.nq), i).reshape(6, -1)[:, i - 1]
         axes.append(np.round(column[:3] + column[3:], 15))  # one of them is zero
-    tip = frame or robot.tip
+    tip = robot.tip if frame is None else frame
     robot.frame_pose(tip, np.zeros(robot.n))  # refuses a name that is not there
     tool = model.frames[[f.name for f in model.frames].index(tip)]
     links = [
