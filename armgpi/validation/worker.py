@@ -193,6 +193,10 @@ def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
     with suppress(OSError):
         os.setsid()  # a group of its own: what the model starts ends with it
     own = os.getpid()
+    for number in signal.valid_signals():
+        # A handler that the program around us has set (a test runner's alarm, say) is no business of the model's.
+        if callable(signal.getsignal(number)):
+            signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     silent = _Silent()
     for stream in ("stdout", "stderr", "__stdout__", "__stderr__"):
