@@ -109,12 +109,41 @@ def _batch(
     page: _page.Page, arm: Arm, word: str, batch: int, rounds: int, units: int, few: int
 ) -> dict[str, Samples]:
     """Time all who run a batch and print their table."""
-    long, short = max(100, units // batch), max(10, min(MOST_SHORT, few // batch))
-    whole = max(100, min(long, 1_000_000 // batch))
     q0 = arm.starts(batch)
+    short = max(10, min(MOST_SHORT, few // batch))
     expected = arm.simulate("numpy", short, q0)
-    track = partial(check_rollout, what=f"{arm.name}, batch of {batch}", settled=ON_TRACK)
     apart: dict[str, float | Check] = {}
+    contenders = _ours(arm, q0, expected, short, units, apart)
+    for threads in (1, 2):
+        for label, run, bound in _mujoco(arm, q0, expected, short, word == "networks", threads):
+            check = apart.setdefault(label, Check(f"{arm.name}, {label}", arm, expected, bound, ON_TRACK))
+            contenders[f"{label}, {threads}"] = Contender(run, short * batch, check, threads)
+    taken = take_turns(contenders, rounds)
+    samples = _without_start(taken, contenders)
+    distances = {k: x.apart if isinstance(x, Check) else x for k, x in apart.items()}
+    cores = float(np.median(samples[f"{COMPILED}, 2"].cores))
+    page.figures[f"{arm.name}, {word}, {batch}"] = {
+        "times": _timing.plain(samples),
+        "apart": distances,
+        "cores": cores,
+    }
+    start = spread(1e-3 * taken[f"{START}, 1"].times)
+    print(f"\n### Batch of {batch}\n")
+    print(table(["", "1 thread", "×", "2 threads", "×", "apart"], _rows(samples, distances)))
+    print(f"\nThe start of a compiled run, its code in the cache: {start} ms.")
+    if _timing.busy(samples[f"{COMPILED}, 2"], 2):
+        print(f"\nThe machine was busy: two threads had {cores:.2g} cores, so their times do not count.")
+    return samples
+
+
+def _ours(
+    arm: Arm, q0: Array, expected: xr.Dataset, short: int, units: int, apart: dict[str, float | Check]
+) -> dict[str, Contender]:
+    """Return what armgpi and its kernels run; `apart` gets the distance of the compiled loop from NumPy's."""
+    batch = len(q0)
+    long, steps = max(100, units // batch), max(1, units // 4 // batch)
+    whole = max(100, min(long, 1_000_000 // batch))
+    track = partial(check_rollout, what=f"{arm.name}, batch of {batch}", settled=ON_TRACK)
     contenders: dict[str, Contender] = {}
 
     def near(run: xr.Dataset) -> None:
@@ -127,62 +156,47 @@ def _batch(
 
     for threads in (1, 2):
         floor, kernels = arm.floor(batch, threads), arm.pinocchio_floor(batch, threads)
-        steps = max(1, units // 4 // batch)
+        for label, run, units_of, check in (
+            (FLOOR, partial(floor, steps), steps * batch, _unchecked),
+            (COMPILED, partial(arm.simulate, "compiled", long, q0, threads, EVERY), long * batch, near),
+            (START, partial(arm.simulate, "compiled", 1, q0, threads), 1, _unchecked),
+            (WHOLE, partial(arm.simulate, "compiled", whole, q0, threads), whole * batch, track),
+            (NUMPY, partial(arm.simulate, "numpy", short, q0, threads), short * batch, track),
+            (KERNELS, partial(kernels, short), short * batch, _unchecked),
+        ):
+            contenders[f"{label}, {threads}"] = Contender(run, units_of, check, threads)
+    return contenders
 
-        def add(
-            label: str, run: Callable[[], Any], count: int, check: Any = lambda _: None, t: int = threads
-        ) -> None:
-            contenders[f"{label}, {t}"] = Contender(run, count * batch, check, t)
 
-        add(FLOOR, partial(floor, steps), steps)
-        add(COMPILED, partial(arm.simulate, "compiled", long, q0, threads, EVERY), long, near)
-        contenders[f"{START}, {threads}"] = Contender(
-            partial(arm.simulate, "compiled", 1, q0, threads), 1, threads=threads
-        )
-        add(WHOLE, partial(arm.simulate, "compiled", whole, q0, threads), whole, track)
-        add(NUMPY, partial(arm.simulate, "numpy", short, q0, threads), short, track)
-        add(KERNELS, partial(kernels, short), short)
-    for threads in (1, 2):
-        for label, run, bound in _mujoco(arm, q0, expected, short, word == "networks", threads):
-            check = apart.setdefault(label, Check(f"{arm.name}, {label}", arm, expected, bound, ON_TRACK))
-            contenders[f"{label}, {threads}"] = Contender(run, short * batch, check, threads)
-    taken = take_turns(contenders, rounds)
+def _unchecked(_: Any) -> None:
+    """Accept any result: the floors have no trajectory."""
+
+
+def _without_start(taken: dict[str, Samples], contenders: dict[str, Contender]) -> dict[str, Samples]:
+    """Return the samples with the compiled loop less its start in place of the start."""
     samples: dict[str, Samples] = {}
     for key, one in taken.items():
-        samples[key] = one
-        label, _, threads_word = key.rpartition(", ")
+        label, _, threads = key.rpartition(", ")
         if label == START:
-            whole_run = taken[f"{COMPILED}, {threads_word}"]
-            samples[f"{LOOP}, {threads_word}"] = Samples(
-                whole_run.times - samples.pop(key).times / (long * batch), whole_run.cores
-            )
-    cores = float(np.median(samples[f"{COMPILED}, 2"].cores))
-    distances = {k: x.apart if isinstance(x, Check) else x for k, x in apart.items()}
-    page.figures[f"{arm.name}, {word}, {batch}"] = {
-        "times": _timing.plain(samples),
-        "apart": distances,
-        "cores": cores,
-    }
-    labels = list(dict.fromkeys(key.rpartition(", ")[0] for key in samples))
+            compiled = f"{COMPILED}, {threads}"
+            times = taken[compiled].times - one.times / contenders[compiled].units
+            samples[f"{LOOP}, {threads}"] = Samples(times, taken[compiled].cores)
+        else:
+            samples[key] = one
+    return samples
+
+
+def _rows(samples: dict[str, Samples], distances: dict[str, float]) -> list[list[object]]:
+    """Return the rows of a batch's table."""
     rows = []
-    for label in labels:
+    for label in dict.fromkeys(key.rpartition(", ")[0] for key in samples):
         row: list[object] = [label]
         for threads in (1, 2):
             one = samples.get(f"{label}, {threads}")
-            row += (
-                ["", ""]
-                if one is None
-                else [spread(one.times), ratio(one, samples[f"{COMPILED}, {threads}"])]
-            )
+            row += [spread(one.times), ratio(one, samples[f"{COMPILED}, {threads}"])] if one else ["", ""]
         distance = distances.get(label)
         rows.append([*row, "" if distance is None else f"{distance:.1e}"])
-    start = spread(1e-3 * taken[f"{START}, 1"].times)
-    print(f"\n### Batch of {batch}\n")
-    print(table(["", "1 thread", "×", "2 threads", "×", "apart"], rows))
-    print(f"\nThe start of a compiled run, its code in the cache: {start} ms.")
-    if _timing.busy(samples[f"{COMPILED}, 2"], 2):
-        print(f"\nThe machine was busy: two threads had {cores:.2g} cores, so their times do not count.")
-    return samples
+    return rows
 
 
 def _mujoco(

@@ -16,16 +16,16 @@ from armgpi.validation import laws, samples
 from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import SOURCE, Mask, Problem
-from armgpi.validation.report import DynamicsReport, TermReport
+from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled, States
 from armgpi.validation.tree import evaluate, from_robot
 from armgpi.validation.worker import Worker
 
-#: Without a reference, a model may have so many joints.
+#: Without a reference, a model may have so many joints: all numbers up to this are tried.
 MOST_JOINTS = 8
-#: Sliding joints without limits are compared up to here [m].
+#: Sliding joints without limits are compared up to here [m]: the reach of an arm, so that no term drowns.
 _SLIDE = 1.0
-#: Rounding errors beyond this, relative, deserve a note.
+#: Rounding errors beyond this, relative, deserve a note: double precision leaves 1e-13 or so.
 _FEW_DIGITS = 1e-11
 
 
@@ -119,13 +119,13 @@ def _compare(
     follows = dict(_follows(problem, sampled, own))
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
     causes = diagnose(problem, follows, vary)
-    terms = tuple(
-        _term(
+    functions = tuple(
+        _function_report(
             robot,
             problem,
             states,
             s,
-            tuple(c for c in causes if any(e.term == s.function for e in c.elements)),
+            tuple(c for c in causes if any(e.function == s.function for e in c.elements)),
         )
         for s in sampled.values()
     )
@@ -134,7 +134,7 @@ def _compare(
         robot.name,
         robot.joint_names,
         len(problem.q),
-        terms,
+        functions,
         tuple(causes),
         tuple(found),
         (*notes, *impossible_links(robot)),
@@ -154,13 +154,13 @@ def random_states(lower: Array, upper: Array, prismatic: Any, seed: int) -> Stat
     low, high = np.maximum(lower, -widest), np.minimum(upper, widest)
     narrow = ~(high - low > 0.2)
     low, high = np.where(narrow, -widest, low), np.where(narrow, widest, high)
-    q = rng.uniform(low, high, size=(samples.POSTURES, len(lower)))
+    q = rng.uniform(low, high, size=(samples.CONFIGURATIONS, len(lower)))
     v, a, tau = (rng.normal(size=q.shape) for _ in range(3))
     return States(q, v, a, tau)
 
 
 def count_joints(worker: Worker, joints: int | None) -> int:
-    """Return the number of joints of a model: as told, as it states, or the one that its functions take."""
+    """Return the number of joints of a model: as given, as it states, or the one that its functions take."""
     if joints is not None:
         return check_whole(joints, "joints", 1, 64)
     if worker.n is not None:
@@ -177,10 +177,11 @@ def _refusal(worker: Worker, n: int) -> ModelError | None:
     """Return why a model's functions do not work with n joints, None when they do."""
     for name in worker.functions:
         try:
+            # Any state that is not singular; zero is, for many arms.
             samples.call(worker, name, *(np.full((1, n), 0.3),) * len(ARGUMENTS[name]))
         except ModelError as error:
             if "took longer" in str(error) or "ended" in str(error):
-                raise
+                raise  # too slow or dead with any number of joints
             return error
     return None
 
@@ -210,38 +211,39 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
     ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
-def _term(
+def _function_report(
     robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: tuple[Cause, ...]
-) -> TermReport:
+) -> FunctionReport:
     """Return the report of one function."""
     name = sampled.function
     rows = min(len(sampled.values), len(problem.q))
     v = states.v[:rows]
     values = sampled.values[:rows]
     if name == "coriolis_matrix":
-        values = np.einsum("Nij,Nj->Ni", values, v)
+        values = np.einsum("Nij,Nj->Ni", values, v)  # C is not unique, C v is
     if name == "potential_energy":
-        values = values - values[0]
+        values = values - values[0]  # known up to a constant
     reference = _reference(robot, problem, name, States(*(x[:rows] for x in states)))
     away = np.abs(values - reference).reshape(rows, -1).max(axis=1)
     worst, size = int(np.argmax(away)), float(np.abs(reference).max())
-    mask = problem.term(name)
+    mask = problem.of_function(name)
     differing = tuple(problem.elements[k].label for k in np.flatnonzero(mask & ~problem.agreeing))
     relative = float(away[worst]) / size if size > 0.0 else (0.0 if away[worst] == 0.0 else float("inf"))
     scale = max(float(np.abs(reference).max()), float(np.abs(problem.reference).max()) * 1e-6)
     squares = float(np.square(np.abs(v).sum(axis=1)).max())
+    # Below rounding nothing is curved; products of velocities enlarge what rounding there is.
     curved = sampled.quadratic > 1e-7 * max(scale, 1e-300) + samples.SAFETY * sampled.noise * squares
     note = ""
     if curved:
         note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
     where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}
     agrees = not differing and not curved
-    return TermReport(name, agrees, float(away[worst]), relative, where, differing, causes, note)
+    return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, causes, note)
 
 
 def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
     """Return what a function of the model should give."""
-    pieces = evaluate(problem.tree, s.q, ("V", "F", "J") if name not in SOURCE.values() else ("V",))
+    quantities = evaluate(problem.tree, s.q, ("V", "F", "J") if name not in SOURCE.values() else ("V",))
     if name == "mass_matrix":
         return robot.mass_matrix(s.q)
     if name == "gravity":
@@ -254,39 +256,44 @@ def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
         return robot.forward_dynamics(s.q, s.v, s.tau)
     if name == "kinetic_energy":
         return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, robot.mass_matrix(s.q), s.v))
-    seen = problem.seen(pieces)
+    seen = problem.seen(quantities)
     return seen[{"potential_energy": "V", "forward_kinematics": "F", "jacobian": "J"}[name]]
 
 
 def _follows(
     problem: Problem, sampled: Mapping[str, Sampled], own: laws.Derived
 ) -> Iterator[tuple[str, tuple[str, Mask]]]:
-    """Yield functions whose elements are what other functions of the model say."""
+    """Yield functions whose elements are what other functions of the model say.
+
+    A wrong D gives a wrong C by the right formula; then C is a consequence, not a second mistake.
+    """
     said: dict[str, tuple[str, Array]] = {}
     if "mass_matrix" in sampled:
-        said["D"] = ("mass_matrix", sampled["mass_matrix"].pieces["D"])
+        said["D"] = ("mass_matrix", sampled["mass_matrix"].quantities["D"])
     if own.H is not None:
         said["H"] = ("mass_matrix", own.H)
     if own.G is not None and "gravity" not in sampled:
         said["G"] = ("potential_energy", own.G)
-    for name in sampled:
-        mask = np.zeros(len(problem.elements), dtype=np.bool_)
-        sources: list[str] = []
-        for piece, (source, array) in said.items():
-            if piece not in sampled[name].pieces or name == source:
-                continue
-            columns = problem.term(name) & problem.piece(piece)
-            fits = problem.agrees_with({piece: array}, columns)
-            if (fits & ~problem.agreeing).any():
-                mask |= fits & ~problem.agreeing
-                sources.append(source)
-        if sources:
-            yield name, (" and ".join(dict.fromkeys(sources)), mask)
-        for piece, array in sampled[name].pieces.items():
-            if piece in ("H", "G") and name in ("coriolis_torque", "coriolis_matrix", "gravity"):
-                said.setdefault(f"own {piece}", (name, array))
-                if piece == "G" or "H" not in said:
-                    said[piece] = (name, array)
+    for name, one in sampled.items():
+        fits = [
+            (
+                source,
+                problem.agrees_with(
+                    {quantity: array}, problem.of_function(name) & problem.quantity(quantity)
+                ),
+            )
+            for quantity, (source, array) in said.items()
+            if quantity in one.quantities and name != source
+        ]
+        found = [
+            (source, mask & ~problem.agreeing) for source, mask in fits if (mask & ~problem.agreeing).any()
+        ]
+        if found:
+            sources, masks = zip(*found, strict=True)
+            yield name, (" and ".join(dict.fromkeys(sources)), np.logical_or.reduce(masks))
+        if name in ("coriolis_torque", "coriolis_matrix", "gravity"):
+            for quantity in one.quantities.keys() & {"H", "G"}:
+                said.setdefault(quantity, (name, one.quantities[quantity]))
 
 
 def _varied(worker: Worker, states: States, problem: Problem, sampled: Mapping[str, Sampled]) -> Any:
@@ -295,8 +302,10 @@ def _varied(worker: Worker, states: States, problem: Problem, sampled: Mapping[s
     def columns(number: str, value: float, functions: frozenset[str], rows: int | None) -> Array:
         few = States(*(x[: rows or len(problem.q)] for x in states))
         with _changed(worker, {number: value}):
-            pieces = {name: samples.pieces(worker, name, few) for name in sampled if name in functions}
-        return problem.user_columns(pieces, len(few.q))
+            quantities = {
+                name: samples.quantities(worker, name, few) for name in sampled if name in functions
+            }
+        return problem.user_columns(quantities, len(few.q))
 
     return columns
 
@@ -322,6 +331,7 @@ def impossible_links(robot: Robot) -> list[str]:
     for link, body in zip(tree.link_names, tree.bodies, strict=True):
         low, mid, high = np.linalg.eigvalsh(body.inertia)
         size = max(abs(high), 1e-300)
+        # Moments of a flat body, where equality holds, are written with some ten digits.
         if body.mass < 0.0 or low < -1e-9 * size:
             lines.append(f"{link} of the robot has a negative mass or inertia: no rigid body has that")
         elif high > (low + mid) * (1.0 + 1e-9):

@@ -22,7 +22,7 @@ from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig
 
-#: Longer arms have formulas that nobody reads.
+#: Longer arms have formulas that nobody reads, and take minutes.
 MOST_JOINTS = 4
 #: Numbers below this are rounding, relative to the others of their kind.
 _ROUNDING = 1e-13
@@ -104,14 +104,14 @@ class Derivation:
             "}",
             "",
         ]
-        words = {
+        written = {
             "mass_matrix": ("D(q) [kg m^2], shape (n, n)", self.D, ("q",)),
             "coriolis_matrix": ("C(q, v) [N m s/rad], shape (n, n)", self.C, ("q", "v")),
             "gravity": ("G(q) [N m], shape (n,)", self.G, ("q",)),
             "potential_energy": ("the potential energy [J]", self.V, ("q",)),
             "forward_kinematics": ("the position of the tool [m], shape (3,)", self.position, ("q",)),
         }
-        for name, (what, expression, arguments) in words.items():
+        for name, (what, expression, arguments) in written.items():
             lines += ["", *self._function(name, what, expression, arguments), ""]
         return "\n".join(lines)
 
@@ -123,6 +123,7 @@ class Derivation:
         def code(x: Any) -> str:
             return str(pycode(x, fully_qualified_modules=False))
 
+        # Common subexpressions once: shorter and faster, and still to be read.
         shared, (reduced,) = sympy.cse([expression], symbols=sympy.numbered_symbols("x"))
         lines = [f"def {name}({', '.join(arguments)}):", f'    """Return {what}."""']
         for letter in arguments:
@@ -156,6 +157,7 @@ def derive(
 
     Raises:
         ParameterError: when the robot has more than four joints.
+        NameNotFound: when there is no such robot or frame.
         ArmgpiError: when SymPy is not installed.
     """
     try:
@@ -212,6 +214,7 @@ class _Symbols:
         plan = [self._named(i) for i in range(n)]
         tool = self._symbols("t", tree.tool_position)
         gravity = self._gravity()
+        # Sliding positions are polynomial, so they belong to the coefficients; angles to the harmonics.
         sliding = [f"q{i + 1}" for i in range(n) if tree.prismatic[i]]
         names = [*self.values, *sliding]
         self.ring, *generators = sympy.ring(names, sympy.QQ)
@@ -242,6 +245,7 @@ class _Symbols:
                 force, moment = _scaled(axis, mass), _cross(first, axis)
             else:
                 force, moment = _cross(axis, first), _apply(tensor, axis)
+            # The force that moves the composite body, carried towards the base (Featherstone, table 6.2).
             j = i
             while j >= 0:
                 other = self._numbers(tree.axes[j])
@@ -288,6 +292,7 @@ class _Symbols:
         if numbers:
             return self._number(coefficient)
         expression = coefficient.as_expr()
+        # Axes and rotations are made rational to stay exact; 0.7071067811865476 has a long fraction.
         long = {r: sympy.Float(r, 17) for r in expression.atoms(sympy.Rational) if r.q > 1000}
         return sympy.factor_terms(expression.xreplace(long))
 
@@ -305,7 +310,7 @@ class _Symbols:
             sums[held] = sums.get(held, 0.0) + value
         total = sympy.S.Zero
         for held, value in sums.items():
-            short = float(f"{value:.15g}")
+            short = float(f"{value:.15g}")  # 0.30000000000000004 is 0.3
             number = (
                 sympy.Integer(int(short)) if short.is_integer() and abs(short) < 1e6 else sympy.Float(short)
             )

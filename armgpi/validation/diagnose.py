@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -19,33 +19,47 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
-from armgpi.validation import fragments, harmonics, phrasing
+from armgpi.validation import harmonics, phrasing, terms
 from armgpi.validation.hypotheses import (
+    MOMENTS,
     Hypothesis,
     Names,
     ParametricHypothesis,
     angle_maps,
     discrete,
-    families,
+    parametric_hypotheses,
 )
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.tree import Tree, evaluate
 
-#: Other explanations that are as good, at most so many.
+#: Other explanations that are as good, at most so many: who reads more?
 ALTERNATIVES = 4
-#: Pairs of mistakes are tried among those that cost no more than this.
-PAIR_COST = 2.0
-#: How far-fetched a wrong value among the model's own numbers is.
-OWN_COST = 2.2
+#: Pairs of mistakes are tried among those of no greater penalty: a hundred or so make thousands of pairs.
+PAIR_PENALTY = 2.0
+#: Penalty of a wrong value among the model's own numbers: below that of a number of the robot, as the name of
+#: the number tells where to look, and above that of a slip in a formula.
+OWN_PENALTY = 2.2
+#: Where nothing up to this penalty fits, terms of single entries are looked at.
+_SLIP_PENALTY = 2.5
 #: What is usually taken for gravity [m/s²], and that of the moon and of Mars; in feet and in cm.
 _STRENGTHS = (9.81, 9.8, 10.0, 1.62, 3.71, 32.174, 981.0, 1.0)
-#: Elements whose configuration dependence is shown, at most.
+#: Elements whose dependence on the configuration is shown, at most.
 SHOWN = 6
-#: Configurations at which a summand at another angle is compared: there are few functions of the
-#: configuration.
+#: Configurations at which a term at another angle is compared: hundreds of them are tried, and few functions
+#: of the configuration agree at so many.
 _FEW = 16
-#: Parts of a function that may have causes of their own.
-_PARTS = ("D", "H", "B", "Z", "G", "V", "F", "J")
+#: Two factors are the same up to this, relative: they come from values that agree to 1e-9.
+_SAME_FACTOR = 1e-7
+#: What a factor of an element means.
+_FACTORS = {
+    -1.0: "its sign",
+    0.5: "a factor 2 is missing",
+    2.0: "a factor 1/2 is missing (it counts twice)",
+    -0.5: "its sign, and a factor 2 is missing",
+    -2.0: "its sign, and a factor 1/2 is missing",
+}
+#: Quantities of a function that may have causes of their own; D first, as C and G may follow from the same.
+_QUANTITIES = ("D", "H", "B", "Z", "G", "V", "F", "J")
 
 
 class Cause(NamedTuple):
@@ -53,13 +67,13 @@ class Cause(NamedTuple):
 
     Attributes:
         kind: short name of the kind of mistake; "unknown" when none was found.
-        text: the mistake in words.
+        text: the mistake, for the report.
         scope: "model", "function" or "elements".
         elements: what it explains.
         value: the number that the model seems to have, for a mistake in one number.
         expected: what the robot has there.
         alternatives: other mistakes that explain the same.
-        evidence: what was seen, in words.
+        evidence: what was seen, one line each.
         structural: whether the formulas are wrong, and not the value of a parameter.
     """
 
@@ -88,15 +102,20 @@ class Vary(NamedTuple):
 
 
 class _Candidate(NamedTuple):
-    """A mistake that explains what was asked."""
+    """A mistake that explains what was asked; of equally good ones the least penalty wins."""
 
-    cost: float
+    penalty: float
     kind: str
     text: str
     value: float | None = None
     expected: float | None = None
     structural: bool = True
-    hypothesis: Hypothesis | None = None
+    hypothesis: Hypothesis | None = None  # where it may be the context of other mistakes
+
+
+def _by_penalty(hypotheses: Iterable[Hypothesis]) -> list[_Candidate]:
+    """Return hypotheses about one element as candidates, the simplest first."""
+    return [_Candidate(h.penalty, h.kind, h.text) for h in sorted(hypotheses, key=lambda h: h.penalty)]
 
 
 def diagnose(problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Vary) -> list[Cause]:
@@ -124,10 +143,10 @@ class _Search:
         self.differing = ~problem.agreeing
         self.discrete = [(h, problem.explains(h)) for h in discrete(problem.tree)]
         self.maps = [(h, problem.explains(h)) for h in angle_maps(problem.tree)]
-        self.families = [_Fitted(problem, family) for family in families(problem.tree)]
+        self.fitted = [_Fitted(problem, one) for one in parametric_hypotheses(problem.tree)]
         self.known = phrasing.known_numbers(problem.tree)
-        self._fragments: list[fragments.Fragment] = []
-        self._mapped: list[tuple[Hypothesis, list[fragments.Fragment]]] = []
+        self._terms: list[terms.Term] = []
+        self._mapped: list[tuple[Hypothesis, list[terms.Term]]] = []
 
     def run(self, follows: Mapping[str, tuple[str, Mask]]) -> list[Cause]:
         """Return the causes, the ones with the largest scope first."""
@@ -141,7 +160,7 @@ class _Search:
             ]
         consequences = []
         for name, (source, mask) in follows.items():
-            mine = left & mask & p.term(name)
+            mine = left & mask & p.of_function(name)
             if mine.any():
                 text = f"follows from {source}: the two agree with each other"
                 consequences.append(Cause("consequence", text, "function", self.elements(mine)))
@@ -160,25 +179,28 @@ class _Search:
         Where a formula is wrong in one function alone, the others need not know of it.
         """
         p = self.problem
-        names, pieces = set(p.terms[left].tolist()), {p.elements[k].piece for k in np.flatnonzero(left)}
-        if len(names) > 1 or len(pieces) > 1:
+        names, quantities = (
+            set(p.functions[left].tolist()),
+            {p.elements[k].quantity for k in np.flatnonzero(left)},
+        )
+        if len(names) > 1 or len(quantities) > 1:
             return found
-        scope = p.term(names.pop()) & p.piece(*pieces)
+        scope = p.of_function(names.pop()) & p.quantity(*quantities)
         texts = {c.text for c in found}
         # With 0.5 more: what spoils nothing is named first among equals.
-        more = [c._replace(cost=c.cost + 0.5) for c in self.best(scope, left) if c.text not in texts]
-        return sorted([*found, *more], key=lambda c: c.cost)
+        more = [c._replace(penalty=c.penalty + 0.5) for c in self.best(scope, left) if c.text not in texts]
+        return sorted([*found, *more], key=lambda c: c.penalty)
 
     def by_function(self, left: Mask) -> Iterator[Cause]:
         """Yield causes for every term of every function alone."""
         p = self.problem
         context: Hypothesis | None = None
-        for name in dict.fromkeys(p.terms.tolist()):
-            for piece in _PARTS:
-                mine = left & p.term(name) & p.piece(piece)
+        for name in dict.fromkeys(p.functions.tolist()):
+            for quantity in _QUANTITIES:
+                mine = left & p.of_function(name) & p.quantity(quantity)
                 if not mine.any():
                     continue
-                scope = p.term(name) & p.piece(piece) & ~(self.differing & ~left)
+                scope = p.of_function(name) & p.quantity(quantity) & ~(self.differing & ~left)
                 found = self.best(scope, mine, context)
                 if found:
                     first = found[0].hypothesis
@@ -190,77 +212,74 @@ class _Search:
 
     def best(self, scope: Mask, differing: Mask, context: Hypothesis | None = None) -> list[_Candidate]:
         """Return the mistakes that make all elements of `scope` agree, the simplest first."""
-        p = self.problem
-        found = [
-            _Candidate(h.cost, h.kind, h.text, hypothesis=h) for h, fits in self.discrete if fits[scope].all()
-        ]
-        alike = {p.elements[column][1:] for column in np.flatnonzero(differing)}
-        if len(alike) == 1:
-            simple = [self.factor(int(column), plain=True) for column in np.flatnonzero(differing)]
+        found = [_whole(h) for h, fits in self.discrete if fits[scope].all()]
+        columns = [int(column) for column in np.flatnonzero(differing)]
+        # The same element of several functions counts once: D of mass_matrix and of kinetic_energy.
+        single = len({self.problem.elements[column][1:] for column in columns}) == 1
+        if single:
+            simple = [self.factor(column, plain=True) for column in columns]
             if simple[0] is not None and all(s is not None and s.text == simple[0].text for s in simple):
                 found.append(simple[0])
-        if context is not None and p.explains(context)[scope].all():
-            found.append(_Candidate(-1.0, context.kind, context.text, hypothesis=context))
+        if context is not None and self.problem.explains(context)[scope].all():
+            found.append(_whole(context)._replace(penalty=-1.0))  # it is there already
         found += self.gravity(scope, differing)
         found += self.own_numbers(scope, differing)
-        for family in self.families:
-            candidate = family.candidate(scope, differing)
-            if candidate is not None:
-                found.append(candidate)
+        found += self.wrong_values(scope, differing)
         if not found and context is not None:
-            for h, _ in self.discrete:
-                if h.custom is None:
-                    both = context.and_also(h)
-                    if p.explains(both)[scope].all():
-                        found.append(_Candidate(both.cost, both.kind, both.text, hypothesis=both))
-        factor = self.common_factor(scope)
-        if factor is not None and len(alike) > 1:
-            text = f"it is {factor:.6g} times what it should be, in every entry"
-            text += phrasing.of_factor(factor, self.known)
-            found.append(_Candidate(4.5, "factor", text, factor, 1.0))
-        if len(alike) == 1 and not any(c.cost <= 2.5 for c in found):
-            # One entry alone: a summand of it is a better explanation than a value that only it feels.
-            columns = [int(column) for column in np.flatnonzero(differing)]
-            explained = [self.explain_one(column) for column in columns]
-            if explained[0] and all(e and e[0].text == explained[0][0].text for e in explained):
-                found += explained[0]
-        if len(alike) > 1 and not any(c.cost <= 2.5 for c in found):
-            found += self.common_summands(differing)
-        if not found:
-            found += self.link_parameters(scope, differing)
-        return sorted(found, key=lambda c: c.cost)
+            found += self.beside(context, scope)
+        if not single:
+            found += self.common_factor(scope)
+        if not any(c.penalty <= _SLIP_PENALTY for c in found):
+            # A term of one entry is a better explanation than a value that only this entry feels.
+            found += self.explain_alike(columns) if single else self.common_terms(differing)
+        return sorted(found or self.link_parameters(scope, differing), key=lambda c: c.penalty)
 
-    def common_summands(self, differing: Mask) -> list[_Candidate]:
-        """Return the summands that are wrong in the same way in every element that differs."""
-        self._fragments = self._fragments or fragments.fragments(self.problem)
+    def wrong_values(self, scope: Mask, differing: Mask) -> list[_Candidate]:
+        """Return the numbers of the robot of which another value makes all of `scope` agree."""
+        return [c for one in self.fitted if (c := one.candidate(scope, differing)) is not None]
+
+    def beside(self, context: Hypothesis, scope: Mask) -> list[_Candidate]:
+        """Return the mistakes that make all of `scope` agree together with one that is known already."""
+        pairs = (context.and_also(h) for h, _ in self.discrete if h.custom is None)
+        return [_whole(both) for both in pairs if self.problem.explains(both)[scope].all()]
+
+    def explain_alike(self, columns: list[int]) -> list[_Candidate]:
+        """Return what explains one element in every function that has it; none when they differ."""
+        explained = [self.explain_one(column) for column in columns]
+        same = explained[0] and all(e and e[0].text == explained[0][0].text for e in explained)
+        return explained[0] if same else []
+
+    def common_terms(self, differing: Mask) -> list[_Candidate]:
+        """Return the terms that are wrong in the same way in every element that differs."""
+        self._terms = self._terms or terms.split(self.problem)
         found = []
-        for fragment in self._fragments:
-            matches = [fragments.match(self.problem, fragment, int(k)) for k in np.flatnonzero(differing)]
+        for term in self._terms:
+            matches = [terms.match(self.problem, term, int(k)) for k in np.flatnonzero(differing)]
             one = matches[0]
-            if one is None or any(m is None or abs(m.factor - one.factor) > 1e-7 for m in matches):
+            if one is None or any(m is None or abs(m.factor - one.factor) > _SAME_FACTOR for m in matches):
                 continue
             reason = "" if one.plain else phrasing.of_factor(one.factor, self.known)
             named = one.plain or bool(reason)
-            found.append(_Candidate(3.0 if named else 6.5, "summand", one.text + reason))
+            found.append(_Candidate(3.0 if named else 6.5, "term", one.text + reason))
         return found
 
     def gravity(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return another gravity vector, by least squares, if that is all that differs."""
         p, tree = self.problem, self.problem.tree
-        columns = p.piece("G", "V")
+        columns = p.quantity("G", "V")
         if not differing.any() or (differing & ~columns).any():
             return []
         parts = []
         for axis in np.eye(3):
-            changed = Hypothesis("", "", 0.0, tree=partial(_under, gravity=axis))
-            parts.append(p.hypothesis(changed)[:, scope & columns])
+            under = Hypothesis("", "", 0.0, tree=partial(_under, gravity=axis))
+            parts.append(p.hypothesis(under)[:, scope & columns])
         weights = 1.0 / p.tolerance[scope & columns]
         basis = np.stack([(part * weights).ravel() for part in parts], axis=-1)
         target = (p.user[:, scope & columns] * weights).ravel()
         g = np.linalg.lstsq(basis, target, rcond=1e-12)[0]
-        if np.abs(basis @ g - target).max() > 1.0:
+        if np.abs(basis @ g - target).max() > 1.0:  # in units of the tolerance
             return []
-        # Compare only what these joints feel of it.
+        # Compare only what these joints feel of it: a vertical axis feels no vertical gravity.
         felt = np.linalg.lstsq(basis, basis @ tree.gravity, rcond=1e-12)[0]
         strength, own = float(np.linalg.norm(g)), float(np.linalg.norm(felt))
         shown = f"({', '.join(f'{x:.6g}' for x in np.round(g, 9) + 0.0)})"
@@ -271,25 +290,26 @@ class _Search:
         if own and np.abs(g / strength - felt / own).max() < 1e-7:
             text = f"the strength of gravity: {strength:.6g} m/s², the robot's is {own:.6g}"
             usual = any(abs(strength / known - 1.0) < 1e-3 for known in _STRENGTHS)
-            cost = 1.9 if usual else 4.5
-            return [_Candidate(cost, "gravity-strength", text, strength, own, structural=False)]
+            penalty = 1.9 if usual else 4.5
+            return [_Candidate(penalty, "gravity-strength", text, strength, own, structural=False)]
         text = f"the direction of gravity: the model has {shown} m/s² along x, y, z of the base"
         return [_Candidate(2.1, "gravity-direction", text)]
 
     def own_numbers(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return numbers of the model for which another value makes it agree."""
         p, found = self.problem, []
-        # The number must explain one function before it is tried on the others.
-        first = p.terms[np.flatnonzero(differing)[0]]
+        # A call of the model is slow: a number must explain one function before it is tried on the others.
+        first = p.functions[np.flatnonzero(differing)[0]]
         several, names = int(differing.sum()) > 1, frozenset([str(first)])
-        part = differing & p.term(str(first))
+        part = differing & p.of_function(str(first))
         for name, value in self.vary.numbers.items():
             try:
                 best = self._solve_number(name, value, part, names)
+                # Zero or another sign: rather a formula that is wrong than a number.
                 odd = best is None or best * value < 0.0 or abs(best) < 1e-9 * abs(value)
                 if best is None or (odd and not several):
                     continue
-                columns = self.vary.columns(name, best, frozenset(p.terms.tolist()), None)
+                columns = self.vary.columns(name, best, frozenset(p.functions.tolist()), None)
             except ModelError:
                 continue  # a value that the model does not take
             away = np.abs(columns - p.reference[: len(columns)]).max(axis=0)
@@ -297,7 +317,7 @@ class _Search:
                 text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees"
                 found.append(
                     _Candidate(
-                        OWN_COST + 3.0 * odd + 2.5 * self.is_right(value),
+                        OWN_PENALTY + 3.0 * odd + 2.5 * self.is_right(value),
                         "parameter",
                         text + phrasing.ratio(value / best if best else 0.0),
                         value,
@@ -313,7 +333,7 @@ class _Search:
 
     def _solve_number(self, name: str, value: float, differing: Mask, names: frozenset[str]) -> float | None:
         """Return the value for which the differing elements agree, by the secant method."""
-        p, rows = self.problem, 2
+        p, rows = self.problem, 2  # one unknown: two configurations show whether it is the right one
         weights = 1.0 / p.tolerance[differing]
         target = p.reference[:rows, differing]
 
@@ -321,9 +341,10 @@ class _Search:
             columns = self.vary.columns(name, x, names, rows)[:, differing]
             return np.asarray(((columns - target) * weights).ravel())
 
+        # The first step is a compromise between rounding and curvature; the later ones are secants.
         x0, x1 = value, value + 1e-4 * max(abs(value), 1e-2)
         r0 = rest(x0)
-        for _ in range(14):
+        for _ in range(14):  # secants gain a factor 1.6 in digits each; more means that there is no root
             r1 = rest(x1)
             slope = (r1 - r0) / (x1 - x0)
             size = float(slope @ slope)
@@ -331,10 +352,8 @@ class _Search:
                 return None
             step = -float(slope @ r1) / size
             # A slope that hardly points at the difference leads nowhere.
-            if (
-                abs(float(slope @ r1)) < 0.2 * math.sqrt(size) * float(np.linalg.norm(r1))
-                and np.abs(r1).max() > 1.0
-            ):
+            along = abs(float(slope @ r1)) / math.sqrt(size)
+            if along < 0.2 * float(np.linalg.norm(r1)) and np.abs(r1).max() > 1.0:
                 return None
             x0, r0, x1 = x1, r1, x1 + step
             if abs(step) <= 1e-13 * max(abs(x1), 1e-6) or x1 == x0:
@@ -344,28 +363,31 @@ class _Search:
     def pairs(self, scope: Mask) -> list[_Candidate]:
         """Return two mistakes that together make all of `scope` agree."""
         p, found = self.problem, []
-        likely = [h for h, fits in self.discrete if h.cost <= PAIR_COST and h.custom is None]
-        # One piece at few configurations rules out nearly all.
-        few, piece = 3, next((x for x in ("D", "G", "H") if (scope & self.differing & p.piece(x)).any()), "")
-        if not piece:
+        likely = [h for h, fits in self.discrete if h.penalty <= PAIR_PENALTY and h.custom is None]
+        # One quantity at three configurations rules out nearly all pairs, at a hundredth of the time.
+        few, part = 3, np.zeros_like(scope)
+        for quantity in ("D", "G", "H"):
+            if (scope & self.differing & p.quantity(quantity)).any():
+                part = scope & p.quantity(quantity)
+                break
+        else:
             return []
-        part = scope & p.piece(piece)
         user, tolerance = p.user[:few, part], p.tolerance[part]
         for first, second in itertools.combinations(likely, 2):
             if first.post is not None and second.post is not None:
-                continue
+                continue  # two factors of the same quantity are one factor
             both = first.and_also(second)
-            columns = p.hypothesis(both, few, piece)[:, part]
+            columns = p.hypothesis(both, few, quantity)[:, part]
             if (np.abs(user - columns).max(axis=0) <= tolerance).all() and p.explains(both)[scope].all():
-                found.append(_Candidate(both.cost, both.kind, both.text, hypothesis=both))
-        return sorted(found, key=lambda c: c.cost)
+                found.append(_whole(both))
+        return sorted(found, key=lambda c: c.penalty)
 
     def link_parameters(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return links whose mass, centre of mass and inertia, by least squares, make all agree."""
         p = self.problem
-        inertial = p.piece("D", "H", "G", "V")
+        inertial = p.quantity("D", "H", "G", "V")
         if (differing & ~inertial).any() or (scope & inertial).sum() < 3:
-            return []
+            return []  # ten parameters fit anything that small
         mask = scope & inertial
         weights = 1.0 / p.tolerance[mask]
         target = ((p.user - p.reference)[:, mask] * weights).ravel()
@@ -373,16 +395,17 @@ class _Search:
             np.stack([(p.hypothesis(h)[:, mask] * weights).ravel() for h in regressor(p.tree, i)], axis=-1)
             for i in range(p.tree.n)
         ]
-        limit = 100.0  # least squares over many columns loses some digits
+        limit = 100.0  # in units of the tolerance: least squares over many columns loses some digits
         for count in range(1, min(p.tree.n, 3) + 1):
             for chosen in itertools.combinations(range(p.tree.n), count):
                 block = np.concatenate([blocks[i] for i in chosen], axis=-1)
                 sizes = np.linalg.norm(block, axis=0)
                 sizes[sizes == 0.0] = 1.0
+                # Joints feel sums of parameters only, so the block is rank deficient by construction.
                 change = np.linalg.lstsq(block / sizes, target, rcond=1e-11)[0]
                 if np.abs(block / sizes @ change - target).max() <= limit:
                     links = " and ".join(self.names.link(i) for i in chosen)
-                    own = _inertial_words(chosen, (change / sizes).reshape(count, 10))
+                    own = _inertial_text(chosen, (change / sizes).reshape(count, 10))
                     text = f"the inertial parameters of {links}: {own}"
                     return [_Candidate(8.0 + count, "inertial-parameters", text, structural=False)]
         return []
@@ -397,10 +420,10 @@ class _Search:
                 left[column] = False
         while left.any():
             options = [(fits & left, h) for h, fits in [*self.discrete, *self.maps] if h.post is None]
-            fits, h = min(options, key=lambda option: (-int(option[0].sum()), option[1].cost))
+            fits, h = min(options, key=lambda option: (-int(option[0].sum()), option[1].penalty))
             if fits.sum() < 2:
                 break
-            yield self.cause([_Candidate(h.cost, h.kind, h.text)], fits, "elements")
+            yield self.cause(_by_penalty([h]), fits, "elements")
             left &= ~fits
         for column in np.flatnonzero(left):
             unknown = _Candidate(99.0, "unknown", "no usual mistake explains it")
@@ -409,132 +432,139 @@ class _Search:
 
     def explain_one(self, column: int) -> list[_Candidate]:
         """Return the mistakes that explain one element, the simplest first; none when none does."""
-        p, element = self.problem, self.problem.elements[column]
         fitting = [h for h, fits in [*self.discrete, *self.maps] if fits[column] and h.post is None]
-        angles = [h for h in fitting if h.affine is not None]
-        # Half a turn is a sign, which a summand's name tells better.
-        turned = [h for h in angles if "180°" not in h.text]
+        # Half a turn is a sign, which a term's name tells better.
+        turned = [h for h in fitting if h.affine is not None and "180°" not in h.text]
         if turned:
-            return [_Candidate(h.cost, h.kind, h.text) for h in sorted(turned, key=lambda h: h.cost)]
-        summands: list[fragments.Match] = []
-        if element.piece in ("D", "H", "G", "V", "Z"):
-            self._fragments = self._fragments or fragments.fragments(p)
-            matches = [fragments.match(p, f, column) for f in self._fragments]
-            summands = sorted((m for m in matches if m is not None), key=lambda m: not m.plain)
-        if summands and summands[0].plain:
-            return [_Candidate(3.0, "summand", m.text) for m in summands if m.plain]
-        if fitting:
-            return [_Candidate(h.cost, h.kind, h.text) for h in sorted(fitting, key=lambda h: h.cost)]
-        copied = self.copied(column)
-        if copied is not None:
-            return [copied]
-        tolerance = float(p.tolerance[column])
-        mine, theirs = p.user[:, column], p.reference[:, column]
-        slips = harmonics.trigonometry(p.q, mine - theirs, p.tree.prismatic, tolerance)
-        if slips:
-            return [_Candidate(3.5, "trigonometry", text) for text in slips]
-        mapped = self.mapped_fragment(column) if self._fragments else None
-        if mapped is not None:
-            return [_Candidate(4.0, "summand", mapped.text)]
-        if summands:
-            named = [(m, phrasing.of_factor(m.factor, self.known)) for m in summands]
-            named = sorted(named, key=lambda one: not one[1])
-            return [_Candidate(5.0, "summand", m.text + why, m.factor, 1.0) for m, why in named]
-        slip = harmonics.slip(p.q, mine, theirs, p.tree.prismatic, tolerance)
-        if slip is not None:
-            return [_Candidate(4.5, "term", slip)]
-        factor = self.factor(column, plain=False)
-        if factor is not None:
-            return [factor]
+            return _by_penalty(turned)
+        matches = self.matches(column)
+        if matches and matches[0].plain:
+            return [_Candidate(3.0, "term", m.text) for m in matches if m.plain]
         mask = _only(column, self.differing)
-        fitted = [c for family in self.families if (c := family.candidate(mask, mask)) is not None]
-        return sorted(fitted, key=lambda c: c.cost)
+        # From what is most telling to what fits most easily: the later ones have free numbers.
+        return (
+            _by_penalty(fitting)
+            or self.copied(column)
+            or self.slips(column)
+            or self.mapped_term(column)
+            or self.scaled_terms(matches)
+            or self.harmonic(column)
+            or [c for c in [self.factor(column, plain=False)] if c is not None]
+            or sorted(self.wrong_values(mask, mask), key=lambda c: c.penalty)
+        )
 
-    def mapped_fragment(self, column: int) -> fragments.Match | None:
-        """Return a summand of the element whose angle is wrong."""
+    def matches(self, column: int) -> list[terms.Match]:
+        """Return the terms that explain one element, those with a usual factor first."""
+        if self.problem.elements[column].quantity not in ("D", "H", "G", "V", "Z"):
+            return []
+        self._terms = self._terms or terms.split(self.problem)
+        matches = [terms.match(self.problem, term, column) for term in self._terms]
+        return sorted((m for m in matches if m is not None), key=lambda m: not m.plain)
+
+    def slips(self, column: int) -> list[_Candidate]:
+        """Return the slips of trigonometry that explain one element."""
         p = self.problem
-        if not self._mapped:
-            self._mapped = [(h, fragments.fragments(p, h.affine, _FEW)) for h, _ in self.maps]
+        rest = p.user[:, column] - p.reference[:, column]
+        found = harmonics.trigonometry(p.q, rest, p.tree.prismatic, float(p.tolerance[column]))
+        return [_Candidate(3.5, "trigonometry", text) for text in found]
+
+    def scaled_terms(self, matches: list[terms.Match]) -> list[_Candidate]:
+        """Return terms with an unusual factor as candidates, those whose factor means something first."""
+        named = [(m, phrasing.of_factor(m.factor, self.known)) for m in matches]
+        named = sorted(named, key=lambda one: not one[1])
+        return [_Candidate(5.0, "term", m.text + why, m.factor, 1.0) for m, why in named]
+
+    def harmonic(self, column: int) -> list[_Candidate]:
+        """Return the one term of an element's trigonometric sum that is wrong."""
+        p = self.problem
+        mine, theirs = p.user[:, column], p.reference[:, column]
+        text = harmonics.slip(p.q, mine, theirs, p.tree.prismatic, float(p.tolerance[column]))
+        return [] if text is None else [_Candidate(4.5, "term", text)]
+
+    def mapped_term(self, column: int) -> list[_Candidate]:
+        """Return a term of the element whose angle is wrong."""
+        p = self.problem
+        if self._terms and not self._mapped:
+            self._mapped = [(h, terms.split(p, h.affine, _FEW)) for h, _ in self.maps]
         for h, moved in self._mapped:
-            for plain, other in zip(self._fragments, moved, strict=True):
-                found = fragments.match_mapped(p, plain, other, h, column)
+            for plain, other in zip(self._terms, moved, strict=True):
+                found = terms.match_mapped(p, plain, other, h, column)
                 if found is not None:
-                    return found
-        return None
+                    return [_Candidate(4.0, "term", found.text)]
+        return []
 
     def factor(self, column: int, plain: bool) -> _Candidate | None:
-        """Return the factor by which an element is off, if it is a constant one."""
+        """Return the constant factor by which an element is off, None when there is none.
+
+        Args:
+            column: the element.
+            plain: take only a sign, a factor 2, another unit, or what is zero in one of the two.
+        """
         p = self.problem
-        mine, theirs = p.user[:, column], p.reference[:, column]
-        tolerance = p.tolerance[column]
-        element = p.elements[column]
+        mine, theirs, tolerance = p.user[:, column], p.reference[:, column], p.tolerance[column]
         if np.abs(theirs).max() <= tolerance:
-            if (
-                element.piece == "B"
-                and plain
-                and np.ptp(mine) <= tolerance
-                and element.place[0] == element.place[1]
-            ):
-                text = f"viscous friction of {mine.mean():.6g} is contained in it"
-                return _Candidate(1.0, "friction", text, float(mine.mean()), 0.0)
-            return (
-                _Candidate(1.0, "extra", "must be zero, and is not")
-                if plain and element.piece != "Z"
-                else None
-            )
+            return self.extra(column) if plain else None
         if np.abs(mine).max() <= tolerance:
             return _Candidate(1.0, "missing", "is missing: the model has zero there") if plain else None
         factor = float(mine @ theirs) / float(theirs @ theirs)
         if np.abs(mine - factor * theirs).max() > tolerance:
             return None
-        usual = {
-            -1.0: "its sign",
-            0.5: "a factor 2 is missing",
-            2.0: "a factor 1/2 is missing (it counts twice)",
-        }
-        usual |= {-0.5: "its sign, and a factor 2 is missing", -2.0: "its sign, and a factor 1/2 is missing"}
-        for known, text in usual.items():
-            if abs(factor - known) < 1e-7:
-                kind = "sign" if known == -1.0 else "factor"
-                return _Candidate(1.0, kind, text, known, 1.0)
+        for known, text in _FACTORS.items():
+            if abs(factor - known) < _SAME_FACTOR:
+                return _Candidate(1.0, "sign" if known == -1.0 else "factor", text, known, 1.0)
+        text = f"is {factor:.6g} times what it should be"
         if plain:
             unit = phrasing.ratio(factor)
-            return (
-                _Candidate(1.2, "factor", f"is {factor:.6g} times what it should be{unit}") if unit else None
-            )
-        text = f"is {factor:.6g} times what it should be{phrasing.of_factor(factor, self.known)}"
-        return _Candidate(6.0, "factor", text, factor, 1.0)
+            return _Candidate(1.2, "factor", text + unit) if unit else None
+        return _Candidate(6.0, "factor", text + phrasing.of_factor(factor, self.known), factor, 1.0)
 
-    def common_factor(self, scope: Mask) -> float | None:
-        """Return the factor by which all of `scope` is off, None when there is no common one."""
+    def extra(self, column: int) -> _Candidate | None:
+        """Return what an element is that must be zero."""
+        p, element = self.problem, self.problem.elements[column]
+        mine = p.user[:, column]
+        diagonal = element.quantity == "B" and element.place[0] == element.place[1]
+        if diagonal and np.ptp(mine) <= p.tolerance[column]:
+            text = f"viscous friction of {mine.mean():.6g} is contained in it"
+            return _Candidate(1.0, "friction", text, float(mine.mean()), 0.0)
+        if element.quantity == "Z":
+            return None  # a torque at rest is gravity, or a part of it
+        return _Candidate(1.0, "extra", "must be zero, and is not")
+
+    def common_factor(self, scope: Mask) -> list[_Candidate]:
+        """Return the factor by which all of `scope` is off."""
         p = self.problem
         weights = 1.0 / p.tolerance[scope]
         mine, theirs = p.user[:, scope] * weights, p.reference[:, scope] * weights
         size = float((theirs * theirs).sum())
-        if size == 0.0:
-            return None
-        factor = float((mine * theirs).sum()) / size
-        fits = abs(factor) > 1e-9 and np.abs(mine - factor * theirs).max() <= 1.0
-        return factor if fits else None  # nothing at all is missing, not scaled
+        factor = float((mine * theirs).sum()) / size if size else 0.0
+        # Where nothing at all is there, it is missing, not scaled.
+        if abs(factor) <= 1e-9 or np.abs(mine - factor * theirs).max() > 1.0:
+            return []
+        text = f"it is {factor:.6g} times what it should be, in every entry"
+        return [_Candidate(4.5, "factor", text + phrasing.of_factor(factor, self.known), factor, 1.0)]
 
-    def copied(self, column: int) -> _Candidate | None:
+    def copied(self, column: int) -> list[_Candidate]:
         """Return another element whose value stands in place of this one's."""
-        p, element = self.problem, self.problem.elements[column]
+        p, element, tolerance = self.problem, self.problem.elements[column], self.problem.tolerance[column]
         for other, candidate in enumerate(p.elements):
-            if candidate.piece == element.piece and candidate.term == element.term and other != column:
-                away = np.abs(p.user[:, column] - p.reference[:, other]).max()
-                if away <= p.tolerance[column] and np.abs(p.reference[:, other]).max() > p.tolerance[column]:
-                    return _Candidate(2.0, "swapped", f"what belongs in {candidate.label} stands there")
-        return None
+            if other == column or candidate[:2] != element[:2]:  # of the same function and quantity
+                continue
+            away = np.abs(p.user[:, column] - p.reference[:, other]).max()
+            if away <= tolerance and np.abs(p.reference[:, other]).max() > tolerance:
+                return [_Candidate(2.0, "swapped", f"what belongs in {candidate.label} stands there")]
+        return []
 
     def elements(self, mask: Mask) -> tuple[Element, ...]:
         """Return the elements of a mask."""
         return tuple(self.problem.elements[column] for column in np.flatnonzero(mask))
 
     def cause(self, found: list[_Candidate], mask: Mask, scope: str) -> Cause:
-        """Return the simplest candidate as a cause, the others of about its cost as alternatives."""
+        """Return the simplest candidate as a cause, the others of about its penalty as alternatives."""
         first = found[0]
-        near = [c.text for c in found[1:] if c.cost <= max(first.cost + 2.0, 6.0) and c.text != first.text]
+        # A reader who sees at once that the first is not it wants to see the others.
+        near = [
+            c.text for c in found[1:] if c.penalty <= max(first.penalty + 2.0, 6.0) and c.text != first.text
+        ]
         return Cause(
             first.kind,
             first.text,
@@ -556,7 +586,7 @@ class _Search:
                 harmonics.expand(p.q, values[:, column], p.tree.prismatic, float(p.tolerance[column]))
                 for values in (p.user, p.reference, p.user - p.reference)
             ]
-            mine, theirs, rest = ("?" if s is None else harmonics.in_words(s) for s in sums)
+            mine, theirs, rest = ("?" if s is None else harmonics.formula(s) for s in sums)
             if mine != "?" and theirs != "?":
                 yield f"{element.label}: the model has {mine}, the robot {theirs}"
             elif rest != "?":
@@ -568,65 +598,71 @@ class _Search:
                 yield f"{element.label}: the model has {values} at q = ({configuration})"
 
 
-class _Fitted:
-    """A family of mistakes, evaluated so that it is known for every value of its number."""
+def _whole(h: Hypothesis) -> _Candidate:
+    """Return a hypothesis about a whole scope as a candidate."""
+    return _Candidate(h.penalty, h.kind, h.text, hypothesis=h)
 
-    def __init__(self, problem: Problem, family: ParametricHypothesis) -> None:
-        """Evaluate the family at three values, or five angles."""
-        self.problem, self.family = problem, family
-        if family.angle:
+
+class _Fitted:
+    """A parametric hypothesis, evaluated so that it is known for every value of its number."""
+
+    def __init__(self, problem: Problem, hypothesis: ParametricHypothesis) -> None:
+        """Evaluate it at three values, or five angles: as many as its polynomial has coefficients."""
+        self.problem, self.hypothesis = problem, hypothesis
+        value = hypothesis.value
+        if hypothesis.angle:
+            # 1, cos, sin, cos 2, sin 2: equidistant angles make the best conditioned system.
             nodes = np.asarray(2.0 * np.pi * np.arange(5) / 5.0)
         else:
             # Half of a mass: Pinocchio adds no negative ones.
-            step: float = 0.5 * abs(family.value) if family.kind == "mass" and family.value else 1.0
+            step: float = 0.5 * abs(value) if hypothesis.kind == "mass" and value else 1.0
             nodes = np.array([-step, 0.0, step])
-        columns = np.stack([problem.hypothesis(family.member(family.value + x)) for x in nodes])
+        columns = np.stack([problem.hypothesis(hypothesis.instance(value + x)) for x in nodes])
         inverse = np.linalg.inv(self._basis(nodes))
         self._coefficients = np.tensordot(inverse, columns, axes=1)  # (K, N, E)
 
     def _basis(self, x: Array) -> Array:
         """Return the functions that the columns are made of, at values of the number, (len(x), K)."""
-        if self.family.angle:
+        if self.hypothesis.angle:
             return np.stack([np.ones_like(x), np.cos(x), np.sin(x), np.cos(2 * x), np.sin(2 * x)], axis=-1)
         return np.stack([np.ones_like(x), x, x**2], axis=-1)
 
     def candidate(self, scope: Mask, differing: Mask) -> _Candidate | None:
         """Return the value that makes all of `scope` agree, None when there is none."""
-        p = self.problem
+        p, h = self.problem, self.hypothesis
         weights = 1.0 / p.tolerance[differing]
         parts = (self._coefficients[:, :, differing] * weights).reshape(len(self._coefficients), -1)
         target = (p.user[:, differing] * weights).ravel()
         if np.abs(parts[1:]).max() < 1.0:
+            return None  # what differs does not depend on it
+        value = h.value + self._closest(parts, target)
+        # The fit knows only what differs; the hypothesis itself must not spoil what agrees.
+        if not p.fits(p.hypothesis(h.instance(value)))[scope].all():
             return None
-        x = self._closest(parts, target)
-        columns = p.hypothesis(self.family.member(self.family.value + x))
-        if not p.fits(columns)[scope].all():
-            return None
-        value = self.family.value + x
         value = 0.0 if abs(value) < 1e-9 else value
-        if value < 0.0 and self.family.kind in ("mass", "armature"):
+        if value < 0.0 and h.kind in ("mass", "armature"):
             return None
-        unit = self.family.unit
-        if self.family.angle:
+        if h.angle:
             value = (value + math.pi) % (2.0 * math.pi) - math.pi
-            shown = f"{value:.6g} rad ({value * 180.0 / math.pi:.4g}°)"
+        # Zero, or the other sign: rather a formula that is wrong.
+        odd = 2.0 if value * h.value < 0.0 or value == 0.0 else 0.0
+        return _Candidate(h.penalty + odd, h.kind, self._text(value), value, h.value, structural=False)
+
+    def _text(self, value: float) -> str:
+        """Return what a value means."""
+        h = self.hypothesis
+        if h.kind == "scale":
+            text = f"{h.what} {value:.6g}"
         else:
-            shown = f"{value:.6g} {unit}"
-        text = f"{self.family.what}: {shown} in the model, {self.family.value:.6g} {unit} in the robot"
-        if self.family.kind == "scale":
-            text = f"{self.family.what} {value:.6g}"
-        same = self._same_as(value)
-        text += f" ({same})" if same else ""
-        if not same and not self.family.angle and self.family.value:
-            text += phrasing.ratio(value / self.family.value)
-        odd = 2.0 if value * self.family.value < 0.0 or value == 0.0 else 0.0
-        return _Candidate(
-            self.family.cost + odd, self.family.kind, text, value, self.family.value, structural=False
-        )
+            degrees = f"rad ({value * 180.0 / math.pi:.4g}°)" if h.angle else h.unit
+            text = f"{h.what}: {value:.6g} {degrees} in the model, {h.value:.6g} {h.unit} in the robot"
+        if same := self._same_as(value):
+            return f"{text} ({same})"
+        return text if h.angle or not h.value else text + phrasing.ratio(value / h.value)
 
     def _same_as(self, value: float) -> str:
         """Return which other length of the robot a value is: l for lc, or the other way round."""
-        if self.family.kind not in ("com", "length") or value == 0.0:
+        if self.hypothesis.kind not in ("com", "length") or value == 0.0:
             return ""
         tree, names = self.problem.tree, Names(self.problem.tree)
         lengths = [(f"the length to {names.joint(i)}", p) for i, p in enumerate(tree.positions)]
@@ -640,7 +676,8 @@ class _Fitted:
     def _closest(self, parts: Array, target: Array) -> float:
         """Return the change of the number that brings the parts closest to a target."""
         gram, inner = parts @ parts.T, parts @ target
-        if self.family.angle:
+        if self.hypothesis.angle:
+            # Degree four in cos and sin: at most eight extrema, so half a degree finds the deepest.
             grid = np.linspace(-np.pi, np.pi, 721)
         else:
             # The squared distance is a polynomial of degree four: its extrema are roots of a cubic.
@@ -657,7 +694,8 @@ class _Fitted:
             grid = np.append(roots.real, 0.0)
         rows = self._basis(grid)
         x = float(grid[np.argmin(np.einsum("ki,ij,kj->k", rows, gram, rows) - 2.0 * rows @ inner)])
-        for _ in range(4):  # Gauss-Newton: the polynomial's own digits do not suffice
+        # Gauss-Newton: the roots of the cubic have half the digits, and the grid has half a degree.
+        for _ in range(4):
             h = 1e-6
             row, ahead, behind = self._basis(np.array([x, x + h, x - h]))
             slope = (ahead - behind) / (2.0 * h) @ parts
@@ -673,9 +711,9 @@ def _under(tree: Tree, gravity: Array) -> Tree:
     return replace(tree, gravity=gravity)
 
 
-def _instead(tree: Tree, other: Tree) -> Tree:
-    """Return another tree in place of one."""
-    return other
+def _fixed(tree: Tree) -> Callable[[Tree], Tree]:
+    """Return the change that gives this tree, whatever it is applied to."""
+    return lambda _: tree
 
 
 def _only(column: int, like: Mask) -> Mask:
@@ -686,13 +724,13 @@ def _only(column: int, like: Mask) -> Mask:
 
 
 def regressor(tree: Tree, i: int) -> list[Hypothesis]:
-    """Return arms whose pieces are the derivatives by the ten inertial parameters of body i."""
+    """Return arms whose quantities are the derivatives by the ten inertial parameters of body i."""
     empty = tree
     for k in range(tree.n):
         empty = empty.with_body(k, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
     empty = replace(empty, armature=np.zeros(tree.n))
     point = empty.with_body(i, mass=1.0)
-    columns = [Hypothesis("", "", 0.0, tree=lambda t: point)]
+    columns = [Hypothesis("", "", 0.0, tree=_fixed(point))]
     for axis in np.eye(3):
         # A unit point at +axis less one at -axis is twice the first moment.
         ahead, behind = (point.with_body(i, com=s * axis) for s in (1.0, -1.0))
@@ -703,15 +741,14 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
             return {name: 0.5 * (one[name] - other[name]) for name in one}
 
         columns.append(Hypothesis("", "", 0.0, custom=moment))
-    for r, c in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+    for r, c in MOMENTS:
         unit = np.zeros((3, 3))
         unit[r, c] = unit[c, r] = 1.0
-        body = empty.with_body(i, inertia=unit)
-        columns.append(Hypothesis("", "", 0.0, tree=partial(_instead, other=body)))
+        columns.append(Hypothesis("", "", 0.0, tree=_fixed(empty.with_body(i, inertia=unit))))
     return columns
 
 
-def _inertial_words(chosen: tuple[int, ...], change: Array) -> str:
+def _inertial_text(chosen: tuple[int, ...], change: Array) -> str:
     """Return changes of mass, first moments and inertias in words."""
     labels = ("m", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
     texts = []

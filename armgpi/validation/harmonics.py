@@ -1,4 +1,4 @@
-"""Functions of the configuration in words: a sum of few harmonics, found from samples.
+"""Functions of the configuration as formulas: a sum of few harmonics, found from samples.
 
 Every entry of D, every coefficient of a product of velocities and every gravity torque of an arm is a
 trigonometric polynomial of degree two in each angle and a polynomial of degree two in each sliding joint.
@@ -15,25 +15,25 @@ import numpy as np
 
 from armgpi.arrays import Array
 
-#: More terms than this are no explanation.
+#: More terms than this are no explanation: nobody finds a mistake in them.
 MOST_TERMS = 8
-#: More joints than this make too many candidates.
+#: More joints than this make too many candidates: 5^n / 2 pairs of a cosine and a sine.
 MOST_JOINTS = 4
 
 
-class Term(NamedTuple):
-    """One term of a sum.
+class Harmonic(NamedTuple):
+    """One term of a trigonometric sum.
 
     Attributes:
         factor: its coefficient.
-        word: its function of the configuration, "cos(q2 + q3)", or "" for a constant.
+        function: its function of the configuration, "cos(q2 + q3)", or "" for a constant.
     """
 
     factor: float
-    word: str
+    function: str
 
 
-def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[Term] | None:
+def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[Harmonic] | None:
     """Return the few terms that make up `y` at the configurations `q`, None when there are too many.
 
     Args:
@@ -52,18 +52,22 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
     chosen: list[int] = []
     rest: Array = y
     weights: Array = np.zeros(0)
+    # Two values more than terms, so that a sum that fits is not one that fits anything.
     while len(chosen) < min(MOST_TERMS, len(y) - 2):
         chosen.append(int(np.argmax(np.abs(rest @ columns) / sizes)))
         weights = np.asarray(np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0], dtype=np.float64)
         rest = np.asarray(y - columns[:, chosen] @ weights)
         if np.abs(rest).max() <= tolerance:
+            # What was chosen early and is not needed after all.
             floor = 1e-9 * np.abs(weights).max()
-            return [Term(float(w), words[c]) for w, c in zip(weights, chosen, strict=True) if abs(w) > floor]
+            return [
+                Harmonic(float(w), words[c]) for w, c in zip(weights, chosen, strict=True) if abs(w) > floor
+            ]
     return None
 
 
 def trigonometry(q: Array, rest: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[str]:
-    """Return in words which slips of trigonometry a difference may be, the positive ones first."""
+    """Return which slips of trigonometry a difference may be, the positive ones first."""
     found = []
     for text, shape in _slips(q, prismatic):
         share = float(rest @ shape) / float(shape @ shape)
@@ -73,31 +77,32 @@ def trigonometry(q: Array, rest: Array, prismatic: tuple[bool, ...], tolerance: 
 
 
 def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tolerance: float) -> str | None:
-    """Return in words which one term of a sum is wrong, None when it is more than one.
+    """Return which one term of a sum is wrong, None when it is more than one.
 
     Args:
         q: configurations, shape (N, n).
         mine: values of the model, shape (N,).
         theirs: those of the robot.
         prismatic: whether each joint slides.
-        tolerance: how exact the sum has to be.
+        tolerance: how exact the sum has to be, in the unit of the values.
     """
     rest = mine - theirs
     sums = [expand(q, values, prismatic, tolerance) for values in (rest, theirs, mine)]
     if any(terms is None for terms in sums):
         return None
-    away, right, wrong = ({term.word: term.factor for term in terms or []} for terms in sums)
+    away, right, wrong = ({term.function: term.factor for term in terms or []} for terms in sums)
     if len(away) == 1:
         word, factor = next(iter(away.items()))
         if word not in wrong:
-            return f"the term {in_words([Term(right[word], word)])} is missing"
+            return f"the term {formula([Harmonic(right[word], word)])} is missing"
         if word not in right:
-            return f"the term {in_words([Term(factor, word)])} is too much"
+            return f"the term {formula([Harmonic(factor, word)])} is too much"
         ratio = wrong[word] / right[word]
         usual = {-1.0: ": its sign", 0.5: ": a factor 2 is missing", 2.0: ": a factor 1/2 is missing"}
         why = next((text for known, text in usual.items() if abs(ratio - known) < 1e-7), "")
         name = f"coefficient of {word}" if word else "constant"
         return f"the {name} is {wrong[word]:.6g}, the robot's is {right[word]:.6g}{why}"
+    # One term taken away and the same added elsewhere: its function is wrong.
     if len(away) == 2:
         (one, a), (other, b) = away.items()
         if abs(a + b) <= 1e-7 * abs(a):
@@ -129,14 +134,14 @@ def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]
         yield f"1 - {x}²/2 stands for cos {x} (small angles)", 1.0 - 0.5 * value**2 - c
 
 
-def in_words(terms: list[Term]) -> str:
+def formula(terms: list[Harmonic]) -> str:
     """Return a sum as text: "0.17 - 0.34 sin(q2)"."""
     if not terms:
         return "0"
     text = ""
-    for term in sorted(terms, key=lambda term: (len(term.word), term.word)):
+    for term in sorted(terms, key=lambda term: (len(term.function), term.function)):
         sign = "-" if term.factor < 0.0 else "+"
-        body = f"{abs(term.factor):.6g} {term.word}".strip()
+        body = f"{abs(term.factor):.6g} {term.function}".strip()
         if not text:
             text = f"-{body}" if sign == "-" else body
         else:
@@ -145,13 +150,13 @@ def in_words(terms: list[Term]) -> str:
 
 
 def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array]:
-    """Return the functions that may take part, in words and at the configurations."""
+    """Return the functions that may take part, as formulas and at the configurations."""
     turning = [i for i, slides in enumerate(prismatic) if not slides]
     sliding = [i for i, slides in enumerate(prismatic) if slides]
     words, columns = [], []
     for powers in itertools.product(range(3), repeat=len(sliding)):
         if sum(powers) > 2:
-            continue
+            continue  # D is of degree two in all lengths together
         scale = np.prod([q[:, i] ** p for i, p in zip(sliding, powers, strict=True)], axis=0)
         before = " ".join(
             f"q{i + 1}" + ("²" if p == 2 else "") for i, p in zip(sliding, powers, strict=True) if p
@@ -159,12 +164,12 @@ def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array
         for k in itertools.product(range(-2, 3), repeat=len(turning)):
             leading = next((x for x in k if x), 0)
             if leading < 0:
-                continue
+                continue  # the same as its opposite, up to a sign
             angle = q[:, turning] @ np.array(k, dtype=float) if turning else np.zeros(len(q))
             inner = _inner(k, turning)
             for name, function in (("cos", np.cos), ("sin", np.sin)):
                 if leading == 0 and name == "sin":
-                    continue
+                    continue  # sin(0)
                 word = f"{name}({inner})" if inner else ""
                 words.append(f"{before} {word}".strip())
                 columns.append(scale * function(angle))

@@ -1,10 +1,14 @@
 """The usual mistakes, each as a change of the reference arm that can be tried.
 
 A :class:`Hypothesis` says "the model is right for an arm that differs in this": it changes the tree, the
-coordinates or the pieces. A :class:`ParametricHypothesis` does so with one number, a parameter. All pieces
-are polynomials of degree two in a mass, length or centre of mass, and trigonometric polynomials of degree two
-in an angle, so three or five evaluations give them for every value of it, and the value that fits best is
-found in closed form.
+coordinates or the quantities. A :class:`ParametricHypothesis` does so with one number, a parameter. All
+quantities are polynomials of degree two in a mass, length or centre of mass, and trigonometric polynomials of
+degree two in an angle, so three or five evaluations give them for every value of it, and the value that fits
+best is found in closed form.
+
+The complexity penalty orders hypotheses that fit equally well: slips of a pen (a sign, a factor 2, another
+zero) have 1 to 2, wrong formulas 2 to 4, wrong values of a parameter 5 and more, because a parameter always
+fits a little. Differences of a few tenths only break ties, so that the more common mistake is named first.
 """
 
 from __future__ import annotations
@@ -12,16 +16,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
-from armgpi.validation.tree import Affine, Pieces, Tree, christoffel, evaluate, identity
+from armgpi.validation.tree import Affine, Body, Quantities, Tree, christoffel, evaluate, identity
 
 _XYZ = "xyz"
 _DEGREE = np.pi / 180.0
+#: Entries of an inertia matrix: the moments, then the products.
+MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+#: Two axes are the same when the cosine between them differs from one by less than rounding makes.
+_PARALLEL = 1e-9
 
 
 class Hypothesis(NamedTuple):
@@ -29,29 +38,29 @@ class Hypothesis(NamedTuple):
 
     Attributes:
         kind: short name of its kind.
-        text: what it is, in words.
-        cost: how far-fetched it is; the simplest one that fits is named.
+        text: what it is, for the report.
+        penalty: its complexity penalty; the simplest one that fits is named.
         tree: the arm for which the model would be right.
         affine: the coordinates in which it would be.
-        post: what to do to the pieces.
-        custom: in place of all that, a function of tree, configurations and names of pieces.
+        post: what to do to the quantities.
+        custom: in place of all that, a function of tree, configurations and names of quantities.
     """
 
     kind: str
     text: str
-    cost: float
+    penalty: float
     tree: Callable[[Tree], Tree] | None = None
     affine: Affine | None = None
-    post: Callable[[Pieces], Pieces] | None = None
-    custom: Callable[[Tree, Array, Iterable[str]], Pieces] | None = None
+    post: Callable[[Quantities], Quantities] | None = None
+    custom: Callable[[Tree, Array, Iterable[str]], Quantities] | None = None
 
-    def pieces(self, tree: Tree, q: Array, want: Iterable[str]) -> Pieces:
-        """Return the pieces of a model with this mistake."""
+    def quantities(self, tree: Tree, q: Array, want: Iterable[str]) -> Quantities:
+        """Return the quantities of a model with this mistake."""
         changed = tree if self.tree is None else self.tree(tree)
         if self.custom is not None:
             return self.custom(changed, q, want)
-        pieces = evaluate(changed, q, want, self.affine)
-        return pieces if self.post is None else {**pieces, **self.post(pieces)}
+        quantities = evaluate(changed, q, want, self.affine)
+        return quantities if self.post is None else {**quantities, **self.post(quantities)}
 
     def and_also(self, other: Hypothesis) -> Hypothesis:
         """Return both mistakes at once."""
@@ -61,7 +70,7 @@ class Hypothesis(NamedTuple):
             x = x if first is None else first(x)
             return x if second is None else second(x)
 
-        def post(x: Pieces) -> Pieces:
+        def post(x: Quantities) -> Quantities:
             x = x if self.post is None else {**x, **self.post(x)}
             return x if other.post is None else {**x, **other.post(x)}
 
@@ -72,7 +81,7 @@ class Hypothesis(NamedTuple):
         return Hypothesis(
             f"{self.kind}+{other.kind}",
             f"{self.text}; and {other.text}",
-            self.cost + other.cost + 4.0,
+            self.penalty + other.penalty + 4.0,  # two mistakes are named only where no single one fits
             tree,
             affine,
             post if both else None,
@@ -84,25 +93,25 @@ class ParametricHypothesis(NamedTuple):
 
     Attributes:
         kind: short name of its kind.
-        what: which number, in words.
+        what: which number, for the report.
         unit: its unit.
         value: what the robot has.
-        cost: how far-fetched it is.
-        angle: whether the pieces are trigonometric in it, and not polynomial.
-        member: the hypothesis for a value of it.
+        penalty: its complexity penalty.
+        angle: whether the quantities are trigonometric in it, and not polynomial.
+        instance: the hypothesis for a value of it.
     """
 
     kind: str
     what: str
     unit: str
     value: float
-    cost: float
+    penalty: float
     angle: bool
-    member: Callable[[float], Hypothesis]
+    instance: Callable[[float], Hypothesis]
 
 
 class Names:
-    """How joints and links are called in words."""
+    """How joints and links are called in messages."""
 
     def __init__(self, tree: Tree) -> None:
         """Take the names from a tree."""
@@ -111,6 +120,7 @@ class Names:
     def joint(self, i: int) -> str:
         """Return "joint 2" or "joint 2 ('elbow')"."""
         name = self._joints[i]
+        # A name that only counts adds nothing to the number.
         plain = {f"q{i + 1}", f"joint{i + 1}", f"joint_{i + 1}", f"j{i + 1}"}
         return f"joint {i + 1}" if name in plain else f"joint {i + 1} ({name!r})"
 
@@ -126,41 +136,41 @@ def discrete(tree: Tree) -> list[Hypothesis]:
         *_coordinates(tree),
         *_bodies(tree),
         *_frames(tree),
-        *_kinematic(tree),
+        *_kinematic(),
         *_structure(),
         *_left_out(tree),
         *_unturned(tree),
     ]
-    return sorted(found, key=lambda h: h.cost)
+    return sorted(found, key=lambda h: h.penalty)
 
 
 def angle_maps(tree: Tree) -> list[Hypothesis]:
-    """Return the mistakes in an angle that may stand in one summand alone."""
+    """Return the mistakes in an angle that a single term may have."""
     maps = [h for h in _coordinates(tree) if h.affine is not None and _same_rates(h.affine)]
-    n, names = tree.n, Names(tree)
+    n = tree.n
     for j in range(n):
-        A = np.eye(n)
-        A[j, j] = 0.0
-        maps.append(Hypothesis("angle-missing", f"q{j + 1} is left out", 4, affine=_inside(A)))
-        A = np.eye(n)
-        A[j, j] = 2.0
-        maps.append(Hypothesis("angle-doubled", f"2 q{j + 1} stands for q{j + 1}", 5, affine=_inside(A)))
+        mine = f"q{j + 1}"
+        maps.append(_mixed(n, j, {j: 0.0}, "angle-missing", f"{mine} is left out", 4))
+        maps.append(_mixed(n, j, {j: 2.0}, "angle-doubled", f"2 {mine} stands for {mine}", 5))
         for k in range(n):
-            if k != j and tree.prismatic[k] == tree.prismatic[j]:
-                A = np.eye(n)
-                A[j, j], A[j, k] = 0.0, 1.0
-                text = f"q{k + 1} stands where q{j + 1} belongs"
-                maps.append(Hypothesis("angle-replaced", text, 4, affine=_inside(A)))
-                A = np.eye(n)
-                A[j, k] = 1.0
-                text = f"q{j + 1} + q{k + 1} stands where q{j + 1} belongs"
-                maps.append(Hypothesis("angle-added", text, 4.5, affine=_inside(A)))
-                A = np.eye(n)
-                A[j, k] = -1.0
-                text = f"q{j + 1} - q{k + 1} stands where q{j + 1} belongs"
-                maps.append(Hypothesis("angle-added", text, 4.5, affine=_inside(A)))
-    del names
-    return sorted(maps, key=lambda h: h.cost)
+            # An angle is never taken for a length.
+            if k == j or tree.prismatic[k] != tree.prismatic[j]:
+                continue
+            other, belongs = f"q{k + 1}", f"stands where {mine} belongs"
+            maps += [
+                _mixed(n, j, {j: 0.0, k: 1.0}, "angle-replaced", f"{other} {belongs}", 4),
+                _mixed(n, j, {k: 1.0}, "angle-added", f"{mine} + {other} {belongs}", 4.5),
+                _mixed(n, j, {k: -1.0}, "angle-added", f"{mine} - {other} {belongs}", 4.5),
+            ]
+    return sorted(maps, key=lambda h: h.penalty)
+
+
+def _mixed(n: int, j: int, factors: Mapping[int, float], kind: str, text: str, penalty: float) -> Hypothesis:
+    """Return the hypothesis that q_j is another combination of the angles, inside of the formulas."""
+    A = np.eye(n)
+    for k, factor in factors.items():
+        A[j, k] = factor
+    return Hypothesis(kind, text, penalty, affine=_inside(A))
 
 
 def _same_rates(affine: Affine) -> bool:
@@ -206,13 +216,15 @@ def _coordinates(tree: Tree) -> Iterator[Hypothesis]:
         which = "all angles" if chosen == revolute else names.joint(chosen[0])
         scale = np.ones(n)
         scale[chosen] = _DEGREE
-        cost = 2.0 if chosen == revolute else 2.5
+        penalty = 2.0 if chosen == revolute else 2.5
         A, back = np.diag(scale), np.diag(1.0 / scale)
         text = f"degrees: {which} taken in degrees where radians are given"
-        yield Hypothesis("degrees", text, cost, affine=_inside(A))
-        yield Hypothesis("degrees", f"{text}, rates and torques too", cost + 0.5, affine=Affine(A, zero, A))
+        yield Hypothesis("degrees", text, penalty, affine=_inside(A))
+        yield Hypothesis(
+            "degrees", f"{text}, rates and torques too", penalty + 0.5, affine=Affine(A, zero, A)
+        )
         text = f"degrees: {which} turned into degrees inside of the formulas"
-        yield Hypothesis("degrees", text, cost, affine=_inside(back))
+        yield Hypothesis("degrees", text, penalty, affine=_inside(back))
     for order in _orders(n):
         P = eye[list(order)]
         listed = ", ".join(f"q{j + 1}" for j in order)
@@ -248,7 +260,7 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
             R, k = tree.rotations[k] @ R, tree.parents[k]
         if k >= 0:
             along = float(tree.axes[k] @ (R @ tree.axes[i]))
-            if abs(abs(along) - 1.0) < 1e-9:
+            if abs(abs(along) - 1.0) < _PARALLEL:
                 pairs.append((i, k, round(along)))
     chosen_sets = [pairs] + ([[p] for p in pairs] if len(pairs) > 1 else []) if pairs else []
     for chosen in chosen_sets:
@@ -256,118 +268,134 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
         for i, k, sign in chosen:
             B[i, k] = -sign
         joints = " and ".join(names.joint(i) for i, _, _ in chosen)
-        cost = 2.0 if chosen == pairs else 2.5
+        penalty = 2.0 if chosen == pairs else 2.5
         text = (
             f"absolute angles: {joints} counted from the base (or the horizontal), not from the link before"
         )
         zero = np.zeros(n)
-        yield Hypothesis("absolute-angles", text, cost, affine=Affine(B, zero, B))
-        yield Hypothesis("absolute-angles", f"{text}, inside of the formulas", cost + 0.5, affine=_inside(B))
+        yield Hypothesis("absolute-angles", text, penalty, affine=Affine(B, zero, B))
+        yield Hypothesis(
+            "absolute-angles", f"{text}, inside of the formulas", penalty + 0.5, affine=_inside(B)
+        )
         rates = f"absolute angles: the rates and torques of {joints} are absolute, their angles are not"
-        yield Hypothesis("absolute-angles", rates, cost + 1.0, affine=Affine(np.eye(n), zero, B))
+        yield Hypothesis("absolute-angles", rates, penalty + 1.0, affine=Affine(np.eye(n), zero, B))
         A = np.asarray(np.linalg.inv(B), dtype=np.float64)
         rates = f"the rates and torques of {joints} are added up once more, their angles are not"
-        yield Hypothesis("absolute-angles", rates, cost + 2.0, affine=Affine(np.eye(n), zero, A))
+        yield Hypothesis("absolute-angles", rates, penalty + 2.0, affine=Affine(np.eye(n), zero, A))
         text = f"the angles of {joints} are added to those before where the robot's are added already"
-        yield Hypothesis("absolute-angles", text, cost + 1.0, affine=Affine(A, zero, A))
-        yield Hypothesis("absolute-angles", f"{text}, inside of the formulas", cost + 1.5, affine=_inside(A))
+        yield Hypothesis("absolute-angles", text, penalty + 1.0, affine=Affine(A, zero, A))
+        yield Hypothesis(
+            "absolute-angles", f"{text}, inside of the formulas", penalty + 1.5, affine=_inside(A)
+        )
 
 
-def _steiner(mass: float, com: Array) -> Array:
+def _steiner(body: Body) -> Array:
     """Return the parallel-axis term, m (c.c I - c c')."""
-    return np.asarray(mass * (com @ com * np.eye(3) - np.outer(com, com)))
+    c = body.com
+    return np.asarray(body.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
 def _bodies(tree: Tree) -> Iterator[Hypothesis]:
     """Yield mistakes in mass, centre of mass and inertia."""
-    n, names = tree.n, Names(tree)
-
-    def body(i: int, kind: str, text: str, cost: float, **changes: object) -> Hypothesis:
-        return Hypothesis(kind, text, cost, tree=lambda t: t.with_body(i, **changes))
-
-    def all_bodies(kind: str, text: str, cost: float, change: Callable[[Tree, int], Tree]) -> Hypothesis:
-        def whole(t: Tree) -> Tree:
-            for i in range(t.n):
-                t = change(t, i)
-            return t
-
-        return Hypothesis(kind, text, cost, tree=whole)
-
-    def steiner(t: Tree, i: int, factor: float) -> Tree:
-        b = t.bodies[i]
-        return t.with_body(i, inertia=b.inertia + factor * _steiner(b.mass, b.com))
-
-    missing = "the parallel-axis (Steiner) term m c² is missing"
-    twice = "inertia about the joint used as if about the centre of mass: the parallel-axis term counts twice"
-    yield all_bodies("parallel-axis", f"every link: {missing}", 2, lambda t, i: steiner(t, i, -1.0))
-    yield all_bodies("inertia-about-joint", f"every link: {twice}", 2, lambda t, i: steiner(t, i, 1.0))
-    text = "every link is a point mass: the inertias about the centres of mass are missing"
-    yield all_bodies("no-inertia", text, 2, lambda t, i: t.with_body(i, inertia=np.zeros((3, 3))))
-    for factor, word in ((0.5, "halved"), (2.0, "doubled")):
-
-        def scaled(t: Tree, i: int, factor: float = factor) -> Tree:
-            return t.with_body(i, inertia=factor * t.bodies[i].inertia)
-
-        yield all_bodies("inertia", f"the inertias of all links are {word}", 2.5, scaled)
-    text = "the products of inertia have the other sign in every link"
-    yield all_bodies("products-of-inertia", text, 3, lambda t, i: t.with_body(i, inertia=_signed(t, i, -1.0)))
-    text = "the products of inertia are missing in every link"
-    yield all_bodies("products-of-inertia", text, 3, lambda t, i: t.with_body(i, inertia=_signed(t, i, 0.0)))
-    yield Hypothesis(
-        "armature", "the rotor inertias are missing", 3, tree=lambda t: replace(t, armature=np.zeros(t.n))
-    )
-    for i in range(n):
-        b, link = tree.bodies[i], names.link(i)
-        term = _steiner(b.mass, b.com)
-        yield body(i, "parallel-axis", f"{link}: {missing}", 2, inertia=b.inertia - term)
-        yield body(i, "inertia-about-joint", f"{link}: {twice}", 2, inertia=b.inertia + term)
-        yield body(
-            i, "no-inertia", f"{link}: its inertia about the centre of mass is missing", 2, inertia=0 * term
-        )
-        yield body(i, "no-mass", f"{link}: its mass is missing", 2, mass=0.0)
-        yield body(i, "no-link", f"{link} is missing: no mass and no inertia", 2, mass=0.0, inertia=0 * term)
-        for factor, word in ((-1.0, "have the other sign"), (0.0, "are missing")):
-            text = f"{link}: the products of inertia {word}"
-            yield body(i, "products-of-inertia", text, 3, inertia=_signed(tree, i, factor))
-        for order in itertools.permutations(range(3)):
-            if order == (0, 1, 2):
-                continue
-            axes = ", ".join(_XYZ[k] for k in order)
-            turned = b.inertia[np.ix_(order, order)]
-            text = f"{link}: inertia about the wrong axes: x, y, z stand as {axes}"
-            yield body(i, "inertia-axes", text, 3, inertia=turned)
-            text = f"{link}: centre of mass along the wrong axes: x, y, z stand as {axes}"
-            yield body(i, "com-axes", text, 3, com=b.com[list(order)])
-        yield body(i, "com", f"{link}: centre of mass at the joint", 3, com=np.zeros(3))
-        yield body(i, "com", f"{link}: centre of mass mirrored, with the other sign", 2.5, com=-b.com)
-        for k in range(3):
-            mirrored = b.com.copy()
-            mirrored[k] = -mirrored[k]
-            text = f"{link}: the {_XYZ[k]} of its centre of mass has the other sign"
-            yield body(i, "com", text, 2.6, com=mirrored)
-        end = tree.next_joint(i)
-        if end is not None:
-            text = f"{link}: centre of mass at its far end (the length l for lc)"
-            yield body(i, "com", text, 2.5, com=end)
-            text = f"{link}: distance of its centre of mass counted from the far end (l - lc for lc)"
-            yield body(i, "com", text, 2.5, com=end - b.com)
-            yield body(i, "com", f"{link}: centre of mass in the middle (l/2 for lc)", 2.7, com=0.5 * end)
+    yield from _every_body()
+    names = Names(tree)
+    for i in range(tree.n):
+        link = names.link(i)
+        for kind, text, penalty, changes in (*_wrong_inertias(tree.bodies[i]), *_wrong_coms(tree, i)):
+            yield Hypothesis(kind, link + text, penalty, tree=_with_body(i, changes))
         for j in range(i):
-            o, both = tree.bodies[j], f"{names.link(j)} and {names.link(i)}"
-            for kind, fields in (
-                ("masses", ("mass",)),
-                ("centres of mass", ("com",)),
-                ("inertias", ("inertia",)),
-                ("masses, centres of mass and inertias", ("mass", "com", "inertia")),
-            ):
-                mine = {f: getattr(o, f) for f in fields}
-                others = {f: getattr(b, f) for f in fields}
-                yield Hypothesis(
-                    "links-swapped",
-                    f"the {kind} of {both} are swapped",
-                    3,
-                    tree=_both(i, mine, j, others),
-                )
+            yield from _swapped_bodies(tree, i, j)
+
+
+_NO_STEINER = "the parallel-axis (Steiner) term m c² is missing"
+_TWO_STEINER = (
+    "inertia about the joint used as if about the centre of mass: the parallel-axis term counts twice"
+)
+
+
+def _every_body() -> Iterator[Hypothesis]:
+    """Yield mistakes in the inertias of all links at once."""
+    point = "every link is a point mass: the inertias about the centres of mass are missing"
+    products = "the products of inertia"
+    changes: tuple[tuple[str, str, float, Callable[[Body], Array]], ...] = (
+        ("parallel-axis", f"every link: {_NO_STEINER}", 2, lambda b: b.inertia - _steiner(b)),
+        ("inertia-about-joint", f"every link: {_TWO_STEINER}", 2, lambda b: b.inertia + _steiner(b)),
+        ("no-inertia", point, 2, lambda b: 0.0 * b.inertia),
+        ("inertia", "the inertias of all links are halved", 2.5, lambda b: 0.5 * b.inertia),
+        ("inertia", "the inertias of all links are doubled", 2.5, lambda b: 2.0 * b.inertia),
+        (
+            "products-of-inertia",
+            f"{products} have the other sign in every link",
+            3,
+            lambda b: _signed(b, -1.0),
+        ),
+        ("products-of-inertia", f"{products} are missing in every link", 3, lambda b: _signed(b, 0.0)),
+    )
+    for kind, text, penalty, inertia in changes:
+        yield Hypothesis(kind, text, penalty, tree=partial(_with_inertias, inertia=inertia))
+    text = "the rotor inertias are missing"
+    yield Hypothesis("armature", text, 3, tree=lambda t: replace(t, armature=np.zeros(t.n)))
+
+
+#: Kind, text after the link's name, penalty, and the fields of the body that change.
+_Change = tuple[str, str, float, dict[str, object]]
+
+
+def _wrong_inertias(b: Body) -> Iterator[_Change]:
+    """Yield mistakes in mass and inertia of one link, and in the axes of what it has."""
+    none = 0.0 * b.inertia
+    yield "parallel-axis", f": {_NO_STEINER}", 2, {"inertia": b.inertia - _steiner(b)}
+    yield "inertia-about-joint", f": {_TWO_STEINER}", 2, {"inertia": b.inertia + _steiner(b)}
+    yield "no-inertia", ": its inertia about the centre of mass is missing", 2, {"inertia": none}
+    yield "no-mass", ": its mass is missing", 2, {"mass": 0.0}
+    yield "no-link", " is missing: no mass and no inertia", 2, {"mass": 0.0, "inertia": none}
+    products = "products-of-inertia"
+    yield products, ": the products of inertia have the other sign", 3, {"inertia": _signed(b, -1.0)}
+    yield products, ": the products of inertia are missing", 3, {"inertia": _signed(b, 0.0)}
+    for order in list(itertools.permutations(range(3)))[1:]:  # the first is x, y, z itself
+        text = f"about the wrong axes: x, y, z stand as {', '.join(_XYZ[k] for k in order)}"
+        yield "inertia-axes", f": inertia {text}", 3, {"inertia": b.inertia[np.ix_(order, order)]}
+        text = text.replace("about", "along")
+        yield "com-axes", f": centre of mass {text}", 3, {"com": b.com[list(order)]}
+
+
+def _wrong_coms(tree: Tree, i: int) -> Iterator[_Change]:
+    """Yield mistakes in where the centre of mass of one link is."""
+    com, end = tree.bodies[i].com, tree.next_joint(i)
+    yield "com", ": centre of mass at the joint", 3, {"com": np.zeros(3)}
+    yield "com", ": centre of mass mirrored, with the other sign", 2.5, {"com": -com}
+    for k in range(3):
+        mirrored = np.where(np.arange(3) == k, -com, com)
+        yield "com", f": the {_XYZ[k]} of its centre of mass has the other sign", 2.6, {"com": mirrored}
+    if end is not None:
+        counted = ": distance of its centre of mass counted from the far end (l - lc for lc)"
+        yield "com", ": centre of mass at its far end (the length l for lc)", 2.5, {"com": end}
+        yield "com", counted, 2.5, {"com": end - com}
+        yield "com", ": centre of mass in the middle (l/2 for lc)", 2.7, {"com": 0.5 * end}
+
+
+def _swapped_bodies(tree: Tree, i: int, j: int) -> Iterator[Hypothesis]:
+    """Yield values of two links that are swapped."""
+    names, first, second = Names(tree), tree.bodies[j], tree.bodies[i]
+    for what, fields in (
+        ("masses", ("mass",)),
+        ("centres of mass", ("com",)),
+        ("inertias", ("inertia",)),
+        ("masses, centres of mass and inertias", ("mass", "com", "inertia")),
+    ):
+        to_i, to_j = ({field: getattr(b, field) for field in fields} for b in (first, second))
+        text = f"the {what} of {names.link(j)} and {names.link(i)} are swapped"
+        yield Hypothesis("links-swapped", text, 3, tree=_both(i, to_i, j, to_j))
+
+
+def _with_body(i: int, changes: Mapping[str, object]) -> Callable[[Tree], Tree]:
+    """Return a change of one body."""
+    return lambda t: t.with_body(i, **changes)
+
+
+def _with_inertias(tree: Tree, inertia: Callable[[Body], Array]) -> Tree:
+    """Return the tree with another inertia of every body."""
+    return replace(tree, bodies=tuple(b._replace(inertia=inertia(b)) for b in tree.bodies))
 
 
 def _both(i: int, mine: Mapping[str, object], j: int, others: Mapping[str, object]) -> Callable[[Tree], Tree]:
@@ -375,9 +403,9 @@ def _both(i: int, mine: Mapping[str, object], j: int, others: Mapping[str, objec
     return lambda t: t.with_body(i, **mine).with_body(j, **others)
 
 
-def _signed(tree: Tree, i: int, factor: float) -> Array:
+def _signed(body: Body, factor: float) -> Array:
     """Return an inertia whose products are multiplied by a factor."""
-    tensor = tree.bodies[i].inertia
+    tensor = body.inertia
     return np.asarray(factor * tensor + (1.0 - factor) * np.diag(np.diag(tensor)))
 
 
@@ -393,7 +421,7 @@ def _frames(tree: Tree) -> Iterator[Hypothesis]:
         for k, sign in itertools.product(range(3), (1.0, -1.0)):
             axis = np.zeros(3)
             axis[k] = sign
-            if abs(abs(axis @ tree.axes[i]) - 1.0) < 1e-9:
+            if abs(abs(axis @ tree.axes[i]) - 1.0) < _PARALLEL:
                 continue
             verb = "slides along" if tree.prismatic[i] else "turns about"
             text = f"{joint} {verb} {'-' if sign < 0 else ''}{_XYZ[k]}, the robot's {_vector(tree.axes[i])}"
@@ -455,18 +483,8 @@ def _lengths(tree: Tree, names: Names) -> Iterator[Hypothesis]:
         yield Hypothesis("lengths-swapped", text, 3, tree=swapped(i, j))
 
 
-def _kinematic(tree: Tree) -> Iterator[Hypothesis]:
+def _kinematic() -> Iterator[Hypothesis]:
     """Yield mistakes in the frame of the tool's position and of its Jacobian."""
-
-    def turned(R: Array) -> Callable[[Pieces], Pieces]:
-        def change(p: Pieces) -> Pieces:
-            changed = {"F": p["F"] @ R.T} if "F" in p else {}
-            if "J" in p:
-                changed["J"] = np.concatenate([R @ p["J"][:, :3], R @ p["J"][:, 3:]], axis=1)
-            return changed
-
-        return change
-
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             R = np.diag(signs) @ np.eye(3)[list(order)]
@@ -474,43 +492,63 @@ def _kinematic(tree: Tree) -> Iterator[Hypothesis]:
                 continue
             axes = ", ".join(f"{'-' if s < 0.0 else ''}{_XYZ[k]}" for s, k in zip(signs, order, strict=True))
             text = f"the kinematics in another frame: {axes} of the base stand as x, y, z"
+            # Fewer minus signs are likelier, and a left-handed frame is less so than a right-handed one.
             flips = sum(s < 0.0 for s in signs)
-            cost = 2.0 + 0.1 * flips + (0.0 if np.linalg.det(R) > 0.0 else 0.3)
-            yield Hypothesis("frame", text, cost, post=turned(R))
+            penalty = 2.0 + 0.1 * flips + (0.0 if np.linalg.det(R) > 0.0 else 0.3)
+            yield Hypothesis("frame", text, penalty, post=partial(_in_frame, R=R))
+    rows: tuple[tuple[str, float, Callable[[Array, Array, Array], Array]], ...] = (
+        (
+            "the Jacobian along the axes of the tool (body frame), not along those of the base",
+            2,
+            lambda J, R, _: np.concatenate([R.T @ J[:3], R.T @ J[3:]]),
+        ),
+        (
+            "the Jacobian of the point of the tool that passes the base's origin (spatial velocity)",
+            2,
+            lambda J, _, p: np.concatenate([J[:3] + np.cross(p, J[3:], axisb=0).T, J[3:]]),
+        ),
+        (
+            "the angular rows of the Jacobian along the axes of the tool, not along those of the base",
+            2.5,
+            lambda J, R, _: np.concatenate([J[:3], R.T @ J[3:]]),
+        ),
+        (
+            "the angular rows of the Jacobian are rates of roll, pitch, yaw (analytic), "
+            "not angular velocities",
+            2.5,
+            lambda J, R, _: np.concatenate([J[:3], _of_rpy(R) @ J[3:]]),
+        ),
+        (
+            "the angular rows of the Jacobian are rates of ZYZ Euler angles (analytic), "
+            "not angular velocities",
+            2.5,
+            lambda J, R, _: np.concatenate([J[:3], _of_zyz(R) @ J[3:]]),
+        ),
+    )
+    for text, penalty, change in rows:
+        yield Hypothesis("jacobian", text, penalty, custom=_jacobian(change))
 
-    def with_tool(change: Callable[[Array, Array, Array], Array]) -> Callable[..., Pieces]:
-        def custom(t: Tree, q: Array, want: Iterable[str]) -> Pieces:
-            pieces = evaluate(t, q, want)
-            if "J" in pieces:
-                seen = evaluate(t, q, ("R", "F"))
-                parts = zip(pieces["J"], seen["R"], seen["F"], strict=True)
-                pieces["J"] = np.stack([change(J, R, p) for J, R, p in parts])
-            return pieces
 
-        return custom
+def _in_frame(p: Quantities, R: Array) -> Quantities:
+    """Return position and Jacobian of the tool along other axes."""
+    changed = {"F": p["F"] @ R.T} if "F" in p else {}
+    if "J" in p:
+        changed["J"] = np.concatenate([R @ p["J"][:, :3], R @ p["J"][:, 3:]], axis=1)
+    return changed
 
-    def along_tool(J: Array, R: Array, _: Array) -> Array:
-        return np.concatenate([R.T @ J[:3], R.T @ J[3:]])
 
-    def spatial(J: Array, _: Array, p: Array) -> Array:
-        return np.concatenate([J[:3] + np.cross(p, J[3:], axisb=0).T, J[3:]])
+def _jacobian(change: Callable[[Array, Array, Array], Array]) -> Callable[..., Quantities]:
+    """Return the quantities with another Jacobian: a function of it, of rotation and position of the tool."""
 
-    def spin_along_tool(J: Array, R: Array, _: Array) -> Array:
-        return np.concatenate([J[:3], R.T @ J[3:]])
+    def custom(t: Tree, q: Array, want: Iterable[str]) -> Quantities:
+        quantities = evaluate(t, q, want)
+        if "J" in quantities:
+            tool = evaluate(t, q, ("R", "F"))
+            rows = zip(quantities["J"], tool["R"], tool["F"], strict=True)
+            quantities["J"] = np.stack([change(J, R, p) for J, R, p in rows])
+        return quantities
 
-    body = "the Jacobian along the axes of the tool (body frame), not along those of the base"
-    moving = "the Jacobian of the point of the tool that passes the base's origin (spatial velocity)"
-    spin = "the angular rows of the Jacobian along the axes of the tool, not along those of the base"
-    yield Hypothesis("jacobian", body, 2, custom=with_tool(along_tool))
-    yield Hypothesis("jacobian", moving, 2, custom=with_tool(spatial))
-    yield Hypothesis("jacobian", spin, 2.5, custom=with_tool(spin_along_tool))
-    for name, rates in (("roll, pitch, yaw", _of_rpy), ("ZYZ Euler angles", _of_zyz)):
-
-        def analytic(J: Array, R: Array, _: Array, rates: Callable[[Array], Array] = rates) -> Array:
-            return np.concatenate([J[:3], rates(R) @ J[3:]])
-
-        text = f"the angular rows of the Jacobian are rates of {name} (analytic), not angular velocities"
-        yield Hypothesis("jacobian", text, 2.5, custom=with_tool(analytic))
+    return custom
 
 
 def _of_rpy(R: Array) -> Array:
@@ -529,80 +567,87 @@ def _of_zyz(R: Array) -> Array:
     return np.asarray(np.linalg.pinv(T))
 
 
+def _on(name: str, change: Callable[[Array], Array], becomes: str = "") -> Callable[[Quantities], Quantities]:
+    """Return a change of one quantity, where it is asked for; `becomes` is the quantity that it gives."""
+    return lambda p: {becomes or name: change(p[name])} if name in p else {}
+
+
+def _scaled(diagonal: float, others: float) -> Callable[[Array], Array]:
+    """Return a change of D, or of the squares (diagonal) and the other products of velocities in H."""
+    return lambda x: np.asarray(x * np.where(np.eye(x.shape[-1]) > 0.0, diagonal, others))
+
+
+def _rates(along: float, across: float) -> Callable[[Array], Array]:
+    """Return an H of along dD/dt v + across d(v'Dv)/dq; right are 1 and -1/2."""
+
+    def change(H: Array) -> Array:
+        # D's slopes from its Christoffel symbols: [i, j, k] is the derivative of D_ij by q_k.
+        slope = H + np.swapaxes(H, -3, -2)
+        straight = 0.5 * (slope + np.swapaxes(slope, -1, -2))
+        return np.asarray(along * straight + across * np.moveaxis(slope, -1, -3))
+
+    return change
+
+
+def _transposed(H: Array) -> Array:
+    """Return the H of C', made symmetric again."""
+    T = np.swapaxes(H, -3, -2)
+    return np.asarray(0.5 * (T + np.swapaxes(T, -1, -2)))
+
+
+_MIXED = "every product of two different velocities"
+_INCLUDED = "gravity is contained in the Coriolis torque"
+#: Formulas that are wrong whatever the arm: kind, text, penalty, and the change of the quantities.
+_FORMULAS: tuple[tuple[str, str, float, Callable[[Quantities], Quantities]], ...] = (
+    ("sign", "D has its off-diagonal entries with the other sign", 2, _on("D", _scaled(1.0, -1.0))),
+    ("missing", "D has no off-diagonal entries", 2, _on("D", _scaled(1.0, 0.0))),
+    ("factor", f"a factor 2 is missing in {_MIXED}", 1.5, _on("H", _scaled(1.0, 0.5))),
+    ("factor", f"a factor 1/2 is missing in {_MIXED}", 1.5, _on("H", _scaled(1.0, 2.0))),
+    ("missing", "all products of two different velocities are missing", 2, _on("H", _scaled(1.0, 0.0))),
+    ("missing", "all centrifugal products (squares) are missing", 2, _on("H", _scaled(0.0, 1.0))),
+    ("sign", "the centrifugal products (squares) have the other sign", 2, _on("H", _scaled(-1.0, 1.0))),
+    ("factor", "a factor 1/2 is missing in every square", 2, _on("H", _scaled(2.0, 1.0))),
+    ("factor", "a factor 2 is missing in every square", 2, _on("H", _scaled(0.5, 1.0))),
+    ("transposed", "C is transposed", 1.5, _on("H", _transposed)),
+    ("christoffel", "-½ ∂(v'Dv)/∂q is missing: it is Ḋ v alone", 1.8, _on("H", _rates(1.0, 0.0))),
+    ("christoffel", "it is ½ Ḋ v", 1.8, _on("H", _rates(0.5, 0.0))),
+    ("christoffel", "the ½ of -½ ∂(v'Dv)/∂q is missing", 1.8, _on("H", _rates(1.0, -1.0))),
+    ("christoffel", "+½ ∂(v'Dv)/∂q stands for -½ ∂(v'Dv)/∂q", 1.8, _on("H", _rates(1.0, 0.5))),
+    ("christoffel", "Ḋ v is missing: it is -½ ∂(v'Dv)/∂q alone", 1.8, _on("H", _rates(0.0, -0.5))),
+    ("christoffel", "½ Ḋ v stands for Ḋ v", 1.8, _on("H", _rates(0.5, -0.5))),
+    ("gravity-included", _INCLUDED, 1.5, _on("G", lambda G: G, "Z")),
+    ("gravity-included", f"{_INCLUDED}, with the other sign", 2, _on("G", lambda G: -G, "Z")),
+    (
+        "jacobian",
+        "the rows of the Jacobian stand in another order: angular first",
+        2,
+        _on("J", lambda J: np.roll(J, 3, axis=1)),
+    ),
+)
+
+
 def _structure() -> Iterator[Hypothesis]:
-    """Yield mistakes in how the terms are formed, whatever the arm."""
-
-    def scaled(name: str, factor: float) -> Callable[[Pieces], Pieces]:
-        return lambda p: {name: factor * p[name]} if name in p else {}
-
-    def masked(name: str, diagonal: float, others: float) -> Callable[[Pieces], Pieces]:
-        def change(p: Pieces) -> Pieces:
-            if name not in p:
-                return {}
-            n = p[name].shape[-1]
-            return {name: p[name] * np.where(np.eye(n) > 0.0, diagonal, others)}
-
-        return change
-
-    def rates(along: float, across: float) -> Callable[[Pieces], Pieces]:
-        """Take along dD/dt v + across d(v'Dv)/dq in place of 1 and -1/2."""
-
-        def change(p: Pieces) -> Pieces:
-            if "H" not in p:
-                return {}
-            H = p["H"]
-            slope = H + np.swapaxes(H, -3, -2)  # [i, j, k]: derivative of D_ij by q_k
-            straight = 0.5 * (slope + np.swapaxes(slope, -1, -2))
-            return {"H": along * straight + across * np.moveaxis(slope, -1, -3)}
-
-        return change
-
-    def transposed(p: Pieces) -> Pieces:
-        if "H" not in p:
-            return {}
-        T = np.swapaxes(p["H"], -3, -2)
-        return {"H": 0.5 * (T + np.swapaxes(T, -1, -2))}
-
-    def make(kind: str, text: str, cost: float, post: Callable[[Pieces], Pieces]) -> Hypothesis:
-        return Hypothesis(kind, text, cost, post=post)
-
-    whole = {
-        "D": "the inertia matrix",
-        "H": "the Coriolis torque",
-        "G": "gravity",
-        "V": "the potential energy",
-    }
-    for name, word in whole.items():
-        yield make("factor", f"a factor 2 is missing in all of {word}", 2, scaled(name, 0.5))
-        yield make("factor", f"a factor 1/2 is missing in all of {word}", 2, scaled(name, 2.0))
-        if name not in ("G", "V"):
-            yield make("sign", f"the sign of all of {word}", 1, scaled(name, -1.0))
-            yield make("missing", f"{word} is zero", 1, scaled(name, 0.0))
-    yield make("sign", "D has its off-diagonal entries with the other sign", 2, masked("D", 1.0, -1.0))
-    yield make("missing", "D has no off-diagonal entries", 2, masked("D", 1.0, 0.0))
-    text = "a factor 2 is missing in every product of two different velocities"
-    yield make("factor", text, 1.5, masked("H", 1.0, 0.5))
-    text = "a factor 1/2 is missing in every product of two different velocities"
-    yield make("factor", text, 1.5, masked("H", 1.0, 2.0))
-    yield make("missing", "all products of two different velocities are missing", 2, masked("H", 1.0, 0.0))
-    yield make("missing", "all centrifugal products (squares) are missing", 2, masked("H", 0.0, 1.0))
-    yield make("sign", "the centrifugal products (squares) have the other sign", 2, masked("H", -1.0, 1.0))
-    yield make("factor", "a factor 1/2 is missing in every square", 2, masked("H", 2.0, 1.0))
-    yield make("factor", "a factor 2 is missing in every square", 2, masked("H", 0.5, 1.0))
-    yield make("transposed", "C is transposed", 1.5, transposed)
-    yield make("christoffel", "-½ ∂(v'Dv)/∂q is missing: it is Ḋ v alone", 1.8, rates(1.0, 0.0))
-    yield make("christoffel", "it is ½ Ḋ v", 1.8, rates(0.5, 0.0))
-    yield make("christoffel", "the ½ of -½ ∂(v'Dv)/∂q is missing", 1.8, rates(1.0, -1.0))
-    yield make("christoffel", "+½ ∂(v'Dv)/∂q stands for -½ ∂(v'Dv)/∂q", 1.8, rates(1.0, 0.5))
-    yield make("christoffel", "Ḋ v is missing: it is -½ ∂(v'Dv)/∂q alone", 1.8, rates(0.0, -0.5))
-    yield make("christoffel", "½ Ḋ v stands for Ḋ v", 1.8, rates(0.5, -0.5))
-    text = "gravity is contained in the Coriolis torque"
-    yield make("gravity-included", text, 1.5, lambda p: {"Z": p["G"]} if "G" in p else {})
-    yield make(
-        "gravity-included", text + ", with the other sign", 2, lambda p: {"Z": -p["G"]} if "G" in p else {}
-    )
-    text = "the rows of the Jacobian stand in another order: angular first"
-    yield make("jacobian", text, 2, lambda p: {"J": np.roll(p["J"], 3, axis=1)} if "J" in p else {})
+    """Yield mistakes in how the quantities are formed, whatever the arm."""
+    for name, what in (
+        ("D", "the inertia matrix"),
+        ("H", "the Coriolis torque"),
+        ("G", "gravity"),
+        ("V", "the potential energy"),
+    ):
+        changes: list[tuple[str, str, float, float]] = [
+            ("factor", f"a factor 2 is missing in all of {what}", 2, 0.5),
+            ("factor", f"a factor 1/2 is missing in all of {what}", 2, 2.0),
+        ]
+        # Gravity's sign and strength are found by least squares, as a vector.
+        if name in ("D", "H"):
+            changes += [
+                ("sign", f"the sign of all of {what}", 1, -1.0),
+                ("missing", f"{what} is zero", 1, 0.0),
+            ]
+        for kind, text, penalty, factor in changes:
+            yield Hypothesis(kind, text, penalty, post=_on(name, partial(np.multiply, factor)))
+    for kind, text, penalty, post in _FORMULAS:
+        yield Hypothesis(kind, text, penalty, post=post)
 
 
 def _left_out(tree: Tree) -> Iterator[Hypothesis]:
@@ -622,8 +667,8 @@ def _left_out(tree: Tree) -> Iterator[Hypothesis]:
                 yield Hypothesis("left-out", text, 3, custom=_dropper(k, j, turning))
 
 
-def _dropper(k: int, j: int, turning: bool) -> Callable[[Tree, Array, Iterable[str]], Pieces]:
-    """Return the pieces where body k does not turn (or its centre not move) with joint j."""
+def _dropper(k: int, j: int, turning: bool) -> Callable[[Tree, Array, Iterable[str]], Quantities]:
+    """Return the quantities where body k does not turn (or its centre not move) with joint j."""
 
     def lost(tree: Tree, _: Array, spin: Array, move: Array) -> Array:
         body = tree.bodies[k]
@@ -635,8 +680,8 @@ def _dropper(k: int, j: int, turning: bool) -> Callable[[Tree, Array, Iterable[s
     return _less(k, lost)
 
 
-def _less(k: int, lost: Callable[[Tree, Array, Array, Array], Array]) -> Callable[..., Pieces]:
-    """Return the pieces of an arm whose D lacks something of body k.
+def _less(k: int, lost: Callable[[Tree, Array, Array, Array], Array]) -> Callable[..., Quantities]:
+    """Return the quantities of an arm whose D lacks something of body k.
 
     Args:
         k: the body.
@@ -644,9 +689,9 @@ def _less(k: int, lost: Callable[[Tree, Array, Array, Array], Array]) -> Callabl
             Jacobians of its turning and of its centre of mass, (3, n), along its own axes.
     """
 
-    def custom(tree: Tree, q: Array, want: Iterable[str]) -> Pieces:
+    def custom(tree: Tree, q: Array, want: Iterable[str]) -> Quantities:
         want = tuple(want)
-        pieces = evaluate(tree, q, want)
+        quantities = evaluate(tree, q, want)
         model = tree.model()
         data = model.createData()
         com, n = tree.bodies[k].com, tree.n
@@ -661,14 +706,14 @@ def _less(k: int, lost: Callable[[Tree, Array, Array, Array], Array]) -> Callabl
             return out
 
         if "D" in want:
-            pieces["D"] = pieces["D"] - all_lost(q)
+            quantities["D"] = quantities["D"] - all_lost(q)
         if "H" in want:
             step, columns = 1e-3, []
             for e in np.eye(n):
                 near, far = (all_lost(q + step * m * e) - all_lost(q - step * m * e) for m in (1, 2))
                 columns.append((8.0 * near - far) / (12.0 * step))
-            pieces["H"] = pieces["H"] - christoffel(np.stack(columns, axis=-1))
-        return pieces
+            quantities["H"] = quantities["H"] - christoffel(np.stack(columns, axis=-1))
+        return quantities
 
     return custom
 
@@ -689,10 +734,10 @@ def _unturned(tree: Tree) -> Iterator[Hypothesis]:
 
     def links(
         chosen: Iterable[int], ends_of: Mapping[int, Array], backward: bool
-    ) -> Callable[[Tree, Array, Iterable[str]], Pieces]:
+    ) -> Callable[[Tree, Array, Iterable[str]], Quantities]:
         changes = [_less(k, wrong(k, ends_of[k], backward)) for k in chosen]
 
-        def custom(t: Tree, q: Array, want: Iterable[str]) -> Pieces:
+        def custom(t: Tree, q: Array, want: Iterable[str]) -> Quantities:
             want = tuple(want)
             right, total = evaluate(t, q, want), evaluate(t, q, want)
             for change in changes:
@@ -717,8 +762,8 @@ def _unturned(tree: Tree) -> Iterator[Hypothesis]:
                     else "not turned into the base frame (I for R I R')"
                 )
                 text = f"the inertia of {which} is {how}"
-                cost = 2.8 if chosen == turning else 3.2
-                yield Hypothesis("inertia-frame", text, cost, custom=links(chosen, frame, backward))
+                penalty = 2.8 if chosen == turning else 3.2
+                yield Hypothesis("inertia-frame", text, penalty, custom=links(chosen, frame, backward))
 
 
 def _far_rotation(tree: Tree, k: int) -> Array:
@@ -729,151 +774,144 @@ def _far_rotation(tree: Tree, k: int) -> Array:
     return tree.tool_rotation if tree.tool_parent == k else np.eye(3)
 
 
-def families(tree: Tree) -> list[ParametricHypothesis]:
+def parametric_hypotheses(tree: Tree) -> list[ParametricHypothesis]:
     """Return the mistakes in one number of the robot."""
-    n, names = tree.n, Names(tree)
     found: list[ParametricHypothesis] = []
-
-    def add(
-        kind: str,
-        what: str,
-        unit: str,
-        value: float,
-        cost: float,
-        change: Callable[[Tree, float], Tree],
-        angle: bool = False,
-    ) -> None:
-        def member(x: float) -> Hypothesis:
-            return Hypothesis(kind, what, cost, tree=lambda t: change(t, x))
-
-        found.append(ParametricHypothesis(kind, what, unit, value, cost, angle, member))
-
-    def vector(field: str, i: int, start: Array, direction: Array) -> Callable[[Tree, float], Tree]:
-        across = start - (start @ direction) * direction
-        if field == "com":
-            return lambda t, x: t.with_body(i, com=across + x * direction)
-        if field == "tool_position":
-            return lambda t, x: replace(t, tool_position=across + x * direction)
-        return lambda t, x: t.with_item("positions", i, across + x * direction)
-
-    def directions(start: Array) -> Iterator[tuple[str, Array, float]]:
-        for k in range(3):
-            yield f" along {_XYZ[k]}", np.eye(3)[k], 0.0 if start[k] else 1.0
-        if np.count_nonzero(np.abs(start) > 1e-12) > 1:
-            yield " along its line", start / np.linalg.norm(start), 0.0
-
-    for i in range(n):
-        b, link, joint = tree.bodies[i], names.link(i), names.joint(i)
-
-        def weight(t: Tree, x: float, i: int = i) -> Tree:
-            return t.with_body(i, mass=x)
-
-        add("mass", f"mass of {link}", "kg", b.mass, 5, weight)
-        for way, direction, more in directions(b.com):
-            value = float(b.com @ direction)
-            add(
-                "com",
-                f"centre of mass of {link}{way}",
-                "m",
-                value,
-                5 + more,
-                vector("com", i, b.com, direction),
-            )
-        for r, c in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
-
-            def tensor(t: Tree, x: float, i: int = i, r: int = r, c: int = c) -> Tree:
-                changed = t.bodies[i].inertia.copy()
-                changed[r, c] = changed[c, r] = x
-                return t.with_body(i, inertia=changed)
-
-            what = f"inertia I{_XYZ[r]}{_XYZ[c]} of {link}"
-            add("inertia", what, "kg m²", float(b.inertia[r, c]), 5 if r == c else 6, tensor)
-        p = tree.positions[i]
-        for way, direction, more in directions(p):
-            what = (
-                f"length from {names.joint(tree.parents[i])} to {joint}{way}"
-                if tree.parents[i] >= 0
-                else f"length from the base to {joint}{way}"
-            )
-            add("length", what, "m", float(p @ direction), 5 + more, vector("positions", i, p, direction))
-
-        def rotor(t: Tree, x: float, i: int = i) -> Tree:
-            armature = t.armature.copy()
-            armature[i] = x
-            return replace(t, armature=armature)
-
-        add("armature", f"rotor inertia of {joint}", "kg m²", float(tree.armature[i]), 7, rotor)
-        for k in range(3):
-            axis = np.eye(3)[k]
-            if abs(abs(axis @ tree.axes[i]) - 1.0) < 1e-9 and not tree.prismatic[i]:
-                continue
-
-            def tilt(t: Tree, x: float, i: int = i, axis: Array = axis) -> Tree:
-                return t.with_item("rotations", i, t.rotations[i] @ pin.exp3(x * axis))
-
-            add("tilt", f"angle by which {joint} is tilted about {_XYZ[k]}", "rad", 0.0, 7, tilt, angle=True)
-
-        def shifted(x: float, i: int = i, what: str = f"zero of {joint}") -> Hypothesis:
-            affine = identity(n)
-            b = affine.b.copy()
-            b[i] = x
-            return Hypothesis("offset", what, 4, affine=affine._replace(b=b))
-
-        prismatic = tree.prismatic[i]
-        found.append(
-            ParametricHypothesis(
-                "offset",
-                f"offset added to q{i + 1}",
-                "m" if prismatic else "rad",
-                0.0,
-                4,
-                not prismatic,
-                shifted,
-            )
-        )
-    if n > 1:
-
-        def masses(t: Tree, x: float) -> Tree:
-            return replace(t, bodies=tuple(b._replace(mass=x * b.mass) for b in t.bodies))
-
-        def inertias(t: Tree, x: float) -> Tree:
-            return replace(t, bodies=tuple(b._replace(inertia=x * b.inertia) for b in t.bodies))
-
-        add("scale", "all masses times", "", 1.0, 6, masses)
-        add("scale", "all inertias about the centres of mass times", "", 1.0, 6, inertias)
-
-    def lengths(t: Tree, x: float) -> Tree:
-        bodies = tuple(b._replace(com=x * b.com) for b in t.bodies)
-        positions = tuple(x * p for p in t.positions)
-        return replace(t, bodies=bodies, positions=positions, tool_position=x * t.tool_position)
-
-    add("scale", "all lengths times", "", 1.0, 6, lengths)
-    for i in range(n):
-        k, p = tree.parents[i], tree.positions[i]
-        if k < 0 or not p.any():
-            continue
-        for way, direction, more in directions(p):
-            if more:
-                continue
-
-            def longer(t: Tree, x: float, i: int = i, k: int = k, direction: Array = direction) -> Tree:
-                change = (x - float(tree.positions[i] @ direction)) * direction
-                t = t.with_item("positions", i, t.positions[i] + change)
-                return t.with_body(k, com=t.bodies[k].com + change)
-
-            what = f"length from {names.joint(k)} to {names.joint(i)}{way}"
-            what += f", with the centre of mass of {names.link(k)} counted from its far end"
-            add("length", what, "m", float(p @ direction), 5.5, longer)
-    p = tree.tool_position
-    for way, direction, more in directions(p):
-        what = f"position of the tool{way}"
-        add("tool", what, "m", float(p @ direction), 5 + more, vector("tool_position", 0, p, direction))
+    for i in range(tree.n):
+        found += _body_numbers(tree, i)
+        found += _joint_numbers(tree, i)
+    found += _scales(tree)
+    for i in range(tree.n):
+        found += _moved_links(tree, i)
+    text, tool = "position of the tool", tree.tool_position
+    found += _components("tool", text, tool, lambda t, x: replace(t, tool_position=x))
     return found
 
 
+def _number(
+    kind: str,
+    what: str,
+    unit: str,
+    value: float,
+    penalty: float,
+    change: Callable[[Tree, float], Tree],
+    angle: bool = False,
+) -> ParametricHypothesis:
+    """Return the hypothesis that one number of the tree has another value."""
+
+    def instance(x: float) -> Hypothesis:
+        return Hypothesis(kind, what, penalty, tree=lambda t: change(t, x))
+
+    return ParametricHypothesis(kind, what, unit, value, penalty, angle, instance)
+
+
+def _directions(start: Array) -> Iterator[tuple[str, Array, float]]:
+    """Yield the directions in which a vector may be wrong: text, unit vector, additional penalty."""
+    for k, axis in enumerate(np.eye(3)):
+        # A component that the robot does not have is rarely what a model has too much.
+        yield f" along {_XYZ[k]}", axis, 0.0 if start[k] else 1.0
+    if np.count_nonzero(np.abs(start) > 1e-12) > 1:
+        yield " along its line", start / np.linalg.norm(start), 0.0
+
+
+def _components(
+    kind: str, what: str, start: Array, place: Callable[[Tree, Array], Tree]
+) -> Iterator[ParametricHypothesis]:
+    """Yield the hypotheses that a vector has another component, or another length."""
+    for way, direction, more in _directions(start):
+        across = start - (start @ direction) * direction
+
+        def change(t: Tree, x: float, across: Array = across, direction: Array = direction) -> Tree:
+            return place(t, across + x * direction)
+
+        yield _number(kind, what + way, "m", float(start @ direction), 5 + more, change)
+
+
+def _body_numbers(tree: Tree, i: int) -> Iterator[ParametricHypothesis]:
+    """Yield the numbers of body i."""
+    b, link = tree.bodies[i], Names(tree).link(i)
+    yield _number("mass", f"mass of {link}", "kg", b.mass, 5, lambda t, x: t.with_body(i, mass=x))
+    yield from _components("com", f"centre of mass of {link}", b.com, lambda t, x: t.with_body(i, com=x))
+    for r, c in MOMENTS:
+
+        def change(t: Tree, x: float, r: int = r, c: int = c) -> Tree:
+            tensor = t.bodies[i].inertia.copy()
+            tensor[r, c] = tensor[c, r] = x
+            return t.with_body(i, inertia=tensor)
+
+        what = f"inertia I{_XYZ[r]}{_XYZ[c]} of {link}"
+        yield _number("inertia", what, "kg m²", float(b.inertia[r, c]), 5 if r == c else 6, change)
+
+
+def _joint_numbers(tree: Tree, i: int) -> Iterator[ParametricHypothesis]:
+    """Yield the numbers of joint i: the length before it, its rotor, its tilt and its zero."""
+    names, parent, slides = Names(tree), tree.parents[i], tree.prismatic[i]
+    joint = names.joint(i)
+    what = f"length from {names.joint(parent) if parent >= 0 else 'the base'} to {joint}"
+    yield from _components("length", what, tree.positions[i], lambda t, x: t.with_item("positions", i, x))
+
+    def rotor(t: Tree, x: float) -> Tree:
+        return replace(t, armature=np.where(np.arange(t.n) == i, x, t.armature))
+
+    yield _number("armature", f"rotor inertia of {joint}", "kg m²", float(tree.armature[i]), 7, rotor)
+    for k, axis in enumerate(np.eye(3)):
+        # A tilt about a joint's own axis is another zero of it.
+        if not slides and abs(abs(axis @ tree.axes[i]) - 1.0) < _PARALLEL:
+            continue
+
+        def tilt(t: Tree, x: float, axis: Array = axis) -> Tree:
+            return t.with_item("rotations", i, t.rotations[i] @ pin.exp3(x * axis))
+
+        what = f"angle by which {joint} is tilted about {_XYZ[k]}"
+        yield _number("tilt", what, "rad", 0.0, 7, tilt, angle=True)
+
+    def shifted(x: float) -> Hypothesis:
+        same = identity(tree.n)
+        return Hypothesis("offset", f"zero of {joint}", 4, affine=same._replace(b=x * same.A[i]))
+
+    unit = "m" if slides else "rad"
+    yield ParametricHypothesis("offset", f"offset added to q{i + 1}", unit, 0.0, 4, not slides, shifted)
+
+
+def _scales(tree: Tree) -> Iterator[ParametricHypothesis]:
+    """Yield all masses, inertias or lengths times a factor: another unit, usually."""
+
+    def bodies(change: Callable[[Body, float], Body]) -> Callable[[Tree, float], Tree]:
+        return lambda t, x: replace(t, bodies=tuple(change(b, x) for b in t.bodies))
+
+    def lengths(t: Tree, x: float) -> Tree:
+        positions = tuple(x * p for p in t.positions)
+        t = bodies(lambda b, x: b._replace(com=x * b.com))(t, x)
+        return replace(t, positions=positions, tool_position=x * t.tool_position)
+
+    if tree.n > 1:  # of one link they are its own numbers
+        masses = bodies(lambda b, x: b._replace(mass=x * b.mass))
+        inertias = bodies(lambda b, x: b._replace(inertia=x * b.inertia))
+        yield _number("scale", "all masses times", "", 1.0, 6, masses)
+        yield _number("scale", "all inertias about the centres of mass times", "", 1.0, 6, inertias)
+    yield _number("scale", "all lengths times", "", 1.0, 6, lengths)
+
+
+def _moved_links(tree: Tree, i: int) -> Iterator[ParametricHypothesis]:
+    """Yield lengths to joint i with which the centre of mass of the link before it moves."""
+    names, k, p = Names(tree), tree.parents[i], tree.positions[i]
+    for way, direction, more in _directions(p):
+        if k < 0 or more:
+            continue
+
+        def longer(t: Tree, x: float, direction: Array = direction) -> Tree:
+            change = (x - float(p @ direction)) * direction
+            t = t.with_item("positions", i, t.positions[i] + change)
+            return t.with_body(k, com=t.bodies[k].com + change)
+
+        what = f"length from {names.joint(k)} to {names.joint(i)}{way}"
+        what += f", with the centre of mass of {names.link(k)} counted from its far end"
+        yield _number("length", what, "m", float(p @ direction), 5.5, longer)
+
+
 def _vector(x: Array) -> str:
-    """Return an axis in words: "-y", or its numbers."""
+    """Return an axis as text: "-y", or its numbers."""
     for k in range(3):
-        if abs(abs(x[k]) - 1.0) < 1e-9:
+        if abs(abs(x[k]) - 1.0) < _PARALLEL:
             return f"{'-' if x[k] < 0.0 else ''}{_XYZ[k]}"
     return f"({', '.join(f'{value:.4g}' for value in x)})"

@@ -15,7 +15,7 @@ import inspect
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -40,7 +40,7 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
 PAPER = ("paper", "paper-arm", "paper_arm")
 #: Files of bare expressions, read with SymPy's names and the symbols known.
 SYMPY_SUFFIXES = (".sympy", ".txt")
-#: Numbers of a model that are varied, at most.
+#: Numbers of a model that are varied, at most: each takes some dozens of calls.
 MAX_NUMBERS = 40
 _NOWHERE = "there is no such file or module (built in is: paper)"
 #: Names that mean the same everywhere.
@@ -102,6 +102,7 @@ def resolve(model: Any) -> Functions:
 def _load(text: str) -> Any:
     """Return what ``file.py``, ``file.py:Name``, ``module`` or ``module:Name`` means."""
     place, name = text, ""
+    # A file may have a colon in its name.
     if not Path(text).exists() and ":" in text:
         place, name = text.rsplit(":", 1)
     path = Path(place)
@@ -137,6 +138,7 @@ def _run(path: Path) -> ModuleType:
     sys.path.insert(0, str(path.resolve().parent))
     if path.suffix in SYMPY_SUFFIXES:
         module = ModuleType(path.stem)
+        # As in a notebook: all of SymPy's names, and q1, v1, ... without a declaration.
         exec("from sympy import *", module.__dict__)
         letters = [f"{letter}{i}" for letter in ("q", "v", "a", "tau") for i in range(1, 10)]
         module.__dict__.update({name: _sympy().Symbol(name, real=True) for name in letters})
@@ -150,7 +152,7 @@ def _run(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise Unusable("is no Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # as dataclasses want it
+    sys.modules[path.stem] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
@@ -163,6 +165,7 @@ def _import(name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
+        # A module that is there but imports what is not is another mistake.
         if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
             raise Unusable(_NOWHERE) from None
         raise
@@ -292,31 +295,33 @@ class _Slot(NamedTuple):
 def _slots(thing: Any, parameters: Any, functions: Iterable[Callable[..., Any]]) -> dict[str, _Slot]:
     """Return the numbers of a model: parameters, attributes, globals and closed-over variables."""
     slots: dict[str, _Slot] = {}
-
-    def add(name: str, value: Any, put: Callable[[Any], object]) -> None:
+    for name, value, put in _variables(thing, parameters, functions):
         usable = _is_number(value) and not name.startswith("_") and name not in _CONSTANTS
+        # The first of a name: what a model calls its parameters comes before globals that happen to be there.
         if usable and name not in slots and len(slots) < MAX_NUMBERS:
             slots[name] = _Slot(float(value), put)
+    return slots
 
+
+def _variables(
+    thing: Any, parameters: Any, functions: Iterable[Callable[..., Any]]
+) -> Iterator[tuple[str, Any, Callable[[Any], object]]]:
+    """Yield the variables that a model may compute with: name, value, and what puts another value there."""
     if isinstance(parameters, MutableMapping):
         for key, value in parameters.items():
-            add(str(key), value, partial(parameters.__setitem__, key))
+            yield str(key), value, partial(parameters.__setitem__, key)
     if not isinstance(thing, ModuleType | Mapping):
         for name, value in getattr(thing, "__dict__", {}).items():
-            add(name, value, partial(setattr, thing, name))
+            yield name, value, partial(setattr, thing, name)
         for name, value in vars(type(thing)).items():
-            add(name, value, partial(setattr, type(thing), name))
+            yield name, value, partial(setattr, type(thing), name)
     for function in functions:
         plain = getattr(function, "__func__", function)
-        for name, cell in zip(
-            getattr(getattr(plain, "__code__", None), "co_freevars", ()),
-            getattr(plain, "__closure__", None) or (),
-            strict=False,
-        ):
-            add(name, cell.cell_contents, partial(setattr, cell, "cell_contents"))
+        code, cells = getattr(plain, "__code__", None), getattr(plain, "__closure__", None) or ()
+        for name, cell in zip(getattr(code, "co_freevars", ()), cells, strict=False):
+            yield name, cell.cell_contents, partial(setattr, cell, "cell_contents")
         for name, value in list(getattr(plain, "__globals__", {}).items()):
-            add(name, value, partial(plain.__globals__.__setitem__, name))
-    return slots
+            yield name, value, partial(plain.__globals__.__setitem__, name)
 
 
 def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
@@ -336,26 +341,14 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
     """Return the functions of SymPy expressions in q1.., v1.., a1.., tau1.. and parameters."""
     sympy = _sympy()
     if not all(isinstance(e, sympy.MatrixBase | sympy.Basic | list) for e in expressions.values()):
-        raise Unusable("some of its terms are SymPy expressions and some are not")
+        raise Unusable("some of its functions are SymPy expressions and some are not")
     parameters = parameters if isinstance(parameters, Mapping) else {}
     fixed = {sympy.Symbol(str(k)): v for k, v in parameters.items() if not _is_number(v)}
     plain = {name: _plain(sympy, e) for name, e in expressions.items()}
-    joints, from_zero = 0, False
-    for name, expression in plain.items():
-        if expression.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-            raise Unusable(f"{name} divides by zero: it contains infinity or NaN")
-        for symbol in expression.free_symbols:
-            joint = _joint_of(symbol.name)
-            if joint is None and symbol.name not in own and symbol.name not in map(str, fixed):
-                raise Unusable(
-                    f"{name} has the symbol {symbol.name}, which is neither q1, v1, a1, tau1 or the like "
-                    "nor in `parameters`; add its value there"
-                )
-            joints = max(joints, joint[1] if joint else 0)
-            from_zero = from_zero or (joint is not None and joint[1] == 0 and symbol.name not in own)
-    first = 0 if from_zero else 1  # q0, q1, .. or q1, q2, ..
-    joints += 1 - first
-    n = max(joints, *(max(getattr(e, "shape", (1,))) for e in plain.values()))
+    numbers = {i for name, e in plain.items() for i in _joint_numbers(sympy, name, e, own, fixed)}
+    first = 0 if 0 in numbers else 1  # q0, q1, .. or q1, q2, ..
+    # Gravity may not depend on the last joint, but has an entry for it.
+    n = max(max(numbers, default=0) + 1 - first, *(max(getattr(e, "shape", (1,))) for e in plain.values()))
     letters = {
         letter: [sympy.Symbol(f"{letter}_{i + 1}__") for i in range(n)] for letter in ("q", "v", "a", "tau")
     }
@@ -366,11 +359,6 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
         for symbol in expression.free_symbols:
             joint = _joint_of(symbol.name) if symbol.name not in own else None
             if joint is not None:
-                if joint[0] not in ARGUMENTS[name]:
-                    takes = ", ".join(ARGUMENTS[name])
-                    raise Unusable(
-                        f"{name} has the symbol {symbol.name}, but it is a function of {takes} alone"
-                    )
                 swap[symbol] = letters[joint[0]][joint[1] - first]
         arguments = [letters[letter] for letter in ARGUMENTS[name]]
         calls[name] = sympy.lambdify([*arguments, symbols], expression.xreplace(swap), "numpy", cse=True)
@@ -386,12 +374,39 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
     return Functions(rebuild, inputs, n)
 
 
+def _joint_numbers(
+    sympy: Any, name: str, expression: Any, own: Mapping[str, float], fixed: Mapping[Any, Any]
+) -> Iterator[int]:
+    """Yield the numbers of the joints whose symbols an expression has.
+
+    Raises:
+        Unusable: when the expression is infinite, or has a symbol that it must not have.
+    """
+    if expression.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
+        raise Unusable(f"{name} divides by zero: it contains infinity or NaN")
+    for symbol in expression.free_symbols:
+        if symbol.name in own:  # a1, a2 may be lengths
+            continue
+        joint = _joint_of(symbol.name)
+        if joint is not None and joint[0] not in ARGUMENTS[name]:
+            takes = ", ".join(ARGUMENTS[name])
+            raise Unusable(f"{name} has the symbol {symbol.name}, but it is a function of {takes} alone")
+        if joint is not None:
+            yield joint[1]
+        elif symbol not in fixed:
+            raise Unusable(
+                f"{name} has the symbol {symbol.name}, which is neither q1, v1, a1, tau1 or the like "
+                "nor in `parameters`; add its value there"
+            )
+
+
 def _plain(sympy: Any, expression: Any) -> Any:
     """Return an expression in plain symbols: no functions of time, no assumptions."""
     if isinstance(expression, list):
         expression = sympy.Matrix(expression)
     applied = sympy.core.function.AppliedUndef
     swap: dict[Any, Any] = {}
+    # Second derivatives first: they contain the first ones.
     for derivative in sorted(expression.atoms(sympy.Derivative), key=lambda d: -d.derivative_count):
         letter = {1: "v", 2: "a"}.get(derivative.derivative_count)
         joint = _joint_of(str(derivative.expr.func)) if isinstance(derivative.expr, applied) else None
@@ -427,7 +442,7 @@ def _numbers_of(parameters: Any) -> dict[str, float]:
 def _is_number(value: Any) -> bool:
     """Tell whether a value is one finite real number (of NumPy, SymPy or Python)."""
     if isinstance(value, bool) or callable(value):
-        return False
+        return False  # a switch, not a number
     if isinstance(value, int | float | np.integer | np.floating):
         return math.isfinite(value)
     return bool(getattr(value, "is_number", False) and getattr(value, "is_real", False))

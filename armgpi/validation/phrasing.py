@@ -1,4 +1,4 @@
-"""What a factor or a number means in words: a unit, a square that is missing, one length for another."""
+"""What a factor or a number means: a unit, a square that is missing, one length for another."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _RATIOS = {
 
 def ratio(factor: float) -> str:
     """Return what a factor usually means, in brackets; "" when it means nothing."""
-    text = next((text for known, text in _RATIOS.items() if abs(factor / known - 1.0) < 1e-7), "")
+    text = next((text for known, text in _RATIOS.items() if _same(factor, known)), "")
     return f" ({text})" if text else ""
 
 
@@ -55,32 +55,46 @@ def known_numbers(tree: Tree) -> list[tuple[float, str]]:
 
 
 def of_factor(factor: float, known: list[tuple[float, str]]) -> str:
-    """Return what a summand that is multiplied by a factor means, in brackets; "" when nothing usual.
+    """Return what a term that is multiplied by a factor means, in brackets; "" when nothing usual.
 
     Args:
         factor: what it is multiplied by.
         known: what :func:`known_numbers` gave.
     """
-    if usual := ratio(factor):
-        return usual
+    known = [(value, name) for value, name in known if value > 0.0]
+    return ratio(factor) or _power(factor, known) or _replaced(factor, known)
+
+
+def _power(factor: float, known: list[tuple[float, str]]) -> str:
+    """Return which length, or gravity, stands in a term once too often or once too rarely."""
     for value, name in known:
-        if value > 0.0 and "mass of" not in name and "inertia" not in name:
-            if abs(factor * value - 1.0) < 1e-7:
-                return f" (1/{value:.6g}: {name} is not there, or not squared)"
-            if abs(factor / value - 1.0) < 1e-7:
-                return f" ({name} stands there once too often)"
-    for word in ("mass of", "length to", "centre of mass"):
-        alike = [(x, name) for x, name in known if word in name and x > 0.0]
-        if word == "length to":
-            alike += [(x, name) for x, name in known if "centre of mass" in name and x > 0.0]
+        if "mass of" in name or "inertia" in name:  # terms are linear in these
+            continue
+        if _same(factor, 1.0 / value):
+            return f" (1/{value:.6g}: {name} is not there, or not squared)"
+        if _same(factor, value):
+            return f" ({name} stands there once too often)"
+    return ""
+
+
+def _replaced(factor: float, known: list[tuple[float, str]]) -> str:
+    """Return which mass or length stands for another one of its kind."""
+    # A distance of a centre of mass is a length too: lc for l is the most common of these.
+    for kinds in (("mass of",), ("length to", "centre of mass"), ("centre of mass",)):
+        alike = [(value, name) for kind in kinds for value, name in known if kind in name]
         for (a, one), (b, other) in itertools.permutations(alike, 2):
-            if one == other or abs(a - b) <= 1e-7 * a:
+            if one == other or _same(b, a):
                 continue
-            if abs(factor * b / a - 1.0) < 1e-7:
+            if _same(factor, a / b):
                 return f" ({one} stands for {other})"
-            if abs(factor * b * b / (a * a) - 1.0) < 1e-7:
+            if _same(factor, (a / b) ** 2):
                 return f" ({one}, squared, stands for {other})"
     return ""
+
+
+def _same(a: float, b: float) -> bool:
+    """Tell whether two factors agree: they come from values that agree to 1e-9."""
+    return abs(a / b - 1.0) < 1e-7
 
 
 def _lengths(tree: Tree) -> list[tuple[float, str]]:
@@ -93,6 +107,7 @@ def _lengths(tree: Tree) -> list[tuple[float, str]]:
     ]
     found = []
     for vector, name in vectors:
+        # A length along an axis and its one component are the same number.
         parts = {round(float(x), 12) for x in (np.linalg.norm(vector), *np.abs(vector))}
         found += [(x, name) for x in sorted(parts, reverse=True) if x > 0.0]
     return found

@@ -13,11 +13,11 @@ from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
 from armgpi.viz import page
 
-#: Elements listed in a line of text, at most.
+#: Elements listed in a line of text, at most: the JSON has all.
 _LISTED = 8
 
 
-class TermReport(NamedTuple):
+class FunctionReport(NamedTuple):
     """One function of a model beside the reference.
 
     Attributes:
@@ -28,7 +28,7 @@ class TermReport(NamedTuple):
         worst: the state where it is largest: name -> values.
         differing: labels of the entries, products or joints that differ: "D[1,2]", "q̇1 q̇2 in τ1", "G[2]".
         diagnosis: the causes of what differs.
-        note: what else is to be said.
+        note: what else was found.
     """
 
     function: str
@@ -50,7 +50,7 @@ class DynamicsReport:
         robot: name of the reference; None without one.
         joint_names: names of its joints.
         states: at how many states they were compared.
-        terms: one report per function that the model has.
+        functions: one report per function that the model has.
         causes: the mistakes found, the ones with the largest scope first.
         laws: what holds for every arm, and whether it does for this model.
         notes: what else was seen, such as a link of the robot that no rigid body can be.
@@ -60,7 +60,7 @@ class DynamicsReport:
     robot: str | None
     joint_names: tuple[str, ...]
     states: int
-    terms: tuple[TermReport, ...]
+    functions: tuple[FunctionReport, ...]
     causes: tuple[Cause, ...]
     laws: tuple[Law, ...]
     notes: tuple[str, ...]
@@ -68,28 +68,30 @@ class DynamicsReport:
     @property
     def agrees(self) -> bool:
         """Whether every function agrees and no law fails."""
-        return all(term.agrees for term in self.terms) and all(law.verdict != "fails" for law in self.laws)
+        return all(report.agrees for report in self.functions) and all(
+            law.verdict != "fails" for law in self.laws
+        )
 
-    def term(self, function: str) -> TermReport:
+    def function(self, function: str) -> FunctionReport:
         """Return the report of one function.
 
         Raises:
             KeyError: when the model has no such function.
         """
-        for term in self.terms:
-            if term.function == function:
-                return term
+        for report in self.functions:
+            if report.function == function:
+                return report
         raise KeyError(function)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report as plain data for JSON; a number that is none is None."""
+        """Return the report as plain data for JSON; NaN and infinity are None."""
         return {
             "model": self.model,
             "robot": self.robot,
             "joints": list(self.joint_names),
             "states": self.states,
             "agrees": self.agrees,
-            "terms": [
+            "functions": [
                 {
                     "function": t.function,
                     "agrees": t.agrees,
@@ -100,7 +102,7 @@ class DynamicsReport:
                     "diagnosis": [_plain(cause) for cause in t.diagnosis],
                     "note": t.note,
                 }
-                for t in self.terms
+                for t in self.functions
             ],
             "causes": [_plain(cause) for cause in self.causes],
             "laws": [{**law._asdict(), "error": _finite(law.error)} for law in self.laws],
@@ -118,7 +120,7 @@ class DynamicsReport:
     def _lines(self) -> list[str]:
         beside = f" beside {self.robot}" if self.robot else ""
         lines = [f"{self.model}{beside}: {self.states} states"]
-        if self.terms:
+        if self.functions:
             rows = [
                 (
                     t.function,
@@ -127,10 +129,10 @@ class DynamicsReport:
                     f"{t.max_rel:.2g}",
                     _few(t.differing),
                 )
-                for t in self.terms
+                for t in self.functions
             ]
             lines += ["", *_table(("function", "", "largest error", "relative", "where"), rows)]
-            for t in self.terms:
+            for t in self.functions:
                 if not t.agrees:
                     at = ", ".join(f"{k} = ({', '.join(f'{x:.4g}' for x in v)})" for k, v in t.worst.items())
                     lines.append(f"worst {t.function}: at {at}")
@@ -139,7 +141,7 @@ class DynamicsReport:
         if self.causes:
             lines += ["", "What is wrong"]
             for cause in self.causes:
-                lines += _told(cause)
+                lines += _lines_of(cause)
         if self.laws:
             lines += ["", "Laws"]
             lines += _table(("", "", "error", ""), self._checked_laws())[1:]
@@ -151,8 +153,8 @@ class DynamicsReport:
     def verdict(self) -> str:
         """Return the result in one line."""
         if self.agrees:
-            return "the model agrees" if self.terms else "the model obeys every law that could be checked"
-        differ = [t.function for t in self.terms if not t.agrees]
+            return "the model agrees" if self.functions else "the model obeys every law that could be checked"
+        differ = [t.function for t in self.functions if not t.agrees]
         if differ:
             return f"the model differs in {', '.join(differ)}"
         return f"the model violates: {', '.join(law.name for law in self.laws if law.verdict == 'fails')}"
@@ -160,7 +162,7 @@ class DynamicsReport:
     def html(self) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
         sections = {}
-        if self.terms:
+        if self.functions:
             rows = [
                 (
                     t.function + "(" + ", ".join(ARGUMENTS[t.function]) + ")",
@@ -170,12 +172,12 @@ class DynamicsReport:
                     ", ".join(t.differing),
                     "; ".join(f"{k} = ({', '.join(f'{x:.5g}' for x in v)})" for k, v in t.worst.items()),
                 )
-                for t in self.terms
+                for t in self.functions
             ]
-            terms = ("function", "", "largest error", "relative", "where", "worst at")
-            sections["Terms"] = _html_table("terms", terms, rows, words=(1, 4, 5))
+            columns = ("function", "", "largest error", "relative", "where", "worst at")
+            sections["Functions"] = _html_table("functions", columns, rows, words=(1, 4, 5))
         if self.causes:
-            told = [_told(cause) for cause in self.causes]
+            told = [_lines_of(cause) for cause in self.causes]
             sections["What is wrong"] = "".join(
                 f"<p>{page.text(first.removeprefix('- '))}</p>{page.bullets(line.strip() for line in rest)}"
                 for first, *rest in told
@@ -196,7 +198,7 @@ class DynamicsReport:
         ]
 
 
-def _told(cause: Cause) -> list[str]:
+def _lines_of(cause: Cause) -> list[str]:
     """Return a cause as lines of text."""
     where = _where(cause)
     kind = (
@@ -210,7 +212,7 @@ def _told(cause: Cause) -> list[str]:
 
 def _where(cause: Cause) -> str:
     """Return where a cause is at work."""
-    functions = list(dict.fromkeys(element.term for element in cause.elements))
+    functions = list(dict.fromkeys(element.function for element in cause.elements))
     if cause.scope == "model":
         return ", ".join(functions)
     labels = [element.label for element in cause.elements]
@@ -230,7 +232,7 @@ def _plain(cause: Cause) -> dict[str, Any]:
     return {
         **cause._asdict(),
         "elements": [
-            {"function": e.term, "label": e.label, "piece": e.piece, "index": list(e.place)}
+            {"function": e.function, "label": e.label, "quantity": e.quantity, "index": list(e.place)}
             for e in cause.elements
         ],
         "value": None if cause.value is None else _finite(cause.value),

@@ -1,8 +1,8 @@
-"""A model's functions sampled, and taken apart into the pieces of the equations of motion.
+"""A model's functions sampled, and taken apart into the quantities of the equations of motion.
 
 At a fixed configuration the Coriolis torque is a polynomial in the velocities, so its products v_j v_k are
 found from a few velocities without any fitting; D is found from an inverse dynamics, an energy or a
-forward dynamics in the same way. The names of the pieces are those of :mod:`armgpi.validation.tree`, and
+forward dynamics in the same way. The names of the quantities are those of :mod:`armgpi.validation.tree`, and
 "B" (N, n, n), what is linear in v, and "Z" (N, n), what is left at rest: both must be zero in a Coriolis
 torque.
 """
@@ -10,6 +10,7 @@ torque.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,23 +18,22 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation.models import ARGUMENTS
-from armgpi.validation.tree import Pieces
+from armgpi.validation.tree import Quantities
 from armgpi.validation.worker import Worker
 
-#: Configurations, and how few at least where calls are slow.
-POSTURES, FEWEST = 40, 6
+#: Configurations, and how few at least where calls are slow. Forty are more than an
+#: entry has harmonics, so nothing agrees at all of them by chance.
+CONFIGURATIONS, FEWEST = 40, 6
 #: How long all the sampling of one function may take [s]; slow models get fewer configurations.
 BUDGET = 20.0
-#: Two calls at the same state differ by no more than this, relative.
+#: Two calls at the same state differ by no more than this, relative: threads may sum in another order.
 REPEATABLE = 1e-12
-#: Beyond this, relative, a Coriolis torque is no polynomial of degree two in v.
-QUADRATIC = 1e-8
-
 #: The model's arithmetic is looked at over steps of this size [rad or m], along this many configurations.
 _STEP, _ROUGH = 1e-5, 3
 #: Rounding is at most this, relative (a few digits of float32); anything rougher is the model's formula.
 ROUNDING = 1e-6
-#: What is computed may be off by so many times its rounding, seen from one step to the next.
+#: What is computed may be off by so many times its rounding, seen from one step to the next: the few steps
+#: do not show the worst.
 SAFETY = 20.0
 
 
@@ -59,14 +59,14 @@ class Sampled(NamedTuple):
     Attributes:
         function: its name.
         values: what it gave at the states, (N, ...).
-        pieces: what it says about the equations of motion.
+        quantities: what it says about the equations of motion.
         quadratic: largest part [N m or N] that is no polynomial of degree two in v.
         noise: rounding error of the values: float32, or a table of ten digits, is no mistake.
     """
 
     function: str
     values: Array
-    pieces: Pieces
+    quantities: Quantities
     quadratic: float = 0.0
     noise: float = 0.0
 
@@ -86,14 +86,14 @@ def sample(worker: Worker, states: States) -> dict[str, Sampled]:
     return {name: _sample(worker, name, states) for name in ARGUMENTS if name in worker.functions}
 
 
-def pieces(worker: Worker, name: str, states: States) -> Pieces:
-    """Return the pieces that a function tells of at some states.
+def quantities(worker: Worker, name: str, states: States) -> Quantities:
+    """Return the quantities that a function tells of at some states.
 
     Raises:
         ModelError: as :func:`sample`.
     """
     values = call(worker, name, *(getattr(states, letter) for letter in ARGUMENTS[name]))
-    return _pieces(worker, name, states, values)[0]
+    return _quantities(worker, name, states, values)[0]
 
 
 def call(worker: Worker, function: str, *arguments: Array, shape: tuple[int, ...] | None = None) -> Array:
@@ -145,10 +145,11 @@ def _checked(worker: Worker, function: str, value: Array, n: int, shape: tuple[i
 
 
 def _sample(worker: Worker, name: str, states: States) -> Sampled:
-    """Sample one function at the states and at what its pieces need."""
+    """Sample one function at the states and at what its quantities need."""
     arguments = [getattr(states, letter) for letter in ARGUMENTS[name]]
     first = call(worker, name, *(x[:1] for x in arguments))
     n = states.q.shape[1]
+    # Calls for a function of q; of q and v; of q, v and a: even and odd parts of every product.
     per_configuration = {1: 2, 2: 2 + n * (n + 5) // 2, 3: 3 + n * (n + 7) // 2}[len(arguments)]
     rows = len(states.q)
     each = worker.takes.get(name, 0.0)
@@ -156,7 +157,7 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
         rows = max(FEWEST, int(BUDGET / (each * per_configuration)))
     few = States(*(x[:rows] for x in states))
     values = call(worker, name, *(x[:rows] for x in arguments))
-    found, rest = _pieces(worker, name, few, values)
+    found, rest = _quantities(worker, name, few, values)
     again = call(worker, name, *(x[:1] for x in arguments))
     if np.abs(again - first).max() > REPEATABLE * max(1e-300, np.abs(first).max()):
         raise ModelError(
@@ -164,9 +165,10 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
             name,
             f"is not deterministic: two calls at the same state differ by {np.abs(again - first).max():.3g}",
         )
+    # A slow model gets no benefit of the doubt.
     noise = _noise(worker, name, few) if each * 5 * _ROUGH < BUDGET else 0.0
     if noise > ROUNDING * float(np.abs(values).max()):
-        noise = 0.0
+        noise = 0.0  # that is no rounding but the model's formula
     return Sampled(name, values, found, rest, noise)
 
 
@@ -180,53 +182,51 @@ def _noise(worker: Worker, name: str, s: States) -> float:
     return float(np.abs(np.tensordot(weights, np.stack(values), 1)).max() / np.linalg.norm(weights))
 
 
-def _pieces(worker: Worker, name: str, s: States, values: Array) -> tuple[Pieces, float]:
-    """Return the pieces that a function tells of, and how far it is from quadratic in v."""
-    rest = np.zeros_like(s.q)
+#: Functions that are a quantity themselves.
+_DIRECT = {"mass_matrix": "D", "gravity": "G", "forward_kinematics": "F", "jacobian": "J"}
 
-    if name == "mass_matrix":
-        return {"D": values}, 0.0
-    if name == "gravity":
-        return {"G": values}, 0.0
+
+def _quantities(worker: Worker, name: str, s: States, values: Array) -> tuple[Quantities, float]:
+    """Return the quantities that a function contains, and how far it is from quadratic in v."""
+    if name in _DIRECT:
+        return {_DIRECT[name]: values}, 0.0
     if name == "potential_energy":
         return {"V": values - values[0]}, 0.0
-    if name == "forward_kinematics":
-        return {"F": values}, 0.0
-    if name == "jacobian":
-        return {"J": values}, 0.0
     if name == "kinetic_energy":
-        D = _polar(lambda v: call(worker, name, s.q, v)[:, np.newaxis], s.q.shape)
-        D = 2.0 * D[:, 0]
+        D = 2.0 * _polar(lambda v: call(worker, name, s.q, v)[:, np.newaxis], s.q.shape)[:, 0]
         away = values - 0.5 * np.einsum("Ni,Nij,Nj->N", s.v, D, s.v)
         return {"D": D}, float(np.abs(away).max())
     if name in ("coriolis_torque", "coriolis_matrix"):
+        at_v = torque_of(values, s.v)
+        return _velocity_quantities(lambda v: torque_of(call(worker, name, s.q, v), v), s, at_v)
+    rest = np.zeros_like(s.q)
+    # At rest, without an acceleration or torque, and then with a unit one of every joint.
+    still = call(worker, name, s.q, rest, rest)
+    D = np.stack([call(worker, name, s.q, rest, e) - still for e in _units(s.q)], axis=-1)
+    if name == "inverse_dynamics":
+        G, at_v = still, values - still - np.einsum("Nij,Nj->Ni", D, s.a)
 
         def torque(v: Array) -> Array:
-            x = call(worker, name, s.q, v)
-            return np.einsum("Nij,Nj->Ni", x, v) if name == "coriolis_matrix" else x
+            return call(worker, name, s.q, v, rest) - G
 
-        at_v = np.einsum("Nij,Nj->Ni", values, s.v) if name == "coriolis_matrix" else values
-        return _velocity_pieces(torque, s, at_v)
-    if name == "inverse_dynamics":
-        G = call(worker, name, s.q, rest, rest)
-        D = np.stack([call(worker, name, s.q, rest, e) - G for e in _units(s.q)], axis=-1)
-        found, away = _velocity_pieces(
-            lambda v: call(worker, name, s.q, v, rest) - G, s, values - G - np.einsum("Nij,Nj->Ni", D, s.a)
-        )
-        return {"D": D, "G": G, **found}, away
-    a0 = call(worker, name, s.q, rest, rest)
-    inverse = np.stack([call(worker, name, s.q, rest, e) - a0 for e in _units(s.q)], axis=-1)
-    try:
-        D = np.asarray(np.linalg.inv(inverse), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return {}, 0.0
-    G = -np.einsum("Nij,Nj->Ni", D, a0)
-    found, away = _velocity_pieces(
-        lambda v: -np.einsum("Nij,Nj->Ni", D, call(worker, name, s.q, v, rest)) - G,
-        s,
-        s.tau - np.einsum("Nij,Nj->Ni", D, values) - G,
-    )
+    else:
+        try:
+            D = np.asarray(np.linalg.inv(D), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return {}, 0.0  # some torque moves nothing, so there is no D to compare
+        G = -np.einsum("Nij,Nj->Ni", D, still)
+        at_v = s.tau - np.einsum("Nij,Nj->Ni", D, values) - G
+
+        def torque(v: Array) -> Array:
+            return np.asarray(-np.einsum("Nij,Nj->Ni", D, call(worker, name, s.q, v, rest)) - G)
+
+    found, away = _velocity_quantities(torque, s, at_v)
     return {"D": D, "G": G, **found}, away
+
+
+def torque_of(values: Array, v: Array) -> Array:
+    """Return C v, shape (N, n), from C (N, n, n) or from itself."""
+    return np.einsum("Nij,Nj->Ni", values, v) if values.ndim == 3 else values
 
 
 def _units(q: Array) -> list[Array]:
@@ -234,22 +234,23 @@ def _units(q: Array) -> list[Array]:
     return [np.broadcast_to(e, q.shape) for e in np.eye(q.shape[1])]
 
 
-def _velocity_pieces(torque: object, s: States, at_v: Array) -> tuple[Pieces, float]:
+def _velocity_quantities(
+    function: Callable[[Array], Array], s: States, at_v: Array
+) -> tuple[Quantities, float]:
     """Return H, B and Z of a torque that depends on v, and how far it is from such a polynomial."""
-    function = torque
-    assert callable(function)
     Z = function(np.zeros_like(s.q))
+    # Even and odd parts in v: the products of velocities, and what is linear (friction).
     H = _polar(lambda v: 0.5 * (function(v) + function(-v)) - Z, s.q.shape)
     B = np.stack([0.5 * (function(e) - function(-e)) for e in _units(s.q)], axis=-1)
     away = at_v - Z - np.einsum("Nij,Nj->Ni", B, s.v) - np.einsum("Nijk,Nj,Nk->Ni", H, s.v, s.v)
     return {"H": H, "B": B, "Z": Z}, float(np.abs(away).max())
 
 
-def _polar(form: object, shape: tuple[int, ...]) -> Array:
+def _polar(form: Callable[[Array], Array], shape: tuple[int, ...]) -> Array:
     """Return the symmetric matrices of a quadratic form (N, m) of velocities: (N, m, n, n)."""
-    assert callable(form)
     n = shape[1]
     units = [np.broadcast_to(e, shape) for e in np.eye(n)]
+    # Polarisation: f(e_j + e_k) - f(e_j) - f(e_k) is twice the entry j, k.
     own = [form(e) for e in units]
     H = np.empty((*own[0].shape, n, n))
     for j in range(n):
@@ -260,7 +261,11 @@ def _polar(form: object, shape: tuple[int, ...]) -> Array:
 
 
 def slopes(worker: Worker, function: str, q: Array, step: float) -> Array:
-    """Return derivatives of a function of q alone, by central differences of order four, (N, ..., n)."""
+    """Return derivatives of a function of q alone, by central differences of order four, (N, ..., n).
+
+    Raises:
+        ModelError: as :func:`sample`.
+    """
 
     def at(offset: Array) -> Array:
         return call(worker, function, q + offset)

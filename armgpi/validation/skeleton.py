@@ -27,11 +27,11 @@ from armgpi.validation.samples import States
 from armgpi.validation.tree import Body, Tree, evaluate, from_robot
 from armgpi.validation.worker import Worker
 
-#: Longer chains have too many axes to try.
+#: Longer chains have too many axes to try: six directions per joint.
 MOST_JOINTS = 4
-#: Configurations that the fit uses.
+#: Configurations that the fit uses: D and G of four joints give 14 equations at each, for 40 parameters.
 _ROWS = 8
-#: How long axes are tried [s].
+#: How long axes are tried [s]: beyond that a user gives a chain.
 SEARCH = 60.0
 #: A fit is exact when the rest is below this share.
 EXACT = 1e-6
@@ -44,7 +44,7 @@ class Suggestion(NamedTuple):
     Attributes:
         urdf: its text.
         rest: largest difference that is left, relative to the largest value of D or G.
-        text: how well it fits, in words.
+        text: how well it fits, for the reader.
     """
 
     urdf: str
@@ -83,14 +83,14 @@ def suggest_urdf(
         states = States(*(x[:_ROWS] for x in check.random_states(lower, upper, np.zeros(n, dtype=bool), 1)))
         sampled = samples.sample(worker, states)
         target = {
-            piece: next(s.pieces[piece] for s in sampled.values() if piece in s.pieces)
-            for piece in ("D", "G", "F")
-            if any(piece in s.pieces for s in sampled.values())
+            quantity: next(s.quantities[quantity] for s in sampled.values() if quantity in s.quantities)
+            for quantity in ("D", "G", "F")
+            if any(quantity in s.quantities for s in sampled.values())
         }
         if "D" not in target:
             raise ModelError(name, "", "tells of no mass matrix, so no URDF can be suggested")
         if target.get("F", np.zeros((1, 3))).shape[1] != 3:
-            del target["F"]
+            del target["F"]  # in a plane, of which the axes are not known
         if "G" not in target and "potential_energy" in sampled:
             rows = states.q[: len(target["D"])]
             target["G"] = samples.slopes(worker, "potential_energy", rows, laws.STEP)
@@ -116,8 +116,7 @@ def _turning(worker: Worker, states: States) -> list[bool | None]:
     """Return for every joint whether it turns: the model repeats after 2 pi; None when it never changes."""
     found: list[bool | None] = []
     for e in np.eye(states.q.shape[1]):
-        same = changes = True
-        changes = False
+        same, changes = True, False
         for name in worker.functions:
             others = [getattr(states, letter)[:3] for letter in ARGUMENTS[name][1:]]
             here, far, near = (
@@ -139,6 +138,7 @@ def _searched(
     best: tuple[Tree, float] | None = None
     for chain in _chains(n, turning, target):
         tree = fit.with_lengths(chain)
+        # Possible bodies take a nonlinear fit: only where any bodies would do.
         if fit.distance(tree) < EXACT:
             tree, rest = fit.with_bodies(tree)
         else:
@@ -197,11 +197,11 @@ class _Fit:
     """Least squares of chains to a model's D, G and tool positions."""
 
     def __init__(self, q: Array, target: dict[str, Array]) -> None:
-        """Keep the samples, each piece divided by its size."""
+        """Keep the samples, each quantity divided by its size."""
         self._q = q
-        self._sizes = {piece: max(float(np.abs(x).max()), 1e-12) for piece, x in target.items()}
+        self._sizes = {quantity: max(float(np.abs(x).max()), 1e-12) for quantity, x in target.items()}
         self._target = target
-        self._inertial = [piece for piece in ("D", "G") if piece in target]
+        self._inertial = [quantity for quantity in ("D", "G") if quantity in target]
 
     def distance(self, tree: Tree) -> float:
         """Return how far the best inertial parameters, possible or not, leave a chain from the model."""
@@ -227,11 +227,12 @@ class _Fit:
                 positions[j][k] = value
             return replace(tree, positions=tuple(positions))
 
+        # From zero the slope by a length may vanish, so start beside it, twice.
         rng, best = np.random.default_rng(0), tree
         for _ in range(2):
             start = np.array([tree.positions[j][k] for j, k in free]) + rng.normal(scale=0.3, size=len(free))
             found = least_squares(
-                lambda x: np.append(self._rest(placed(x)), 1e-7 * x),
+                lambda x: np.append(self._rest(placed(x)), 1e-7 * x),  # what nothing feels becomes zero
                 start,
                 max_nfev=40,
                 xtol=1e-14,
@@ -240,6 +241,7 @@ class _Fit:
             best = min(best, placed(found.x), key=lambda t: float(np.abs(self._rest(t)).max()))
             if np.abs(self._rest(best)).max() < EXACT:
                 break
+        # A length of a micrometre is rounding, and the reader wants to see a zero.
         tidy = [np.where(np.abs(p) < 1e-6, 0.0, p) for p in best.positions]
         return replace(best, positions=tuple(tidy))
 
@@ -251,9 +253,9 @@ class _Fit:
             return replace(tree, bodies=tuple(_body(part) for part in x.reshape(n, 10)))
 
         def rest(x: Array) -> Array:
-            pieces = evaluate(bodied(x), self._q, self._inertial)
+            quantities = evaluate(bodied(x), self._q, self._inertial)
             return np.concatenate(
-                [((pieces[p] - self._target[p]) / self._sizes[p]).ravel() for p in self._inertial]
+                [((quantities[p] - self._target[p]) / self._sizes[p]).ravel() for p in self._inertial]
             )
 
         start = np.tile([np.log(0.1), np.log(0.1), np.log(0.1), 0, 0, 0, 0, 0, 0, 0.0], n)
@@ -288,10 +290,10 @@ class _Fit:
         from armgpi.validation.diagnose import regressor
 
         parts = [
-            np.concatenate([(pieces[p] / self._sizes[p]).ravel() for p in self._inertial])
+            np.concatenate([(quantities[p] / self._sizes[p]).ravel() for p in self._inertial])
             for i in range(tree.n)
             for h in regressor(tree, i)
-            for pieces in [h.pieces(tree, self._q, self._inertial)]
+            for quantities in [h.quantities(tree, self._q, self._inertial)]
         ]
         A = np.stack(parts, axis=-1)
         b = np.concatenate([(self._target[p] / self._sizes[p]).ravel() for p in self._inertial])
@@ -301,6 +303,7 @@ class _Fit:
 def _body(x: Array) -> Body:
     """Return a possible body from any ten numbers: pseudo-inertia L L' with L lower triangular."""
     L = np.zeros((4, 4))
+    # Exponentials keep the diagonal positive, so that J is positive definite for any numbers.
     L[np.diag_indices(4)] = np.exp(np.array([x[0], x[1], x[2], x[3]]))
     L[1, 0], L[2, 0], L[2, 1], L[3, 0], L[3, 1], L[3, 2] = x[4:]
     J = L @ L.T

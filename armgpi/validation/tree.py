@@ -1,13 +1,13 @@
 """The reference arm taken apart, so that one thing in it can be changed and the equations seen again.
 
 A :class:`Tree` holds placements, axes and inertias of a robot as plain values; :func:`evaluate` gives the
-pieces of its equations of motion at many configurations at once:
+quantities of its equations of motion at many configurations at once:
 
     D(q) a + h(q, v) + G(q) = tau,   h_i = sum_jk H_ijk v_j v_k,   H symmetric in j and k (Christoffel).
 
-Names of pieces, with N configurations: "D" (N, n, n), "H" (N, n, n, n), "G" (N, n), "V" (N,) potential energy
-less that at the first configuration, "F" (N, 3) position of the tool, "R" (N, 3, 3) its rotation, "J"
-(N, 6, n) its Jacobian along the base axes.
+Names of quantities, with N configurations: "D" (N, n, n) [kg m^2], "H" (N, n, n, n), "G" (N, n) [N m], "V"
+(N,) potential energy less that at the first configuration [J], "F" (N, 3) position of the tool [m], "R"
+(N, 3, 3) its rotation, "J" (N, 6, n) its Jacobian along the base axes, linear rows first.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import pinocchio as pin
 from armgpi.arrays import Array
 from armgpi.robot.robot import Robot
 
-Pieces = dict[str, Array]
+Quantities = dict[str, Array]
 
 
 class Body(NamedTuple):
@@ -131,7 +131,7 @@ def from_robot(robot: Robot, frame: str | None = None) -> Tree:
     axes = []
     for i in range(1, model.njoints):
         column = pin.computeJointJacobian(model, data, np.zeros(model.nq), i).reshape(6, -1)[:, i - 1]
-        axes.append(np.round(column[:3] + column[3:], 15))  # one of them is zero
+        axes.append(np.round(column[:3] + column[3:], 15))  # one of them is zero; x is x, not x + 1e-17
     tip = robot.tip if frame is None else frame
     robot.frame_pose(tip, np.zeros(robot.n))  # refuses a name that is not there
     tool = model.frames[[f.name for f in model.frames].index(tip)]
@@ -184,8 +184,15 @@ def identity(n: int) -> Affine:
     return Affine(np.eye(n), np.zeros(n), np.eye(n))
 
 
-def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = None) -> Pieces:
-    """Return pieces of the equations of motion at the configurations `q`, shape (N, n)."""
+def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = None) -> Quantities:
+    """Return quantities of the equations of motion at the configurations `q`, shape (N, n).
+
+    Args:
+        tree: the arm.
+        q: configurations [rad or m]; those of the model when `affine` is given.
+        want: names of quantities; others than the above are left out.
+        affine: coordinates of the model.
+    """
     n = tree.n
     x = q if affine is None else q @ affine.A.T + affine.b
     model = tree.model()
@@ -194,6 +201,7 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
     def coriolis(row: Array) -> Array:
+        # C is linear in v, and Pinocchio's is that of the Christoffel symbols: C(q, e_k) is H[:, :, k].
         return np.stack([pin.computeCoriolisMatrix(model, data, row, e).copy() for e in eye], axis=-1)
 
     def position(row: Array) -> Array:
@@ -216,16 +224,16 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
         "R": rotation,
         "J": jacobian,
     }
-    pieces = {name: np.stack([one[name](row) for row in x]) for name in want if name in one}
-    if "V" in pieces:
-        pieces["V"] = pieces["V"] - pieces["V"][0]
+    quantities = {name: np.stack([one[name](row) for row in x]) for name in want if name in one}
+    if "V" in quantities:
+        quantities["V"] = quantities["V"] - quantities["V"][0]
     if affine is not None:
-        pieces = _in_coordinates(pieces, affine.L)
-    return pieces
+        quantities = _in_coordinates(quantities, affine.L)
+    return quantities
 
 
-def _in_coordinates(pieces: Pieces, L: Array) -> Pieces:
-    """Return pieces that belong to the velocities v_robot = L v."""
+def _in_coordinates(quantities: Quantities, L: Array) -> Quantities:
+    """Return quantities that belong to the velocities v_robot = L v."""
     formula = {"D": "ai,Nab,bj->Nij", "H": "ai,bj,ck,Nabc->Nijk", "G": "ai,Na->Ni", "J": "Nra,ai->Nri"}
     factors: dict[str, Callable[[Array], tuple[Any, ...]]] = {
         "D": lambda x: (L, x, L),
@@ -235,7 +243,7 @@ def _in_coordinates(pieces: Pieces, L: Array) -> Pieces:
     }
     return {
         name: np.einsum(formula[name], *factors[name](x), optimize=True) if name in formula else x
-        for name, x in pieces.items()
+        for name, x in quantities.items()
     }
 
 

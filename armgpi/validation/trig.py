@@ -54,6 +54,7 @@ class Trig:
         terms: dict[Key, Any] = {}
 
         def add(kind: str, k: tuple[int, ...], value: Any) -> None:
+            # One of k and -k, so that equal functions meet: the first multiple is positive.
             leading = next((x for x in k if x), 0)
             if leading == 0 and kind == "s":
                 return

@@ -30,7 +30,8 @@ from armgpi.validation import models
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
 #: or derive something first.
 LOADING, LOADING_LEAST = 12.0, 10.0
-#: Exit codes of the process when its pipe is gone, and when the Python in it no longer works.
+#: Exit codes of the process when its pipe is gone, and when the Python in it no longer works: large ones,
+#: which few programs use.
 _CUT, _BROKEN = 96, 97
 #: No function of a model returns more numbers than this: D of 64 joints has 4096.
 _MOST_NUMBERS = 10_000
@@ -60,16 +61,19 @@ class Worker:
         self.time_limit = time_limit
         self.takes: dict[str, float] = {}
         self.changes: Mapping[str, float] = {}
+        # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
+        # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(self._pipe, theirs, model), daemon=True)
+        # What is in a buffer at the fork would be written by both.
         sys.stdout.flush()
         sys.stderr.flush()
         with warnings.catch_warnings():
             # Newer Pythons warn of forks beside threads; the child uses none of ours.
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
-        theirs.close()
+        theirs.close()  # so that the pipe ends with the child
         try:
             answer: tuple[list[str], dict[str, float], int | None, bool] = self._receive(
                 "", max(LOADING * time_limit, LOADING_LEAST), "reading it"
@@ -116,8 +120,10 @@ class Worker:
         except OSError:
             raise self._died(function) from None
         answers = []
+        # One answer per call, so that the limit holds for each and the state of a failure is known.
         for state in states:
             value, printed, took = self._receive(function, self.time_limit, _at(function, state))
+            # The least: the machine may be busy, a function is never faster than it is.
             self.takes[function] = min(self.takes.get(function, took), took)
             self.printed = self.printed or printed
             answers.append(value)
@@ -127,7 +133,7 @@ class Worker:
         """Return the next answer, or raise what it says."""
         try:
             if not self._pipe.poll(limit):
-                self.close()
+                self.close()  # from outside: a model may swallow every exception and mask every signal
                 doing = where if function else "to read"
                 raise ModelError(
                     self.name,
@@ -144,7 +150,7 @@ class Worker:
 
     def _died(self, function: str) -> ModelError:
         """Return the error of a process that is no more."""
-        self._process.join(1.0)
+        self._process.join(1.0)  # the pipe ends a moment before the process
         code = self._process.exitcode
         if code == _CUT:
             return ModelError(self.name, function, "closes file descriptors that are not its own")
@@ -180,7 +186,7 @@ def _serve(parents: Any, pipe: Any, model: Any) -> None:
     except OSError:
         os._exit(_CUT)
     finally:
-        os._exit(_BROKEN)
+        os._exit(_BROKEN)  # not sys.exit: no handler of the parent's may run twice
 
 
 def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
@@ -189,12 +195,12 @@ def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
     Raises:
         OSError: when the pipe is gone.
     """
-    parents.close()
+    parents.close()  # or the child would never see that the parent is gone
     with suppress(OSError):
         os.setsid()  # a group of its own: what the model starts ends with it
     own = os.getpid()
     for number in signal.valid_signals():
-        # A handler that the program around us has set (a test runner's alarm, say) is no business of the model's.
+        # A handler of the program that we run in (a test runner's alarm, say) must not run for the model.
         if callable(signal.getsignal(number)):
             signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
@@ -207,14 +213,14 @@ def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
             os.dup2(null, descriptor)
         sys.stdin = open(os.devnull)  # noqa: SIM115 (input() then raises instead of waiting)
     warnings.simplefilter("ignore")  # those of the model are its own business
-    sys.argv = [str(model)]
+    sys.argv = [str(model)]  # a script that reads its arguments must not get ours
     try:
         functions = models.resolve(model)
         _end_copies(own)
         pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used)))
     except BaseException as error:
         _end_copies(own)
-        _answer(pipe, False, _told(error))
+        _answer(pipe, False, _description(error))
         os._exit(0)
     while True:
         try:
@@ -238,10 +244,10 @@ def _answer_calls(
         function = functions.with_numbers(numbers)[name]
     except BaseException as error:
         for _ in states:
-            _answer(pipe, False, _told(error))
+            _answer(pipe, False, _description(error))
         return
     for state in states:
-        given = [np.array(x) for x in state]
+        given = [np.array(x) for x in state]  # copies, so that a change is seen
         start = time.perf_counter()
         try:
             value = _numbers(function(*given))
@@ -251,10 +257,10 @@ def _answer_calls(
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
         except BaseException as error:
             _end_copies(own)
-            _answer(pipe, False, _told(error))
+            _answer(pipe, False, _description(error))
         else:
             _answer(pipe, True, (value, silent.used, time.perf_counter() - start))
-    if numbers:
+    if numbers:  # put back: globals and attributes keep what was set
         functions.with_numbers({name: functions.numbers[name] for name in numbers})
 
 
@@ -291,7 +297,7 @@ def _numbers(value: Any) -> Array:
     return np.array(array, dtype=np.float64)
 
 
-def _told(error: BaseException) -> str:
+def _description(error: BaseException) -> str:
     """Return what a model's error was and where in the model."""
     if isinstance(error, models.Unusable):
         return str(error)
@@ -309,7 +315,7 @@ def _told(error: BaseException) -> str:
         if theirs:
             place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})"
     try:
-        text = " ".join(str(error).split())[:300]
+        text = " ".join(str(error).split())[:300]  # one line of the report
     except Exception:
         text = ""  # an error that cannot say what it is
     return (

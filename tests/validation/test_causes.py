@@ -121,7 +121,7 @@ def test_a_link_that_gravity_forgets_is_named() -> None:
     assert "mass of link 3" in told
 
 
-def test_a_summand_that_is_halved_everywhere_is_named() -> None:
+def test_a_term_that_is_halved_everywhere_is_named() -> None:
     robot, model = planar(1)
     elbow = model["mass_matrix"](np.zeros(2))[0, 1] - model["mass_matrix"](np.zeros(2))[1, 1]
 

@@ -31,14 +31,14 @@ def law(report: DynamicsReport, name: str) -> str:
 
 def test_the_papers_arm_agrees_to_1e_12(paper: DynamicsReport) -> None:
     assert paper.agrees
-    for term in paper.terms:
-        assert term.max_rel < 1e-12, term.function
-        assert term.agrees
-        assert not term.differing
+    for one in paper.functions:
+        assert one.max_rel < 1e-12, one.function
+        assert one.agrees
+        assert not one.differing
 
 
 def test_its_coriolis_product_is_right_and_its_matrix_not_christoffel(paper: DynamicsReport) -> None:
-    assert paper.term("coriolis_matrix").agrees
+    assert paper.function("coriolis_matrix").agrees
     assert law(paper, "C(q, v) v from D") == "holds"
     assert law(paper, "Ḋ - 2C skew") == "note"
 
@@ -62,10 +62,10 @@ def test_a_planted_mistake_is_found_placed_and_explained(case: Case) -> None:
     robot = ARMS[case.name.split(":")[0]]().robot
     report = validate(case.model, robot)
     assert not report.agrees
-    differing = {term.function for term in report.terms if not term.agrees}
+    differing = {one.function for one in report.functions if not one.agrees}
     assert set(case.functions) <= differing
     if case.entry:
-        assert any(case.entry in report.term(f).differing for f in case.functions)
+        assert any(case.entry in report.function(f).differing for f in case.functions)
     told = " | ".join(" ".join((cause.text, *cause.alternatives)) for cause in report.causes)
     assert re.search(case.cause, told), told
 
@@ -127,7 +127,7 @@ def test_a_torque_that_is_not_quadratic_in_v_is_said_to_be() -> None:
     odd = {**model, "coriolis_torque": lambda q, v: model["coriolis_torque"](q, v) + 0.1 * v**3}
     report = validate(odd, robot)
     assert not report.agrees
-    assert "degree two" in report.term("coriolis_torque").note
+    assert "degree two" in report.function("coriolis_torque").note
 
 
 @pytest.mark.slow
@@ -156,7 +156,7 @@ def test_a_consequence_is_told_from_its_cause() -> None:
         return model["coriolis_torque"](q, v) + slope * np.array([v[0] * v[1], -0.5 * v[0] ** 2])
 
     causes = validate({"mass_matrix": mass_matrix, "coriolis_torque": coriolis_torque}, robot).causes
-    assert [(cause.kind, cause.elements[0].term) for cause in causes] == [
+    assert [(cause.kind, cause.elements[0].function) for cause in causes] == [
         ("term", "mass_matrix"),
         ("consequence", "coriolis_torque"),
     ]
@@ -173,7 +173,7 @@ def test_every_function_may_come_alone() -> None:
         assert validate({name: getattr(arm, name)}, robot).agrees, name
         wrong = PaperArm(ArmParameters(m3=0.6))
         report = validate({name: getattr(wrong, name)}, robot)
-        assert not report.term(name).agrees
+        assert not report.function(name).agrees
         assert "mass of link 3" in str(report), name
 
 
@@ -230,7 +230,7 @@ def test_the_report_is_text_json_and_a_page(tmp_path: Path) -> None:
     assert "<script" not in page
     assert "script-src 'none'" in page  # of the page writer: nothing runs and nothing is fetched
     with pytest.raises(KeyError):
-        report.term("jacobian")
+        report.function("jacobian")
 
 
 @pytest.mark.slow
