@@ -21,6 +21,7 @@ OPTIONS = {
     "config": ("--config", "FILE"),
     "effort": ("--effort", "JOINT=EFFORT"),
     "friction": ("--friction", ""),
+    "joints": ("--joints", "NUMBER"),
     "keep": ("--keep", "JOINT,JOINT,..."),
     "lock": ("--lock", "JOINT,JOINT,..."),
     "mimic": ("--mimic", "follow"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from typing import Any
@@ -15,7 +15,7 @@ from armgpi.robot.robot import Robot
 from armgpi.validation import laws, samples
 from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.models import ARGUMENTS
-from armgpi.validation.problem import SOURCE, Mask, Problem
+from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled, States
 from armgpi.validation.tree import evaluate, from_robot
@@ -114,21 +114,10 @@ def _compare(
     notes: list[str],
 ) -> DynamicsReport:
     """Return the report of a model beside a robot."""
-    tree = from_robot(robot, frame)
-    problem = Problem(tree, states.q, sampled, rtol)
+    problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
     follows = dict(_follows(problem, sampled, own))
-    vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
-    causes = diagnose(problem, follows, vary)
-    functions = tuple(
-        _function_report(
-            robot,
-            problem,
-            states,
-            s,
-            tuple(c for c in causes if any(e.function == s.function for e in c.elements)),
-        )
-        for s in sampled.values()
-    )
+    causes = diagnose(problem, follows, Vary(worker.numbers, _varied(worker, states, problem, sampled)))
+    functions = tuple(_function_report(robot, problem, states, s, causes) for s in sampled.values())
     return DynamicsReport(
         worker.name,
         robot.name,
@@ -170,7 +159,8 @@ def count_joints(worker: Worker, joints: int | None) -> int:
     if fitting and (len(fitting) == 1 or 1 < fitting[0] == MOST_JOINTS + 1 - len(fitting)):
         return fitting[0]
     found = "no number of joints up to 8 does" if not fitting else f"{fitting} would all do"
-    raise ParameterError("joints", None, f"given, as it cannot be found by trying: {found}")
+    error = ParameterError("joints", None, f"given, as it cannot be found by trying: {found}")
+    raise error.suggesting(Remedy("joints"))
 
 
 def _refusal(worker: Worker, n: int) -> ModelError | None:
@@ -212,7 +202,7 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
 
 
 def _function_report(
-    robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: tuple[Cause, ...]
+    robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: Sequence[Cause]
 ) -> FunctionReport:
     """Return the report of one function."""
     name = sampled.function
@@ -238,12 +228,12 @@ def _function_report(
         note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
     where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}
     agrees = not differing and not curved
-    return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, causes, note)
+    mine = tuple(cause for cause in causes if any(e.function == name for e in cause.elements))
+    return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, mine, note)
 
 
 def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
     """Return what a function of the model should give."""
-    quantities = evaluate(problem.tree, s.q, ("V", "F", "J") if name not in SOURCE.values() else ("V",))
     if name == "mass_matrix":
         return robot.mass_matrix(s.q)
     if name == "gravity":
@@ -256,8 +246,8 @@ def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
         return robot.forward_dynamics(s.q, s.v, s.tau)
     if name == "kinetic_energy":
         return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, robot.mass_matrix(s.q), s.v))
-    seen = problem.seen(quantities)
-    return seen[{"potential_energy": "V", "forward_kinematics": "F", "jacobian": "J"}[name]]
+    quantity = {"potential_energy": "V", "forward_kinematics": "F", "jacobian": "J"}[name]
+    return problem.seen(evaluate(problem.tree, s.q, quantity))[quantity]
 
 
 def _follows(

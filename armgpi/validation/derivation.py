@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array, check_type
-from armgpi.errors import ArmgpiError, ParameterError
+from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig
@@ -170,8 +170,8 @@ def derive(
         raise ParameterError(
             "robot",
             f"{arm.name} with {arm.n} joints",
-            f"an arm of at most {MOST_JOINTS} joints; hold others fixed (lock, keep)",
-        )
+            f"an arm of at most {MOST_JOINTS} joints; lock others",
+        ).suggesting(Remedy("lock"), Remedy("keep"))
     work = _Symbols(from_robot(arm, frame))
     n = arm.n
     q = tuple(sympy.Symbol(f"q{i + 1}") for i in range(n))

@@ -24,9 +24,8 @@ Mask = npt.NDArray[np.bool_]
 SMALL = 1e-4
 #: Configurations at which hypotheses are tried first: most are wrong, and show it there.
 SCREEN = 10
-_DIGITS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-#: Piece -> function that gives it straight away.
-SOURCE = {"D": "mass_matrix", "H": "coriolis_torque", "G": "gravity", "V": "potential_energy"}
+#: Functions whose elements are differences of larger numbers, and so rounded more.
+_DIFFERENCES = ("inverse_dynamics", "kinetic_energy", "coriolis_torque", "coriolis_matrix")
 
 
 class Element(NamedTuple):
@@ -63,13 +62,6 @@ class Element(NamedTuple):
             return f"J[{row},{one[1]}]"
         return f"{self.quantity}[{','.join(map(str, one))}]"
 
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """Indices of the joints that it concerns, from 0."""
-        if self.quantity in ("V", "F"):
-            return ()
-        return self.place[1:] if self.quantity == "J" else self.place
-
 
 class Problem:
     """The samples of a model beside those of the reference.
@@ -88,11 +80,9 @@ class Problem:
         """Lay out the elements of all sampled functions."""
         rows = min(len(s.values) for s in sampled.values())
         self.tree, self.q = tree, q[:rows]
-        self.rtol = rtol
         self._sampled = {name: {k: x[:rows] for k, x in s.quantities.items()} for name, s in sampled.items()}
-        self.want = sorted(
-            {quantity for quantities in self._sampled.values() for quantity in quantities} | {"D", "G"}
-        )
+        # D and G also where no function has them: the tolerances are relative to them.
+        self.want = sorted({"D", "G"}.union(*self._sampled.values()))
         reference = evaluate(tree, self.q, self.want)
         self.axes = self._plane(reference)
         self.elements = [
@@ -102,12 +92,10 @@ class Problem:
             for index in _indices(quantity, array)
         ]
         self.functions = np.array([element.function for element in self.elements])
-        self.user = np.stack(
-            [_column(self._sampled[e.function][e.quantity], e) for e in self.elements], axis=-1
-        )
+        self.user = self.user_columns(self._sampled, rows)
         self._reference_quantities = reference
         self.reference = self.columns(reference)
-        self.tolerance = self._tolerances(reference, sampled)
+        self.tolerance = self._tolerances(reference, sampled, rtol)
 
     def columns(self, quantities: Quantities) -> Array:
         """Return the columns of the quantities of an arm, (rows, E); NaN where a quantity is not given."""
@@ -204,7 +192,7 @@ class Problem:
                     changed[quantity] = changed[quantity][:, rows]
         return changed
 
-    def _tolerances(self, reference: Quantities, sampled: Mapping[str, Sampled]) -> Array:
+    def _tolerances(self, reference: Quantities, sampled: Mapping[str, Sampled], rtol: float) -> Array:
         """Return how far each element may be off."""
         # What an arm of this weight, reach and inertia would have, where an entry of the reference vanishes.
         weight = 9.81 * sum(body.mass for body in self.tree.bodies)
@@ -215,24 +203,18 @@ class Problem:
         condition = float(np.linalg.cond(reference["D"]).max())
         out = np.empty(len(self.elements))
         for column, element in enumerate(self.elements):
-            whole = max(
-                natural[element.quantity], float(np.abs(reference.get(element.quantity, np.zeros(1))).max())
-            )
+            function, quantity, _ = element
+            own = sampled[function]
+            whole = max(natural[quantity], float(np.abs(reference.get(quantity, np.zeros(1))).max()))
             size = max(float(np.abs(self.reference[:, column]).max()), SMALL * whole)
-            out[column] = self.rtol * size + SAFETY * sampled[element.function].noise
-            if element.function in (
-                "inverse_dynamics",
-                "kinetic_energy",
-                "coriolis_torque",
-                "coriolis_matrix",
-            ):
-                # Their elements are differences of larger numbers.
-                out[column] += 1e-14 * float(np.abs(sampled[element.function].values).max())
-            elif element.function == "forward_dynamics":
+            largest = float(np.abs(own.values).max())
+            out[column] = rtol * size + SAFETY * own.noise
+            if function in _DIFFERENCES:
+                out[column] += 1e-14 * largest
+            elif function == "forward_dynamics":
                 # A unit torque hardly moves a heavy arm: what is lost in its response, D enlarges twice.
-                fastest = float(np.abs(sampled[element.function].values).max())
-                rounding = max(1e-16, SAFETY * sampled[element.function].digits)
-                lost = rounding * inertia * inertia * fastest * (1.0 if element.quantity == "D" else fastest)
+                rounding = max(1e-16, SAFETY * own.digits)
+                lost = rounding * inertia * inertia * largest * (1.0 if quantity == "D" else largest)
                 out[column] += 1e-15 * condition * (whole + weight) + lost
         return out
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armgpi.arrays import Array
-from armgpi.errors import ModelError
+from armgpi.errors import ModelError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation import check, laws, samples
 from armgpi.validation.models import ARGUMENTS
@@ -99,7 +99,8 @@ def suggest_urdf(
     if arm is not None:
         tree, rest = fit.with_bodies(from_robot(arm))
     elif n > MOST_JOINTS:
-        raise ModelError(name, "", f"has {n} joints; without a robot at most {MOST_JOINTS} can be tried")
+        text = f"has {n} joints; without a robot at most {MOST_JOINTS} can be tried"
+        raise ModelError(name, "", text).suggesting(Remedy("robot"))
     else:
         tree, rest = _searched(fit, n, turning, target)
     text = f"fits D{' and G' if 'G' in target else ''} to {rest:.2g}, every link is a possible rigid body"

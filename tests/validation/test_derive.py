@@ -89,5 +89,6 @@ def test_latex_names_every_entry() -> None:
 def test_a_long_arm_is_refused() -> None:
     if "ur5" not in robots.names():
         pytest.skip("needs example-robot-data")
-    with pytest.raises(errors.ParameterError, match="at most 4"):
+    with pytest.raises(errors.ParameterError, match="at most 4") as caught:
         derive("ur5")
+    assert caught.value.remedies == (errors.Remedy("lock"), errors.Remedy("keep"))

@@ -258,6 +258,18 @@ def test_bad_arguments_are_refused(options: dict[str, object], error: type[Excep
         validate("paper", **arguments)
 
 
+def test_what_helps_comes_with_the_error_as_data() -> None:
+    with pytest.raises(errors.ParameterError) as unknown:
+        validate({"gravity": lambda q: 0.0 * q})  # takes any number of joints
+    assert unknown.value.remedies == (errors.Remedy("joints"),)
+    with pytest.raises(errors.ModelError) as other:
+        validate({"gravity": lambda q: np.asarray(q).reshape(2)}, "anthropomorphic3")
+    assert other.value.remedies == (errors.Remedy("lock"), errors.Remedy("keep"))
+    with pytest.raises(errors.ModelError) as long:
+        suggest_urdf({"mass_matrix": lambda q: np.eye(5)}, joints=5)
+    assert long.value.remedies == (errors.Remedy("robot"),)
+
+
 # A URDF for a model without one.
 
 
