@@ -219,6 +219,7 @@ def _function_report(
     mask = problem.of_function(name)
     differing = tuple(problem.elements[k].label for k in np.flatnonzero(mask & ~problem.agreeing))
     relative = float(away[worst]) / size if size > 0.0 else (0.0 if away[worst] == 0.0 else float("inf"))
+    # Beside what the arm has elsewhere a rounding error is not curved, however small the torque.
     scale = max(float(np.abs(reference).max()), float(np.abs(problem.reference).max()) * 1e-6)
     squares = float(np.square(np.abs(v).sum(axis=1)).max())
     # Below rounding nothing is curved; products of velocities enlarge what rounding there is.

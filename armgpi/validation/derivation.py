@@ -177,6 +177,7 @@ def derive(
     q = tuple(sympy.Symbol(f"q{i + 1}") for i in range(n))
     v = tuple(sympy.Symbol(f"v{i + 1}") for i in range(n))
     D, V, position = work.inertia(), work.potential(), work.position()
+    # C from D's exact derivatives: its harmonics, so nothing is left to simplify.
     slope = [[[work.slope(D[i][j], k) for k in range(n)] for j in range(n)] for i in range(n)]
 
     def expression(x: Trig) -> Any:
@@ -335,6 +336,7 @@ class _Symbols:
 
     def _symbol(self, name: str, value: float, size: float) -> str | None:
         """Keep a value under a name, unless it is zero."""
+        # What rounding leaves of a zero would drag through every formula.
         if value == 0.0 or abs(value) <= _ROUNDING * size:
             return None
         self.values[name] = float(value)
@@ -347,6 +349,7 @@ class _Symbols:
     def _gravity(self) -> list[str | None]:
         """Return the names of gravity's components; "-g" where it points down."""
         g = self.tree.gravity
+        # As in every textbook: g is positive, and the arm hangs along -z.
         if g[0] == 0.0 and g[1] == 0.0 and g[2] < 0.0:
             self.values["g"] = float(-g[2])
             return [None, None, "-g"]

@@ -201,16 +201,11 @@ def _coordinates(tree: Tree) -> Iterator[Hypothesis]:
         yield Hypothesis("joint-sign", text, 2, affine=Affine(-eye, zero, -eye))
         yield Hypothesis("angle-sign", f"{text} inside of the formulas", 3, affine=_inside(-eye))
     for i in revolute:
-        for degrees in (90, -90, 180):
-            b = zero.copy()
-            b[i] = degrees * _DEGREE
+        for degrees, slip in ((90, " (cos for sin)"), (-90, " (sin for cos)"), (180, "")):
             shift = f"q{i + 1} {'+' if degrees > 0 else '-'} {abs(degrees)}°"
             text = f"{names.joint(i)} is measured from another zero: {shift} stands where q{i + 1} belongs"
-            if degrees == 90:
-                text += " (cos for sin)"
-            elif degrees == -90:
-                text += " (sin for cos)"
-            yield Hypothesis("offset", text, 2, affine=_inside(eye, b))
+            yield Hypothesis("offset", text + slip, 2, affine=_inside(eye, degrees * _DEGREE * eye[i]))
+    # Rarely some angles alone; a mistake in all is one line of code.
     subsets = ([revolute] if revolute else []) + ([[i] for i in revolute] if len(revolute) > 1 else [])
     for chosen in subsets:
         which = "all angles" if chosen == revolute else names.joint(chosen[0])
@@ -241,7 +236,7 @@ def _orders(n: int) -> Iterator[tuple[int, ...]]:
     if n <= 4:
         yield from (p for p in itertools.permutations(range(n)) if p != tuple(range(n)))
         return
-    yield tuple(reversed(range(n)))
+    yield tuple(reversed(range(n)))  # counted from the tip
     for i, j in itertools.combinations(range(n), 2):
         order = list(range(n))
         order[i], order[j] = j, i
@@ -256,6 +251,7 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
         if tree.prismatic[i]:
             continue
         R, k = tree.rotations[i], tree.parents[i]
+        # A sliding joint between two parallel ones turns nothing.
         while k >= 0 and tree.prismatic[k]:
             R, k = tree.rotations[k] @ R, tree.parents[k]
         if k >= 0:
@@ -266,27 +262,32 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
     for chosen in chosen_sets:
         B = np.eye(n)
         for i, k, sign in chosen:
-            B[i, k] = -sign
+            B[i, k] = -sign  # q of the robot is the absolute angle less that of the joint before
+        A, eye, zero = np.asarray(np.linalg.inv(B), dtype=np.float64), np.eye(n), np.zeros(n)
         joints = " and ".join(names.joint(i) for i, _, _ in chosen)
         penalty = 2.0 if chosen == pairs else 2.5
-        text = (
+        absolute = (
             f"absolute angles: {joints} counted from the base (or the horizontal), not from the link before"
         )
-        zero = np.zeros(n)
-        yield Hypothesis("absolute-angles", text, penalty, affine=Affine(B, zero, B))
-        yield Hypothesis(
-            "absolute-angles", f"{text}, inside of the formulas", penalty + 0.5, affine=_inside(B)
-        )
-        rates = f"absolute angles: the rates and torques of {joints} are absolute, their angles are not"
-        yield Hypothesis("absolute-angles", rates, penalty + 1.0, affine=Affine(np.eye(n), zero, B))
-        A = np.asarray(np.linalg.inv(B), dtype=np.float64)
-        rates = f"the rates and torques of {joints} are added up once more, their angles are not"
-        yield Hypothesis("absolute-angles", rates, penalty + 2.0, affine=Affine(np.eye(n), zero, A))
-        text = f"the angles of {joints} are added to those before where the robot's are added already"
-        yield Hypothesis("absolute-angles", text, penalty + 1.0, affine=Affine(A, zero, A))
-        yield Hypothesis(
-            "absolute-angles", f"{text}, inside of the formulas", penalty + 1.5, affine=_inside(A)
-        )
+        added = f"the angles of {joints} are added to those before where the robot's are added already"
+        inside = ", inside of the formulas"
+        for text, more, affine in (
+            (absolute, 0.0, Affine(B, zero, B)),
+            (absolute + inside, 0.5, _inside(B)),
+            (
+                f"absolute angles: the rates and torques of {joints} are absolute, their angles are not",
+                1.0,
+                Affine(eye, zero, B),
+            ),
+            (
+                f"the rates and torques of {joints} are added up once more, their angles are not",
+                2.0,
+                Affine(eye, zero, A),
+            ),
+            (added, 1.0, Affine(A, zero, A)),
+            (added + inside, 1.5, _inside(A)),
+        ):
+            yield Hypothesis("absolute-angles", text, penalty + more, affine=affine)
 
 
 def _steiner(body: Body) -> Array:
@@ -422,7 +423,7 @@ def _frames(tree: Tree) -> Iterator[Hypothesis]:
             axis = np.zeros(3)
             axis[k] = sign
             if abs(abs(axis @ tree.axes[i]) - 1.0) < _PARALLEL:
-                continue
+                continue  # the same axis, or another sign of the joint
             verb = "slides along" if tree.prismatic[i] else "turns about"
             text = f"{joint} {verb} {'-' if sign < 0 else ''}{_XYZ[k]}, the robot's {_vector(tree.axes[i])}"
             yield Hypothesis("axis", text + " (in its frame at zero)", 3, tree=item("axes", i, axis))
@@ -431,7 +432,7 @@ def _frames(tree: Tree) -> Iterator[Hypothesis]:
             "joint-type", f"{joint} is taken as {word}", 4, tree=item("prismatic", i, not tree.prismatic[i])
         )
         R, p = tree.rotations[i], tree.positions[i]
-        if not np.allclose(R, R.T):
+        if not np.allclose(R, R.T):  # half a turn is its own transpose
             text = f"the fixed rotation before {joint} is transposed (turned the other way)"
             yield Hypothesis("rotation", text, 3, tree=item("rotations", i, R.T))
         if not np.allclose(R, np.eye(3)):
@@ -672,6 +673,7 @@ def _dropper(k: int, j: int, turning: bool) -> Callable[[Tree, Array, Iterable[s
 
     def lost(tree: Tree, _: Array, spin: Array, move: Array) -> Array:
         body = tree.bodies[k]
+        # What v' J' I J v loses with the column of joint j.
         part, tensor = (spin, body.inertia) if turning else (move, body.mass * np.eye(3))
         kept = part.copy()
         kept[:, j] = 0.0
@@ -708,6 +710,7 @@ def _less(k: int, lost: Callable[[Tree, Array, Array, Array], Array]) -> Callabl
         if "D" in want:
             quantities["D"] = quantities["D"] - all_lost(q)
         if "H" in want:
+            # By differences: this D has no model that Pinocchio could differentiate.
             step, columns = 1e-3, []
             for e in np.eye(n):
                 near, far = (all_lost(q + step * m * e) - all_lost(q - step * m * e) for m in (1, 2))
@@ -740,6 +743,7 @@ def _unturned(tree: Tree) -> Iterator[Hypothesis]:
         def custom(t: Tree, q: Array, want: Iterable[str]) -> Quantities:
             want = tuple(want)
             right, total = evaluate(t, q, want), evaluate(t, q, want)
+            # What each link loses adds up, as D is a sum over the links.
             for change in changes:
                 one = change(t, q, want)
                 total = {name: total[name] + one[name] - right[name] for name in total}
@@ -748,6 +752,7 @@ def _unturned(tree: Tree) -> Iterator[Hypothesis]:
         return custom
 
     turning = [k for k in range(tree.n) if tree.bodies[k].inertia.any()]
+    # Denavit-Hartenberg puts a link's frame at its far end; then R I R' needs the rotation there.
     far = {k: _far_rotation(tree, k) for k in turning}
     here = {k: np.eye(3) for k in turning}
     choices = [here] + ([far] if any(not np.allclose(R, np.eye(3)) for R in far.values()) else [])

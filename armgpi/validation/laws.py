@@ -23,15 +23,15 @@ TOLERANCE = 1e-7
 #: Step of the difference quotients [rad or m]: its fourth power and the rounding error divided by it are both
 #: some 1e-12.
 STEP = 1e-3
-#: The simulated swing: how long [s], how exact, and how many evaluations at most: five times what a smooth
-#: motion takes.
+#: The simulated swing: how long [s], how exact, and how many evaluations at most: more of them mean that the
+#: motion is not smooth.
 SWING, SWING_RTOL, SWING_CALLS = 1.0, 1e-10, 3000
 #: Coriolis torques and slopes count as no smaller than this share of what they are derived from: below it
 #: the difference quotients have lost the digits that the law is about.
 FLOOR = 1e-3
 #: Energy may drift by this share over the swing: far above the integrator's error, far below a mistake.
 DRIFT = 1e-6
-#: Models slower than this [s a call] are not simulated: it would take more than ten seconds.
+#: Models slower than this [s a call] are not simulated: the swing would take some ten seconds.
 SLOW = 2e-3
 #: Configurations at which derivatives are taken; each takes four calls per joint.
 _ROWS = 12

@@ -159,7 +159,7 @@ def _run(path: Path) -> ModuleType:
 
 def _import(name: str) -> ModuleType:
     """Import a module by its name."""
-    sys.path.insert(0, "")
+    sys.path.insert(0, "")  # a module beside the user, as `python -m` has it
     if name.startswith("."):
         raise Unusable(_NOWHERE)
     try:
@@ -214,6 +214,7 @@ def _of_module(module: ModuleType) -> Functions:
             for name, value in vars(module).items()
             if type(value).__module__ == module.__name__ and any(hasattr(value, f) for f in ARGUMENTS)
         }
+        # A file may end in `arm = Arm(length=0.3)`.
         if len(objects) == 1:
             return _of_instance(next(iter(objects.values())))
         raise Unusable(_nothing(vars(module)))
@@ -315,6 +316,7 @@ def _variables(
             yield name, value, partial(setattr, thing, name)
         for name, value in vars(type(thing)).items():
             yield name, value, partial(setattr, type(thing), name)
+    # Closures first: a number that a function has captured is not looked up among the globals.
     for function in functions:
         plain = getattr(function, "__func__", function)
         code, cells = getattr(plain, "__code__", None), getattr(plain, "__closure__", None) or ()

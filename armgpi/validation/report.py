@@ -144,6 +144,7 @@ class DynamicsReport:
                 lines += _lines_of(cause)
         if self.laws:
             lines += ["", "Laws"]
+            # Without its head: laws need none, but its widths are those of the rows.
             lines += _table(("", "", "error", ""), self._checked_laws())[1:]
         if self.notes:
             lines += ["", *(f"note: {note}" for note in self.notes)]
@@ -213,6 +214,7 @@ def _lines_of(cause: Cause) -> list[str]:
 def _where(cause: Cause) -> str:
     """Return where a cause is at work."""
     functions = list(dict.fromkeys(element.function for element in cause.elements))
+    # A mistake of the whole arm shows everywhere; the list of entries would say nothing.
     if cause.scope == "model":
         return ", ".join(functions)
     labels = [element.label for element in cause.elements]

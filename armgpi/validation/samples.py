@@ -21,8 +21,8 @@ from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.tree import Quantities
 from armgpi.validation.worker import Worker
 
-#: Configurations, and how few at least where calls are slow. Forty are more than an
-#: entry has harmonics, so nothing agrees at all of them by chance.
+#: Configurations, and how few at least where calls are slow. Nothing agrees at forty of them by chance, and
+#: sums of up to eight harmonics are found from them.
 CONFIGURATIONS, FEWEST = 40, 6
 #: How long all the sampling of one function may take [s]; slow models get fewer configurations.
 BUDGET = 20.0

@@ -166,7 +166,7 @@ def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> 
         elif G is not None and constant[i] and np.abs(G[:, i]).max() > 1e-9:
             kinds_of.append([True])  # a weight that never changes slides along the vertical
         else:
-            kinds_of.append([False, True])
+            kinds_of.append([False, True])  # nothing depends on it: either will do
     letters = ["z", "y", "x", "-z", "-y", "-x"]
     first = letters if "F" in target else ["z", "y"]
     level = G is not None and constant[0] and not np.abs(G[:, 0]).max() > 1e-9
@@ -283,6 +283,7 @@ class _Fit:
                 )
                 columns.append((evaluate(one, self._q, "F")["F"] - fixed).ravel())
         x = np.linalg.lstsq(np.stack(columns, axis=-1), (self._target["F"] - fixed).ravel(), rcond=1e-10)[0]
+        # Least squares leaves lengths that no position depends on at some 1e-17.
         x = np.where(np.abs(x) < 1e-9, 0.0, x).reshape(-1, 3)
         return replace(tree, positions=tuple(x[:-1]), tool_position=x[-1])
 

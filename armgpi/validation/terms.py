@@ -73,6 +73,7 @@ def match(problem: Problem, term: Term, column: int) -> Match | None:
     size = float(part @ part)
     if not size > 0.0 or np.abs(part).max() <= problem.tolerance[column]:
         return None
+    # Least squares, then the worst sample: a share that fits on average explains nothing.
     rest = problem.user[:, column] - problem.reference[:, column]
     share = float(rest @ part) / size
     if np.abs(rest - share * part).max() > problem.tolerance[column]:
@@ -90,6 +91,7 @@ def match_mapped(
     problem: Problem, plain: Term, mapped: Term, hypothesis: Hypothesis, column: int
 ) -> Match | None:
     """Return how a term at other angles explains the difference of one element."""
+    # The term at the other angle less the term as it is must be all that differs.
     moved = mapped.columns[:, column] - plain.columns[: len(mapped.columns), column]
     rest = (problem.user[:, column] - problem.reference[:, column])[: len(moved)]
     if (
@@ -114,7 +116,7 @@ def _terms(problem: Problem, affine: Affine | None, rows: int | None) -> Iterato
             spin = alone.with_body(k, mass=0.0, inertia=body.inertia)
             yield Term(f"the inertia about the centre of mass of {link}", "", columns(spin))
         if body.mass == 0.0:
-            continue
+            continue  # no parts in the position of its centre of mass
         parts = _by_degree(_of_scale(alone, k, columns))
         for labels, part in zip(_DEGREES, parts, strict=True):
             inertial, weight = (label.format(link) for label in labels)

@@ -95,7 +95,7 @@ class Tree:
         """Return where the next joint (or else the tool) stands in the frame of joint i [m]."""
         children = [j for j, parent in enumerate(self.parents) if parent == i]
         if children:
-            return self.positions[children[0]]
+            return self.positions[children[0]]  # of a fork any one: lc for l is a mistake of serial arms
         return self.tool_position if self.tool_parent == i and self.tool_position.any() else None
 
     def model(self) -> Any:
@@ -133,7 +133,7 @@ def from_robot(robot: Robot, frame: str | None = None) -> Tree:
         column = pin.computeJointJacobian(model, data, np.zeros(model.nq), i).reshape(6, -1)[:, i - 1]
         axes.append(np.round(column[:3] + column[3:], 15))  # one of them is zero; x is x, not x + 1e-17
     tip = robot.tip if frame is None else frame
-    robot.frame_pose(tip, np.zeros(robot.n))  # refuses a name that is not there
+    robot.frame_pose(tip, np.zeros(robot.n))  # refuses a name that is not there, which Pinocchio does not
     tool = model.frames[[f.name for f in model.frames].index(tip)]
     links = [
         next(
@@ -225,7 +225,7 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
         "J": jacobian,
     }
     quantities = {name: np.stack([one[name](row) for row in x]) for name in want if name in one}
-    if "V" in quantities:
+    if "V" in quantities:  # its zero is anyone's choice
         quantities["V"] = quantities["V"] - quantities["V"][0]
     if affine is not None:
         quantities = _in_coordinates(quantities, affine.L)
@@ -234,6 +234,7 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
 
 def _in_coordinates(quantities: Quantities, L: Array) -> Quantities:
     """Return quantities that belong to the velocities v_robot = L v."""
+    # Power is the same in both: torques go with L', so D becomes L' D L.
     formula = {"D": "ai,Nab,bj->Nij", "H": "ai,bj,ck,Nabc->Nijk", "G": "ai,Na->Ni", "J": "Nra,ai->Nri"}
     factors: dict[str, Callable[[Array], tuple[Any, ...]]] = {
         "D": lambda x: (L, x, L),
