@@ -146,7 +146,7 @@ def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, 
         index = tuple(int(i) for i in bad[0])
         raise ArrayError(
             name,
-            f"expected {expected} values{_sizes(array[index])}, got {array[index]:g} for joint "
+            f"expected {expected} values{sizes(array[index])}, got {array[index]:g} for joint "
             f"{joint_names[index[-1]]!r}",
         )
     return array
@@ -259,7 +259,7 @@ def check_number(
     if open_ and lowest == 0.0:
         inside = inside and number >= SMALLEST
     if not inside or abs(number) > LARGEST:
-        raise ParameterError(name, value, f"{expected}{_sizes(number)}")
+        raise ParameterError(name, value, f"{expected}{sizes(number)}")
     return number
 
 
@@ -301,7 +301,7 @@ def _convert(value: Any, name: str) -> Array:
     return array
 
 
-def _sizes(number: float) -> str:
+def sizes(number: float) -> str:
     """Return what a number beyond what is taken should have been, empty for another one."""
     good = number == 0.0 or SMALLEST <= abs(number) <= LARGEST or not math.isfinite(number)
     return "" if good else f", from {SMALLEST:g} to {LARGEST:g} in size"

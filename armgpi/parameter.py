@@ -33,6 +33,7 @@ from armgpi.arrays import (
     is_listing,
     per_joint,
     positive,
+    sizes,
 )
 from armgpi.errors import ArrayError, ParameterError, shown
 
@@ -237,7 +238,7 @@ class Parameter:
             raise ArrayError(self.name, f"expected {expected} values, got none")
         if not self.inside(array).all():
             wrong = array[~self.inside(array)].flat[0]
-            raise ParameterError(self.name, float(wrong), expected)
+            raise ParameterError(self.name, float(wrong), f"{expected}{sizes(wrong)}")
         return array
 
     def _numbers(self, value: Any) -> Array:

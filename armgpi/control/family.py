@@ -18,15 +18,15 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from armgpi.arrays import Array, PerJointInput, as_float_array, check_whole
+from armgpi.arrays import Array, PerJointInput, as_sized_array, check_whole, positive
 from armgpi.control.gains import Tuning, betas
 from armgpi.errors import ParameterError
 
 
 def _positive(value: PerJointInput, name: str) -> Array:
     """Return a parameter as an array of positive numbers."""
-    array = as_float_array(value, name)
-    if not (array > 0.0).all():
+    array = as_sized_array(value, name)
+    if not positive(array).all():
         raise ParameterError(name, value, "positive")
     return array
 

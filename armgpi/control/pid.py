@@ -99,7 +99,8 @@ class PIDInversion(Controller):
         self._ki_dt = self.dt * self.ki
         self._kp_now = self.kp + 0.5 * self._ki_dt
         # Anti-windup by back-calculation with the tracking time Kp / Ki, but no less than a sample.
-        self._back = np.minimum(self._ki_dt / np.maximum(self.kp, 1e-300), 1.0)
+        with np.errstate(over="ignore"):
+            self._back = np.minimum(self._ki_dt / np.maximum(self.kp, 1e-300), 1.0)
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> PIDInversion:

@@ -13,12 +13,12 @@ import casadi as ca
 import numpy as np
 
 from armgpi import __version__
+from armgpi.arrays import check_choice
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
-from armgpi.arrays import check_choice
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.faults import Bounds, Faults, bounds
 from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller

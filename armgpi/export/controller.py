@@ -9,9 +9,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.arrays import LARGEST, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
-from armgpi.arrays import LARGEST, check_path, check_type
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.names import check_name, plain, renamed
 from armgpi.references.reference import Target

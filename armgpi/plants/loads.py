@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, is_listing
+from armgpi.arrays import Array, PerJointInput, as_times, is_listing
 from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, plain, with_parameters
 from armgpi.registry import Context
@@ -74,6 +74,7 @@ class Step(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
+        t = as_times(t)
         return _gate(t, self.onset, self.end) * self.amplitude
 
 
@@ -95,6 +96,7 @@ class Ramp(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
+        t = as_times(t)
         return (np.minimum(np.maximum(t, self.onset), self.end) - self.onset) * self.slope
 
 
@@ -120,6 +122,7 @@ class Sine(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
+        t = as_times(t)
         wave = np.sin(self.omega * t + self.phase)
         return _gate(t, self.onset, self.end) * self.amplitude * wave
 
@@ -142,6 +145,7 @@ class Pulse(Load):
 
     def torque(self, t: Array) -> Array:
         """Return the torque; see :meth:`Load.torque`."""
+        t = as_times(t)
         x = np.minimum(np.maximum((t - self.onset) / self.duration, 0.0), 1.0)
         push: Array = np.sin(np.pi * x) ** 2 * self.amplitude
         return push

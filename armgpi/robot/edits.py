@@ -157,7 +157,7 @@ class Edits(Frames):
         """Return a quantity of every joint, (n,); joints that a mapping leaves out keep the current one."""
         values = quantity(value, name, self.joint_names, current, infinite=True)
         for joint, number in zip(self.joint_names, values, strict=True):
-            if not lowest <= number <= highest:
+            if not lowest <= number <= highest or (lowest == 0.0 and 0.0 < number < SMALLEST):
                 raise LimitError(name, joint, number, lowest, highest)
         return values
 

@@ -127,7 +127,7 @@ class Frames(Equations):
 
     def links_moved_by(self, joint: str) -> list[str]:
         """Return the names of the links that a joint carries directly."""
-        if joint not in self.joint_names:
+        if not (isinstance(joint, str) and joint in self.joint_names):
             raise NameNotFound("joint", joint, self.joint_names)
         index = self._model.getJointId(joint)
         return [f.name for f in self._model.frames if f.type == pin.FrameType.BODY and f.parentJoint == index]

@@ -244,10 +244,10 @@ def _name_list(value: Any, name: str) -> list[Any]:
     """Return joint names given as one name or several."""
     if isinstance(value, str):
         return [value]
-    try:
-        return list(value)
-    except TypeError:
-        raise ParameterError(name, value, "names of joints") from None
+    names = list(value) if isinstance(value, Iterable) else [None]
+    if not all(isinstance(joint, str) for joint in names):
+        raise ParameterError(name, value, "names of joints")
+    return names
 
 
 def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> str:

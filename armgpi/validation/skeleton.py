@@ -72,9 +72,11 @@ def suggest_urdf(
         time_limit: as in :func:`armgpi.validate` [s].
 
     Raises:
+        ParameterError: when another argument is not as it should be.
         ModelError: when the model cannot be used, tells of no mass matrix, or has more than four joints and
             no robot is given.
     """
+    time_limit = check.check_time_limit(time_limit)
     name = str(model) if isinstance(model, str | PathLike) else check.name_of(model)
     arm = Robot.load(robot) if robot is not None and not isinstance(robot, Robot) else robot
     with Worker(model, name, time_limit) as worker:
