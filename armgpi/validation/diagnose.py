@@ -749,7 +749,7 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
 
 
 def _inertial_text(chosen: tuple[int, ...], change: Array) -> str:
-    """Return changes of mass, first moments and inertias in words."""
+    """Return changes of mass, first moments and inertias as text."""
     labels = ("m", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
     texts = []
     for i, row in zip(chosen, change, strict=True):
