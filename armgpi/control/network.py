@@ -270,7 +270,7 @@ class BSplineNetwork(Gains):
         return self._lower
 
     def init(self, e: Array) -> NetworkState:
-        """Return the state before the first sample: nothing learned."""
+        """Return the state before the first sample, nothing learned; see :meth:`Gains.init`."""
         zero = np.zeros_like(e)
         weights = ((zero,) * self.size,) * len(self._adapted)
         activations = self.activations(e, zero)
@@ -305,7 +305,15 @@ class BSplineNetwork(Gains):
         return GainStep(whole, NetworkState(tuple(weights), a, filtered, whole))
 
     def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
-        """Return the basis functions of the error [rad] and of its filtered derivative [rad/s]."""
+        """Return the basis functions of the error and of its derivative (eq. 22).
+
+        Args:
+            e: tracking error [rad or m], shape (n,) or (batch, n).
+            slope: its filtered derivative [rad/s or m/s], same shape.
+
+        Returns:
+            The activations [-], those of the error first, each of the same shape.
+        """
         return (*self.basis.even(e * self._per_error), *self.basis.even(slope * self._per_derivative))
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:

@@ -87,7 +87,14 @@ class Metric:
         return values.rename(self.name).assign_attrs(long_name=self.long_name, units=units)
 
     def of_arm(self, values: Array) -> Array:
-        """Return one value for the arm, shape (...), of those of its joints, shape (..., n)."""
+        """Return one value for the arm: the sum over its joints, or the largest, as the metric is declared.
+
+        Args:
+            values: of the joints, shape (..., n).
+
+        Returns:
+            Values of the arm, shape (...).
+        """
         return np.asarray(values.sum(axis=-1) if self.total else values.max(axis=-1))
 
     def text(self, value: float | None, most: int = 16) -> str:
