@@ -18,7 +18,7 @@ from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
 _CALM, _ALERT = 22.0 / 30.0, 2.0
-#: Resolution that stands for the scale of errors where there is no encoder.
+#: Resolution that gives the scale of errors where there is no encoder.
 _FINE_BITS = 22
 #: Lowest and highest value of a tuning parameter; one number for one that does not adapt.
 Box = PerJointInput | tuple[PerJointInput, PerJointInput]
@@ -53,8 +53,8 @@ class BSplineNetwork(Gains):
     short of the aim, less a leak that forgets. So a gain rises fast while the error is large and falls back
     slowly when it is not.
     Outputs are projected onto the box, and omega_c moves no faster than rate omega_c^2 per second, which
-    is what one quadratic Lyapunov function can certify. While the torque is cut, or a measurement is no
-    number, nothing is learned.
+    is what one quadratic Lyapunov function can certify. While the torque is saturated, or a measurement is
+    NaN, nothing is learned.
 
     ``learning="signed"``: eq. 23 to the letter, e_n = e, without box, dead zone or rate limit.
 

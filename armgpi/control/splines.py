@@ -69,8 +69,8 @@ class BSplineBasis:
             The basis of intervals + order - 1 functions.
 
         Raises:
-            ParameterError: when the ends are not finite, `upper` is not above `lower`, or a number is not whole
-                and positive.
+            ParameterError: when the ends are not finite, `upper` is not above `lower`, or a number is not
+                whole and positive.
         """
         if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
             raise ParameterError("upper", upper, f"above the lower end {lower:g}")

@@ -251,7 +251,7 @@ def effort_used(rollout: xr.Dataset) -> xr.DataArray:
 
 @metric("saturated", Unit(time=1), "torques", long_name="saturated time", tables=_RUNS)
 def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
-    """Return how long the applied torque stood at its limit."""
+    """Return how long the applied torque was at its limit."""
     tau = rollout["tau"]
     at_limit = abs(tau) >= rollout["effort"] * (1.0 - 1e-9)
     return _held_integral(at_limit.astype(float).where(tau.notnull()))

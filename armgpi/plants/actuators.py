@@ -1,4 +1,4 @@
-"""What stands between the controller's torque and the joints: limits on torque and on its rate."""
+"""Actuators between the controller's torque and the joints: limits on torque and on its rate."""
 
 from __future__ import annotations
 

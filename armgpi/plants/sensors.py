@@ -1,4 +1,4 @@
-"""What stands between the true state and the controller: encoder steps, noise, delay, drop-outs."""
+"""Sensors between the true state and the controller: encoder steps, noise, delay, drop-outs."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Edits(Frames):
 
     @property
     def armature(self) -> Array:
-        """Rotor inertia seen at every joint [kg m^2 or kg], shape (n,)."""
+        """Rotor inertia reflected to every joint [kg m^2 or kg], shape (n,)."""
         return np.array(self._model.armature)[self._own]
 
     def with_payload(
@@ -192,7 +192,7 @@ class Edits(Frames):
 
     @property
     def _own(self) -> list[int]:
-        """Where the n joints stand among the model's coordinates."""
+        """Places of the n joints among the model's coordinates."""
         return [int(self._model.joints[self._model.getJointId(name)].idx_v) for name in self.joint_names]
 
 

@@ -393,7 +393,7 @@ class Equations:
         return np.where(continuous, q_ - 2.0 * math.pi * turns, q_)
 
     def _states(self, **arguments: ArrayLike) -> tuple[Array, ...]:
-        """Check state-like arguments and give them one shape; a single state goes with any batch."""
+        """Check state-like arguments and give them one shape; a single state fits any batch."""
         arrays = [as_joint_array(value, name, self.joint_names) for name, value in arguments.items()]
         shapes = [array.shape for array in arrays]
         if self.batch is not None:

@@ -36,7 +36,7 @@ _DAMPING = 0.1
 _LEAST_DAMPING = 1e-14
 #: Longest step of a joint in an iteration [rad, or lengths of the arm].
 _LONGEST_STEP = 1.0
-#: Iterations between two looks at whether a search still gains.
+#: Iterations between two checks whether a search still gains.
 _PATIENCE = 10
 #: Share of the loss that a search has to gain in between, or it ends.
 _LEAST_GAIN = 0.01
@@ -123,11 +123,11 @@ def inverse_kinematics(
         seed: of the random starts.
 
     Returns:
-        The configurations and how well they reach. One out of reach raises no error: look at `reached`.
+        The configurations and how well they reach. One out of reach raises no error: check `reached`.
 
     Raises:
         NameNotFound: when there is no such frame.
-        ArrayError: when an array is not as it should be, or a rotation is none.
+        ArrayError: when an array is not as it should be, or a matrix is not a rotation.
         ParameterError: when both rotation and direction are given, the frame does not move, or a number is
             out of its range.
         LimitError: when `near` is outside the joint limits.
@@ -451,7 +451,7 @@ class _Arm(NamedTuple):
         if not J.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = ~robot.prismatic
-        # The longest lever seen; an arm that slides only, or turns on the spot, is measured in metres.
+        # The longest lever found; an arm that slides only, or turns on the spot, is measured in metres.
         length = float(np.linalg.norm(J[:, :3] * turning, axis=1).max()) or 1.0
         return cls(robot, frame, length, np.where(turning, 1.0, length))
 
