@@ -36,7 +36,7 @@ def as_float_array(value: Any, name: str, infinite: bool = False) -> Array:
     Args:
         value: a native float64 array, or a Python number, or (nested) lists of them.
         name: name of the argument, for the message.
-        infinite: whether infinity is as good as a number here (a limit that is none).
+        infinite: whether infinity is accepted, as for no limit.
 
     Raises:
         ArrayError: when it is an array of another dtype or byte order, not numeric, ragged, or holds
@@ -308,7 +308,7 @@ def sizes(number: float) -> str:
 
 
 def _check_finite(array: Array, name: str, joint_names: Sequence[str] | None = None) -> None:
-    """Refuse NaN and infinity, saying where the first one stands."""
+    """Refuse NaN and infinity, with the place of the first one."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):  # not its size: the index of a lone number is empty
         index = tuple(int(i) for i in bad[0])

@@ -227,7 +227,7 @@ class ConfigError(ArmgpiError):
     """
 
     def __init__(self, source: object, key: str, message: str, line: int | None = None) -> None:
-        """Describe the bad key, where it stands and what was expected."""
+        """Describe the bad key, its place and what was expected."""
         self.source = str(source)
         self.key = key
         self.line = line

@@ -58,7 +58,7 @@ Kind = Literal[
     "group",
     "variant",
 ]
-#: Stands for the default of a parameter that must be given.
+#: Default of a parameter that must be given.
 REQUIRED: Any = _Required.REQUIRED
 
 _Class = TypeVar("_Class", bound=type)

@@ -34,7 +34,7 @@ for joint in robot.joint_names:
         f"{float(torque.sel(joint=joint)):8.2f} N m {float(rollout['effort'].sel(joint=joint)):7g}"
     )
 
-# With start="hold" the motors begin with the torque that holds the arm as the controller believes it is.
+# With start="hold" the motors begin with the torque that holds the nominal model.
 # So all that it has to find at the start is the load, whose weight moves the joints a little:
 drop = abs(rollout["q"] - rollout["q_ref"]).sel(time=slice(0.0, 0.2)).max()
 print(f"\nwithin the first 0.2 s the load pulls a joint off by at most {float(drop):.5f} rad")

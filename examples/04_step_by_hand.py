@@ -19,7 +19,7 @@ loop = ClosedLoop(
     reference=Hold(np.zeros(3)),  # where it begins; below, the targets come from the loop
 )
 
-# An operator's stick: the target turns at a speed until the tool is high enough, and then stands still.
+# An operator's stick: the target turns at a speed until the tool is high enough, and then stops.
 SPEED = np.array([0.3, 0.5, 0.2])  # [rad/s]
 HIGH = 0.4  # [m]
 

@@ -5,7 +5,7 @@
 """How fast should the controller be? Sixteen bandwidths at once, as one batch.
 
 Behind 14-bit encoders, a faster controller tracks better but turns every encoder step into a jump of
-torque; and one that is too fast for its sample time and the delay of the wires is unstable: the last ones
+torque; and one that is too fast for its sample time and the delay of its sensors is unstable: the last ones
 shake between their torque limits.
 """
 

@@ -4,9 +4,8 @@
 # ///
 """Two robots nobody tuned for: default gains, 16-bit encoders, an unknown quarter of a kilogram.
 
-Each robot goes from the middle of its joint ranges by up to 0.5 rad and back. The controller believes in
-an inertia matrix that is 20 % too small, right, or 20 % too large, and not in the payload. The three run
-as one batch.
+Each robot goes from the middle of its joint ranges by up to 0.5 rad and back. The inertia of the
+nominal model is 20 % too small, right, or 20 % too large, and it has no payload. The three run as one batch.
 """
 
 from armgpi import (

@@ -136,7 +136,7 @@ def test_inspect_says_what_a_robot_is_and_exits_by_what_it_finds(cli: Callable[.
     code, out, err = cli("inspect", "ur5", "--cross-check")
     assert (code, err) == (0, "")
     assert out.startswith("ur5: 6 joints, ")
-    assert "cross-check: yourdfpy sees the same" in out
+    assert "cross-check: yourdfpy reads the same" in out
     assert "0 errors, 0 warnings, " in out
     code, out, _ = cli("inspect", "double_pendulum")
     assert code == 1

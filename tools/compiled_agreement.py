@@ -1,6 +1,6 @@
-"""Compare generated code with NumPy on every arm that can be loaded: 16 rollouts of 2 s with all wires.
+"""Compare generated code with NumPy on every arm that can be loaded: 16 rollouts of 2 s with all sensors.
 
-Each arm is under GPI with networks, told 1 ms late, through a 16-bit encoder with noise, with friction,
+Each arm is under GPI with networks, measured 1 ms late, through a 16-bit encoder with noise, with friction,
 saturation and a load of its own for each rollout. The table says how far the positions of the two backends
 are apart at most while every measured count is the same, in how many rollouts an edge between two counts is
 crossed at different samples, by how many counts they differ there, and how far apart they are from then on
@@ -31,9 +31,9 @@ from armgpi import ArmgpiWarning, robots, simulate
 ALLOWED = 1e-9
 
 
-def cells(name: str, lanes: list[int], seconds: float, **wires: bool) -> tuple[list[str], bool]:
-    """Return an arm's part of the table with some wires, and whether it is as it should be."""
-    case = experiment(name, **wires)
+def cells(name: str, lanes: list[int], seconds: float, **io: bool) -> tuple[list[str], bool]:
+    """Return an arm's part of the table with some sensors, and whether it is as it should be."""
+    case = experiment(name, **io)
     arguments = (case.plant, case.controller, case.reference, seconds)
     by_numpy = simulate(*arguments, progress=False)
     runs = [compiled(*arguments, lanes=width) for width in lanes]
@@ -86,9 +86,9 @@ def main() -> int:
     good = True
     for name in chosen.robots:
         line = [name, str(arm(name)[0].n)]
-        for wires in ({}, {"noise": False}, {"encoder": False}):
-            # All widths with all wires; what differs between the wires does not differ between widths.
-            part, fine = cells(name, chosen.lanes[-1:] if wires else chosen.lanes, chosen.time, **wires)
+        for io in ({}, {"noise": False}, {"encoder": False}):
+            # All widths with all sensors; what differs between sensors does not differ between widths.
+            part, fine = cells(name, chosen.lanes[-1:] if io else chosen.lanes, chosen.time, **io)
             line += part
             good &= fine
         print("| " + " | ".join(line) + " |", flush=True)

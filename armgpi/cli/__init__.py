@@ -145,7 +145,7 @@ def main() -> None:
             say(f"error: {with_options(error)}", err=True, fg="red")
             sys.exit(BAD_INPUT)
         except ImportError as error:  # a broken installation
-            text = f"error: {error}; `armgpi doctor` looks at what is installed"
+            text = f"error: {error}; `armgpi doctor` checks what is installed"
             say(text, err=True, fg="red")
             sys.exit(BAD_INPUT)
         except OSError as error:  # the output: files have errors of their own

@@ -58,7 +58,7 @@ class Option(NamedTuple):
 
     @property
     def metavar(self) -> str:
-        """What stands for its value in --help."""
+        """What --help shows in place of its value."""
         if self.facts["kind"] == "group":
             return ",".join(name.upper() for name in self.facts["members"])
         if self.facts["kind"] == "choice":
@@ -127,7 +127,7 @@ def options() -> tuple[Option, ...]:
 
 @cache
 def names() -> dict[str, str]:
-    """Return what stands in help for {controllers} and {paths}."""
+    """Return what help shows for {controllers} and {paths}."""
     classes = _classes()
     paths = (each.config_name for name, each in classes.items() if _is_a(classes, name, "Path"))
     controllers = {name for name, _ in _controllers(classes)}

@@ -141,7 +141,7 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
         needed = abs(weak.torque)
         say(
             f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold the "
-            f"arm where the reference is, and has effort limit {weak.effort:g}: it cannot stand there; go "
+            f"arm where the reference is, and has effort limit {weak.effort:g}: it cannot hold it; go "
             f"elsewhere, or give what its motor can: --effort {weak.joint}={1.5 * needed:.3g}",
             err=True,
             fg="yellow",

@@ -156,7 +156,7 @@ def _faults(options: dict[str, Any], experiment: Experiment) -> Any:
 def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
     """Print what the exported code takes."""
     measured, typical, worst_case = done.measured, done.code.typical, done.code.worst_case
-    figures: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "controller": label,
         "real": done.code.real,
         "samples": len(log.tau),
@@ -171,7 +171,7 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         "agrees": None if measured is None else measured.agrees,
     }
     if as_json:
-        say(json.dumps(figures))
+        say(json.dumps(facts))
         return
     say(
         f"{type(done.code.law.controller).__name__} of {done.code.law.controller.robot.name}, "

@@ -134,7 +134,7 @@ def _show(report: HealthReport) -> None:
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
         console.print(
-            f"cross-check: yourdfpy sees the same axes, limits and poses of {check['links']} links at "
+            f"cross-check: yourdfpy reads the same axes, limits and poses of {check['links']} links at "
             f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
         )
     _show_findings(console, report.findings)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 from armgpi.errors import ArmgpiWarning, BackendError
 
 #: Strict arithmetic: no reordering and no fused multiply-add, so every machine and number of lanes gives the
-#: same bits. What is left out is errno and traps, which nothing here looks at.
+#: same bits. What is left out is errno and traps, which nothing here checks.
 FLAGS = (
     "-std=gnu11",
     "-O2",
@@ -271,7 +271,7 @@ def _check_above(place: Path) -> None:
 
 def _kept(folder: Path, opened: int, key: str) -> ctypes.CDLL | None:
     """Return a whole library of ours from an opened folder; what is damaged or not ours is removed."""
-    # By the descriptor, so that it comes from the folder that was looked at.
+    # By the descriptor, so that it comes from the folder that was checked.
     base = Path(f"/proc/self/fd/{opened}")
     base = base if base.is_dir() else folder
     for name in sorted(os.listdir(opened)):
@@ -321,7 +321,7 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...], fo
         said = called(command, _PATIENCE)
         if said.returncode or not built.is_file():
             text = said.stderr.decode(errors="replace")
-            # "final link failed: No space left on device" comes before the error that tells nothing.
+            # "final link failed: No space left on device" comes before the error that says nothing.
             lines = [line for line in text.splitlines() if "error" in line or "failed" in line]
             raise BackendError(f"{' '.join(found.command)} failed: {[*lines, 'it said nothing'][0]}")
         built.chmod(0o700)  # whatever the umask

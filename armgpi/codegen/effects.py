@@ -22,14 +22,14 @@ from armgpi.codegen.symbols import NotElementwise
 # Why this is worth a module: a law that counts its calls in a global gives one number while it is traced, and
 # the generated code would have that number in it for ever. It would run wrong without a word.
 
-#: Things looked at, at most: what reaches more than this is not looked through to its end. A law that hides
+#: Most things that are checked: of what reaches more than this, the rest is not checked. A law that hides
 #: what it changes behind so many is found by the comparison with NumPy instead (compiled/run.py).
 _MOST = 10_000
 _MISSING = object()
 
 
 class _Place(NamedTuple):
-    """Something that may change: its name, how to look at it, how it was and how to make it so again."""
+    """Something that may change: its name, how to read it, its value before and how to restore it."""
 
     name: str
     look: Callable[[], Any]

@@ -92,7 +92,7 @@ class CallSite(NamedTuple):
 
     Attributes:
         arguments: indices of the outputs that it takes, from the first to the one after the last.
-        results: what its results are in C, as they stand in the inputs.
+        results: what its results are in C, as the inputs name them.
         lines: what to write.
     """
 

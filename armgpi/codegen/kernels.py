@@ -1,4 +1,4 @@
-"""The dynamics that a law sees while it is traced: every use becomes a call of a generated function."""
+"""The dynamics of a law while it is traced: every use becomes a call of a generated function."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Call:
         kernel: which.
         arguments: CasADi expressions, one after the other.
         parameters: the symbols of what differs between rollouts, in the trace.
-        results: the symbols that stand for what it returns.
+        results: the symbols of what it returns.
     """
 
     kernel: Kernel

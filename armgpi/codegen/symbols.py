@@ -226,7 +226,7 @@ def _difference(a: Any, b: Any) -> Any:
 _less, _not_above, _equal, _unequal = (
     _applied(f, Bool, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
 )
-# What these are for has looked at the operands.
+# What these are for has checked the operands.
 _multiply, _add, _subtract = (_applied(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
 _divide = _applied(operator.truediv, check=_free)
 _modulo = _applied(ca.fmod)

@@ -322,7 +322,7 @@ def _is_dynamics(value: Any) -> bool:
 
 
 class _Scaled(ScaledDynamics):
-    """A scaled robot without the look at whether a torque is zero, which generated code takes itself."""
+    """A scaled robot without the check whether a torque is zero, which generated code does itself."""
 
     def inertia_solve(self, q: Any, tau: Any) -> Any:
         """Return D(q)^-1 tau."""

@@ -93,7 +93,7 @@ static inline V v_upper(V a, V b) { return v_select(v_lt(a, b), b, a); }
 
 static inline V v_number(M m) { return v_only(m, v_set(1.0)); }
 static inline V v_abs(V x) { return v_from(v_bits(x) & ((U)v_bits(v_set(0.0)) + INT64_MAX)); }
-/* NaN on either side comes out, as from NumPy's minimum and maximum; v_lower and v_upper look at a alone. */
+/* NaN on either side comes out, as from NumPy's minimum and maximum; v_lower and v_upper check a alone. */
 static inline V v_min(V a, V b) { return v_select(v_ne(b, b), b, v_lower(a, b)); }
 static inline V v_max(V a, V b) { return v_select(v_ne(b, b), b, v_upper(a, b)); }
 

@@ -1,6 +1,6 @@
 """The experiment file: robot, plant, controllers, reference and horizon as YAML, checked, and as objects.
 
-``schema.py`` says what may stand in it, ``reading.py`` reads and checks it, ``building.py`` makes the
+``schema.py`` says what it may contain, ``reading.py`` reads and checks it, ``building.py`` makes the
 objects.
 """
 

@@ -38,7 +38,7 @@ _MOVE_ACCELERATION = 5.0
 #: How far a move goes that nobody asked for [rad or m]; and the share of a joint's effort that holding the
 #: arm may take on its way, if it does not take more at the start.
 _MOVE, _HOLDING_SHARE, _ROUNDING = 0.5, 0.9, 1e-9
-#: Velocity limits below this are none [rad/s or m/s]: a move would take weeks.
+#: Velocity limits below this are ignored [rad/s or m/s]: a move would take weeks.
 _LEAST_SPEED = 1e-6
 #: Share of the effort beyond gravity that a move without a duration may take; how much slower it may become.
 _MOVING_SHARE, _SLOWEST = 0.8, 4.0

@@ -93,7 +93,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
     """Return, for every rollout, its label, its end and its metrics as plain data."""
     single = "rollout" not in result.dims
     rows = result.expand_dims("rollout") if single else result
-    # A run that was stopped at once has no figures.
+    # A run that was stopped at once has no metrics.
     table = metrics.summary(rows) if rows.sizes["time"] > 1 else None
     ends = rollout.describe_end(rows)
     provenance = Provenance.from_rollout(result)
@@ -103,7 +103,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
             label = str(rows["label"].values[index])
         else:
             label = "run" if single else f"rollout {index}"
-        figures = {
+        values = {
             name: [_plain(x) for x in table[name].isel(rollout=index).values]
             if table is not None
             else [None] * rows.sizes["joint"]
@@ -116,7 +116,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
                 "status": Status(int(rows["status"].values[index])).name.lower(),
                 "end": ends[index],
                 "joints": [str(joint) for joint in rows["joint"].values],
-                "metrics": figures,
+                "metrics": values,
             }
         )
     return found

@@ -179,7 +179,7 @@ def _check_size(node: Any, sizes: dict[int, int], source: str) -> int:
 
 
 def _note_lines(node: Any, path: Path_, lines: dict[Path_, int], source: str) -> None:
-    """Note the line of every key of a YAML tree, refusing keys that stand twice."""
+    """Note the line of every key of a YAML tree, refusing duplicate keys."""
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
             here = (*path, str(key.value))
@@ -196,7 +196,7 @@ def _note_lines(node: Any, path: Path_, lines: dict[Path_, int], source: str) ->
 
 
 def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, Any]:
-    """Return the part of pydantic's location that exists in the data, and what stands there.
+    """Return the part of pydantic's location that exists in the data, and its value.
 
     Pydantic puts the names of union members into the location ("controllers", 0, "gpi", "omega", "list").
     """
@@ -214,7 +214,7 @@ def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, An
 
 
 def _known_keys(location: tuple[str | int, ...]) -> tuple[str, ...]:
-    """Return the keys that are known where an unknown one stands."""
+    """Return the keys that are known in place of an unknown one."""
     model: type[BaseModel] = ExperimentConfig
     for step in location[:-1]:
         model = SECTIONS.get(str(step), model)

@@ -1,4 +1,4 @@
-"""What may stand in an experiment file: its sections and keys, as pydantic models.
+"""What an experiment file may contain: its sections and keys, as pydantic models.
 
 Sections of controllers, loads, sensors, actuators and paths are made from the parameters that their classes
 declare (:mod:`armgpi.parameter`); the others are below.
@@ -57,7 +57,7 @@ def _whole(value: Any) -> Any:
 
 
 def _names(value: Any) -> Any:
-    """Accept one name where a list of them may stand."""
+    """Accept one name in place of a list."""
     return [value] if isinstance(value, str) else value
 
 

@@ -19,7 +19,7 @@ from armgpi.robot.robot import Robot
 
 
 class Measurement(NamedTuple):
-    """What an output-feedback controller sees: positions, and nothing else.
+    """What an output-feedback controller measures: positions, and nothing else.
 
     Attributes:
         q: measured positions [rad or m], shape (n,) or (batch, n).
@@ -29,7 +29,7 @@ class Measurement(NamedTuple):
 
 
 class FullState(NamedTuple):
-    """What a state-feedback controller sees.
+    """What a state-feedback controller measures: positions and velocities.
 
     Attributes:
         q: measured positions [rad or m], shape (n,) or (batch, n).
@@ -160,7 +160,14 @@ class Controller(Parametrised, ABC):
         """
 
     def limited(self, tau: Array) -> Array:
-        """Return a torque cut to what the controller may ask for."""
+        """Return a torque saturated at what the controller may ask for.
+
+        Args:
+            tau: torque [N m or N], shape (n,) or (batch, n).
+
+        Returns:
+            The torque within +-`effort` [N m or N], same shape.
+        """
         cut: Array = np.minimum(np.maximum(tau, self._floor), self.effort)
         return cut
 

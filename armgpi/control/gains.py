@@ -31,7 +31,15 @@ class Tuning(NamedTuple):
 
 
 class Betas(NamedTuple):
-    """Coefficients of the error polynomial s^5 + beta4 s^4 + ... + beta0 (eqs. 20, 21, 25)."""
+    """Coefficients of the error polynomial s^5 + beta4 s^4 + ... + beta0 (eqs. 20, 21, 25).
+
+    Attributes:
+        beta0: of s^0 [1/s^5], shape as the tuning.
+        beta1: of s [1/s^4].
+        beta2: of s^2 [1/s^3].
+        beta3: of s^3 [1/s^2].
+        beta4: of s^4 [1/s].
+    """
 
     beta0: Array
     beta1: Array
@@ -41,7 +49,14 @@ class Betas(NamedTuple):
 
 
 def betas(tuning: Tuning) -> Betas:
-    """Return the gains that place the error dynamics on (s^2 + 2 zeta w s + w^2)^2 (s + p), eq. 25."""
+    """Return the gains that place the error dynamics on (s^2 + 2 zeta w s + w^2)^2 (s + p), eq. 25.
+
+    Args:
+        tuning: w = omega_c, zeta = zeta_c and p = p_c, arrays that broadcast over the joints.
+
+    Returns:
+        beta0 to beta4, of the shape that the tuning broadcasts to.
+    """
     w, z, p = tuning
     w2 = w * w
     damping = z * w
@@ -93,11 +108,23 @@ class Gains(Parametrised, ABC):
 
     @abstractmethod
     def prepare(self, joint_names: Sequence[str], dt: float) -> Gains:
-        """Return these gains checked and shaped for a robot's joints and a sample time [s]."""
+        """Return these gains checked and shaped for a robot.
+
+        Args:
+            joint_names: names of the n joints, for messages.
+            dt: sample time [s].
+        """
 
     @abstractmethod
     def init(self, e: Array) -> Any:
-        """Return the state before the first sample, for errors shaped like `e`."""
+        """Return the state before the first sample.
+
+        Args:
+            e: the first tracking error q - q* [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            The state that :meth:`step` takes; None for gains without one.
+        """
 
     @abstractmethod
     def step(self, e: Array, learn: Array, state: Any) -> GainStep:
@@ -197,10 +224,10 @@ class FixedGains(Gains):
         return gains
 
     def init(self, e: Array) -> None:
-        """Return no state."""
+        """Return no state; see :meth:`Gains.init`."""
 
     def step(self, e: Array, learn: Array, state: None) -> GainStep:
-        """Return the fixed tuning."""
+        """Return the fixed tuning; see :meth:`Gains.step`."""
         return GainStep(self._tuning, None)
 
     def nominal(self) -> Tuning:

@@ -36,7 +36,12 @@ class Loop(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """An interval of delta; `upper` is infinite where nothing bounds it."""
+    """An interval of delta, the factor by which the nominal inertia is too large [-].
+
+    Attributes:
+        lower: lower end.
+        upper: upper end, infinite where nothing bounds it.
+    """
 
     lower: float
     upper: float
@@ -57,7 +62,13 @@ class Noise(NamedTuple):
 
 
 def open_loop(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> Loop:
-    """Return L(s) = delta C(s) / s^2 of one joint; `delta` is what the other functions count from."""
+    """Return L(s) = delta C(s) / s^2 of one joint.
+
+    Args:
+        tuning: of the joint, numbers.
+        member: of the family.
+        delta: factor by which the nominal inertia is too large [-]; the other functions count from it.
+    """
     return _loop(_coefficients(tuning, member).ravel(), member, delta)
 
 

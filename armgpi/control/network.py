@@ -18,7 +18,7 @@ from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
 _CALM, _ALERT = 22.0 / 30.0, 2.0
-#: Resolution that stands for the scale of errors where there is no encoder.
+#: Resolution that gives the scale of errors where there is no encoder.
 _FINE_BITS = 22
 #: Lowest and highest value of a tuning parameter; one number for one that does not adapt.
 Box = PerJointInput | tuple[PerJointInput, PerJointInput]
@@ -53,8 +53,8 @@ class BSplineNetwork(Gains):
     short of the aim, less a leak that forgets. So a gain rises fast while the error is large and falls back
     slowly when it is not.
     Outputs are projected onto the box, and omega_c moves no faster than rate omega_c^2 per second, which
-    is what one quadratic Lyapunov function can certify. While the torque is cut, or a measurement is no
-    number, nothing is learned.
+    is what one quadratic Lyapunov function can certify. While the torque is saturated, or a measurement is
+    NaN, nothing is learned.
 
     ``learning="signed"``: eq. 23 to the letter, e_n = e, without box, dead zone or rate limit.
 
@@ -270,7 +270,7 @@ class BSplineNetwork(Gains):
         return self._lower
 
     def init(self, e: Array) -> NetworkState:
-        """Return the state before the first sample: nothing learned."""
+        """Return the state before the first sample, nothing learned; see :meth:`Gains.init`."""
         zero = np.zeros_like(e)
         weights = ((zero,) * self.size,) * len(self._adapted)
         activations = self.activations(e, zero)
@@ -305,7 +305,15 @@ class BSplineNetwork(Gains):
         return GainStep(whole, NetworkState(tuple(weights), a, filtered, whole))
 
     def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
-        """Return the basis functions of the error [rad] and of its filtered derivative [rad/s]."""
+        """Return the basis functions of the error and of its derivative (eq. 22).
+
+        Args:
+            e: tracking error [rad or m], shape (n,) or (batch, n).
+            slope: its filtered derivative [rad/s or m/s], same shape.
+
+        Returns:
+            The activations [-], those of the error first, each of the same shape.
+        """
         return (*self.basis.even(e * self._per_error), *self.basis.even(slope * self._per_derivative))
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:

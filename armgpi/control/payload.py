@@ -47,7 +47,7 @@ class PayloadRange(NamedTuple):
         frame: frame that carries it.
         com: its centre of mass in that frame [m], shape (3,).
         nominal: the nominal model for the controller, the robot with the heaviest load.
-        delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations looked at.
+        delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations checked.
         omega_c: bandwidth that serves the range [rad/s].
     """
 
@@ -96,7 +96,7 @@ class LargestPayload(NamedTuple):
             heaviest (``GPI(robot, dt, payload=(0.0, nominal))``).
         unknown: for a controller whose nominal model has no load. Its modes have delta = 0.36 there, the
             edge of stability.
-        effort: that the motors hold against gravity at every configuration looked at; zero when they do not
+        effort: that the motors hold against gravity at every configuration checked; zero when they do not
             even hold the arm.
         mobility: largest eigenvalue of D^-1 B without load [1/kg], the inverse of the least mass that the
             arm itself sets against an acceleration of the point.

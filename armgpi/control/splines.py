@@ -57,7 +57,21 @@ class BSplineBasis:
 
     @classmethod
     def uniform(cls, lower: float, upper: float, intervals: int = 1, order: int = 3) -> BSplineBasis:
-        """Return the intervals + order - 1 functions on equal intervals, with the end knots repeated."""
+        """Return the functions on equal intervals, with the end knots repeated.
+
+        Args:
+            lower: lower end of the domain.
+            upper: upper end of the domain.
+            intervals: number of intervals.
+            order: order, one more than the degree.
+
+        Returns:
+            The basis of intervals + order - 1 functions.
+
+        Raises:
+            ParameterError: when the ends are not finite, `upper` is not above `lower`, or a number is not
+                whole and positive.
+        """
         if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
             raise ParameterError("upper", upper, f"above the lower end {lower:g}")
         check_whole(intervals, "intervals", 1)
@@ -65,14 +79,27 @@ class BSplineBasis:
         return cls(np.concatenate([[lower] * (order - 1), inner, [upper] * (order - 1)]), order)
 
     def __call__(self, x: Array) -> tuple[Array, ...]:
-        """Return the value of every function at `x`, clipped to the domain: `size` arrays shaped like x."""
+        """Return the value of every function.
+
+        Args:
+            x: input, any shape; clipped to the domain.
+
+        Returns:
+            `size` arrays shaped like `x`.
+        """
         values = self._functions(np.minimum(np.maximum(x, self.lower), self.upper), self._whole)
         return tuple([values[i] if i in values else np.zeros_like(x) for i in range(self.size)])
 
     def even(self, x: Array) -> tuple[Array, ...]:
-        """Return the sums of each function and its mirror image, half as many; knots symmetric about 0.
+        """Return the sums of each function and its mirror image; the knots must be symmetric about 0.
 
         They are even in `x` and add up to one. The function in the middle is its own mirror image.
+
+        Args:
+            x: input, any shape.
+
+        Returns:
+            Half as many arrays as functions, rounded up, each shaped like `x`.
         """
         values = self._functions(np.minimum(np.abs(x), self.upper), self._right)
         # Of |x|: every mirror image reaches right of 0, its function perhaps not.

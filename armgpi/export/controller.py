@@ -58,7 +58,7 @@ class FaultReport(NamedTuple):
 class ExportedController(Controller):
     """A controller that was exported as C, compiled here, for one rollout.
 
-    Its state is the C struct, as bytes. It handles faults as the exported code does: look at :meth:`report`.
+    Its state is the C struct, as bytes. It handles faults as the exported code does: check :meth:`report`.
 
     Attributes:
         state_bytes: size of its state.
@@ -75,7 +75,7 @@ class ExportedController(Controller):
 
         Raises:
             BackendError: when there is no compiler, or the folder holds no exported controller.
-            ParameterError: when it is for other joints, or the name is none.
+            ParameterError: when it is for other joints, or the name is not one of C.
         """
         check_name(name)
         check_type(robot, "robot", Robot, "a single Robot")
@@ -112,7 +112,7 @@ class ExportedController(Controller):
         return made
 
     def _start(self, robot: Robot, header: str, source: str, name: str | None = None) -> None:
-        """Compile and look at what it is for."""
+        """Compile it and check what it is for."""
         # One text, as the cache of libraries is keyed by one.
         whole = source.replace(renamed(f'#include "{HEADER}"', name), header)
         self._library = build.library(whole, FLAGS)

@@ -34,8 +34,8 @@ _SIGMAS = 6.0
 class Faults(NamedTuple):
     """How exported code handles faults.
 
-    A frozen sensor and an arm that rightly stands still both repeat one number. What tells them apart is what
-    was asked of the arm since the number last changed: its reference has moved on by `frozen_counts` counts,
+    A frozen sensor and an arm at rest both repeat one number. They differ in what was asked of the arm since
+    the number last changed: its reference has moved on by `frozen_counts` counts,
     or its torque has changed by `frozen_effort` of the effort limit more than its weight has. A measurement
     that stays as it is for `frozen_samples` samples after that is a fault.
 

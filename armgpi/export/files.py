@@ -327,7 +327,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         "zero": "at zero",
     }[limits.action]
     hold = (
-        "The holding torque is the model's G(q), with the load that the controller believes in: an arm "
+        "The holding torque is the model's G(q), with the load of the nominal model: an arm "
         "that carries another load, or is moving, will drift under it. It bridges the time until the "
         "brakes grip."
     )
@@ -388,8 +388,8 @@ def _frozen_text(code: Code) -> str:
     return (
         f"a position did not change at all for {limits.frozen_samples} samples in which it should have: "
         f"since it last changed, its reference has moved by more than {_few(limits.travel)} rad or m, or "
-        f"torque less the arm's weight by more than {_few(limits.torque)} N m or N. An arm that rightly "
-        "stands still is no fault"
+        f"torque less the arm's weight by more than {_few(limits.torque)} N m or N. An arm at rest "
+        "is no fault"
     )
 
 

@@ -79,7 +79,7 @@ class Law(NamedTuple):
         step: works out torque and next state.
         hold: works out the torque that carries the arm's weight, within the limits.
         user_defined: whether there are laws among it that do not come with armgpi.
-        first: the state of a controller that stands still: an example of it.
+        first: the state of a controller at rest: an example of it.
         whole: paths of the parts of its state that are whole numbers, an int in Python.
     """
 
@@ -187,7 +187,7 @@ class _ControllerTracer(Tracer):
         """Look for arrays in a controller."""
         super().__init__(trace, 1)
         self.tables: list[Table] = []
-        # Found before anything is traced: a tracer sees values, not where they are kept.
+        # Found before anything is traced: a tracer has values, not where they are kept.
         self._paths: dict[int, str] = {}
         self._find(controller, "", set())
         self._names = _Names()

@@ -19,7 +19,7 @@ _OURS = re.compile(
 
 
 def check_name(name: str | None, source: str = "") -> None:
-    """Refuse what cannot stand in place of `armgpi` in some C.
+    """Refuse what cannot replace `armgpi` in some C.
 
     Raises:
         ParameterError: when it is no C identifier, or makes names that are taken.
@@ -37,7 +37,7 @@ def check_name(name: str | None, source: str = "") -> None:
 
 
 def renamed(text: str, name: str | None) -> str:
-    """Return C, or what goes with it, with a name in place of `armgpi` and of `armgpi_controller`."""
+    """Return C, or its documents, with a name in place of `armgpi` and of `armgpi_controller`."""
 
     def ours(match: re.Match[str]) -> str:
         if match[0].startswith('"'):
@@ -61,7 +61,7 @@ def identifiers(names: Sequence[str]) -> list[str]:
 
 
 def plain(text: object) -> str:
-    """Return a text that can stand in a comment or a string of C."""
+    """Return a text that is safe in a comment or a string of C."""
     # ASCII alone: C99 leaves it to the compiler what else a comment may have.
     kept = re.sub(r"[^ -~]", "?", str(text)).replace("\\", "/").replace('"', "'")
     for sign in ("*/", "/*", "??"):  # comments, and trigraphs

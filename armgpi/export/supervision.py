@@ -36,8 +36,8 @@ _JUMP_CALL = """\
         }
 """
 _FROZEN = """
-/* Return the first joint whose position stands still that should not, ARMGPI_N when none does. A still arm
-   repeats one number as a dead sensor does; so a change is asked for only where, since the last one, the
+/* Return the first joint whose position should have changed and did not, ARMGPI_N when none. An arm at rest
+   repeats one number as a dead sensor does; so a change is expected only where, since the last one, the
    reference has moved on or the torque has changed by more than the arm's weight explains. */
 static uint32_t first_frozen(armgpi_state_t *state, const armgpi_real_t q[ARMGPI_N],
     const armgpi_real_t q_ref[ARMGPI_N], const armgpi_real_t tau[ARMGPI_N])
@@ -149,7 +149,7 @@ def _jump(ending: str) -> dict[str, str]:
 
 
 def _frozen(ending: str, zero: str) -> dict[str, str]:
-    """Return the test for positions that stand still, and its uses."""
+    """Return the test for positions that do not change, and its uses."""
     return {
         "frozen_check": filled(_FROZEN, {"f": ending.lower()}),
         "frozen_call": _FROZEN_CALL,

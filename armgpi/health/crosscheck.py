@@ -1,4 +1,4 @@
-"""A second opinion on a URDF: yourdfpy reads it too, and both must see the same kinematics.
+"""A second opinion on a URDF: yourdfpy reads it too, and both must find the same kinematics.
 
 Joint axes, limits and mimics are compared as read, and the pose of every link at random configurations.
 yourdfpy parses by itself (lxml and NumPy, no urdfdom, no Pinocchio). It is no gate: it repairs broken XML
@@ -34,7 +34,7 @@ class CrossCheckUnavailable(ArmgpiError):
 
 
 class CrossCheck(NamedTuple):
-    """What the second reader sees otherwise.
+    """What the second reader finds otherwise.
 
     Attributes:
         links: number of links whose poses were compared.
@@ -90,7 +90,7 @@ def with_cross_check(report: HealthReport) -> HealthReport:
         repair = "nothing, if other tools read it: there is just no second opinion"
         finding = Finding("warning", "file", str(error), repair=repair, kind="cross-check")
         return report.with_findings([finding])
-    repair = "one of the readers is wrong: look at that element"
+    repair = "one of the readers is wrong: check that element"
     findings = [
         Finding("error", "file", line, repair=repair, kind="cross-check") for line in result.differences
     ]
@@ -119,19 +119,19 @@ def _read(yourdfpy: Any, text: str) -> Any:
 
 
 def _of_names(document: urdf.Urdf, other: Any) -> list[str]:
-    """Return the links and joints that only one of the two readers sees."""
+    """Return the links and joints that only one of the two readers finds."""
     lines = []
     for kind, ours, theirs in (
         ("link", document.links, other.link_map),
         ("joint", document.joints, other.joint_map),
     ):
-        lines += [f"{kind} {name!r} is seen by us alone" for name in ours if name not in theirs]
-        lines += [f"{kind} {name!r} is seen by yourdfpy alone" for name in theirs if name not in ours]
+        lines += [f"{kind} {name!r} is found by us alone" for name in ours if name not in theirs]
+        lines += [f"{kind} {name!r} is found by yourdfpy alone" for name in theirs if name not in ours]
     return lines
 
 
 def _of_joint(joint: tree.Joint, other: Any) -> list[str]:
-    """Return what the readers see differently of one joint."""
+    """Return what the readers find differently of one joint."""
     theirs = other.joint_map.get(joint.name)
     if theirs is None:
         return []

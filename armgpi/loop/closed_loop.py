@@ -161,7 +161,7 @@ class ClosedLoop:
         }
 
     def _seen(self, measured: FullState) -> Measurement | FullState:
-        """Return the part of a measurement that the controller may see."""
+        """Return the part of a measurement that the controller is given."""
         return measured if self._measures_velocity else Measurement(measured.q)
 
 

@@ -87,7 +87,14 @@ class Metric:
         return values.rename(self.name).assign_attrs(long_name=self.long_name, units=units)
 
     def of_arm(self, values: Array) -> Array:
-        """Return one value for the arm, shape (...), of those of its joints, shape (..., n)."""
+        """Return one value for the arm: the sum over its joints, or the largest, as the metric is declared.
+
+        Args:
+            values: of the joints, shape (..., n).
+
+        Returns:
+            Values of the arm, shape (...).
+        """
         return np.asarray(values.sum(axis=-1) if self.total else values.max(axis=-1))
 
     def text(self, value: float | None, most: int = 16) -> str:
@@ -244,7 +251,7 @@ def effort_used(rollout: xr.Dataset) -> xr.DataArray:
 
 @metric("saturated", Unit(time=1), "torques", long_name="saturated time", tables=_RUNS)
 def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
-    """Return how long the applied torque stood at its limit."""
+    """Return how long the applied torque was at its limit."""
     tau = rollout["tau"]
     at_limit = abs(tau) >= rollout["effort"] * (1.0 - 1e-9)
     return _held_integral(at_limit.astype(float).where(tau.notnull()))

@@ -1,4 +1,4 @@
-"""What a rollout was made from, as it stands in the rollout's attribute ``provenance``."""
+"""What a rollout was made from, as in the rollout's attribute ``provenance``."""
 
 from __future__ import annotations
 

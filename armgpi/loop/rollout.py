@@ -154,7 +154,7 @@ class Recording:
 
         Args:
             name: of the variable.
-            blank: make it NaN where nothing is stored yet; else the caller sees to that.
+            blank: make it NaN where nothing is stored yet; else the caller does that.
         """
         if name in self.variables:
             return self.variables[name]
@@ -190,7 +190,7 @@ def to_dataset(
     # A run that was interrupted at once has no samples of what it would have recorded.
     arrays = {name: np.empty((0, *recording.shape)) for name in _SAMPLED} | recording.variables
     if (recording.status == Status.DIVERGED).all():
-        # The run went on for some samples, as many as it takes at once: they are none of the rollout.
+        # The run went on for some samples, as many as it takes at once: they are not part of the rollout.
         after = recording.times >= recording.t_end.max()
         for values in recording.variables.values():
             values[after] = np.nan

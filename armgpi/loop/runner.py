@@ -21,7 +21,7 @@ from armgpi.references.reference import Target
 
 #: A rollout has diverged when a joint is farther than this from its reference [rad or m].
 DIVERGENCE = 10.0
-#: Longest stretch of samples between two looks at whether something diverged [samples].
+#: Longest stretch of samples between two checks whether something diverged [samples].
 _CHUNK = 256
 #: Numbers per recorded quantity and chunk, so that a batch of thousands stays in memory.
 _CHUNK_NUMBERS = 1 << 19

@@ -82,7 +82,7 @@ class PaperArm:
     """The arm of section 2: eqs. 1, 2 and 5 to 11 as methods.
 
     Attributes:
-        parameters: lengths, masses and inertias; Table 1 unless told otherwise.
+        parameters: lengths, masses and inertias; Table 1 by default.
     """
 
     parameters: ArmParameters = ArmParameters()
@@ -111,7 +111,7 @@ class PaperArm:
         """Return joint angles that put the tool at a point (eq. 2, corrected).
 
         The arm always faces the point: q1 is the azimuth of the point, and 0 for a point on the
-        axis of q1. Angles are not wrapped and joint limits are not looked at: q2 lies within ±3π/2,
+        axis of q1. Angles are not wrapped and joint limits are not checked: q2 lies within ±3π/2,
         q3 within ±π.
 
         Args:

@@ -1,4 +1,4 @@
-"""What stands between the controller's torque and the joints: limits on torque and on its rate."""
+"""Actuators between the controller's torque and the joints: limits on torque and on its rate."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from armgpi.registry import Context
 
 @with_parameters
 class Saturated(Wrapper):
-    """Torque cut to the actuators' limits.
+    """Torque saturated at the actuators' limits.
 
     Attributes:
-        effort: highest torque [N m or N], shape (n,) or (batch, n).
+        effort: highest torque [N m or N], shape (n,) or (batch, n); the robot's effort limits when not given.
     """
 
     config_name: ClassVar[str | None] = "torque_limit"
@@ -46,7 +46,7 @@ class Saturated(Wrapper):
         return super().configured(plant, given or {}, context)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:
-        """Return the next state under the limited torque."""
+        """Return the next state under the limited torque; see :meth:`Plant.step`."""
         limited = np.minimum(np.maximum(tau, -self.effort), self.effort)
         return self.plant.step(limited, state, dt)
 
@@ -73,11 +73,11 @@ class RateLimited(StatefulWrapper):
     )
 
     def start(self, plant: Any, q: Array) -> Array:
-        """Return the torque of actuators that hold the arm."""
+        """Return the torque of actuators that hold the arm; see :meth:`StatefulWrapper.start`."""
         return self.robot.dynamics.gravity(q)
 
     def step(self, tau: Array, state: Wrapped, dt: float) -> Wrapped:
-        """Return the next state under the torque that the actuators get to."""
+        """Return the next state under the torque that the actuators reach; see :meth:`Plant.step`."""
         most = self.rate * dt
         reached = state.own + np.minimum(np.maximum(tau - state.own, -most), most)
         return Wrapped(self.plant.step(reached, state.plant, dt), reached)

@@ -21,10 +21,11 @@ from armgpi.registry import Context
 
 
 class Load(Parametrised, ABC):
-    """A disturbance torque that depends on time.
+    """A disturbance torque that depends on time; it opposes the motor (eq. 7).
 
     Attributes:
         config_name: its `type` in experiment files; None for one that has none there.
+        shape: shape of the torque at one time, (), (n,) or (batch, n).
     """
 
     config_name: ClassVar[str | None] = None
@@ -36,7 +37,14 @@ class Load(Parametrised, ABC):
 
     @abstractmethod
     def torque(self, t: Array) -> Array:
-        """Return tau_d at the times `t` [s], of any shape that broadcasts against the joints: (..., n)."""
+        """Return the disturbance torque tau_d of eq. 7.
+
+        Args:
+            t: times [s], of any shape that broadcasts against the joints: (..., n) or (..., 1).
+
+        Returns:
+            Torques [N m or N], shape (..., n).
+        """
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -29,6 +29,9 @@ def uniform(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array
         k: sample number.
         shape: (n,) or (batch, n).
         stream: which of several independent sets of numbers.
+
+    Returns:
+        Numbers [-] of that shape, the same on every machine.
     """
     if not isinstance(k, int | np.integer):  # a symbol, of which the generated code draws the numbers
         symbols: Array = k.uniform(seed, shape, stream)

@@ -43,11 +43,25 @@ class Plant(ABC):
 
     @abstractmethod
     def init(self, q: Array, v: Array) -> Any:
-        """Return the state at rest or in motion at time 0; arrays of shape (n,) or (batch, n)."""
+        """Return the state at time 0, at rest or in motion.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+
+        Returns:
+            The plant's state, whatever :meth:`step` takes and returns.
+        """
 
     @abstractmethod
     def step(self, tau: Array, state: Any, dt: float) -> Any:
-        """Return the state after `tau` [N m or N] was held for `dt` [s]."""
+        """Return the state one sample later.
+
+        Args:
+            tau: torque that is held over the sample [N m or N], shape (n,) or (batch, n).
+            state: from :meth:`init` or the step before.
+            dt: sample time [s].
+        """
 
     @abstractmethod
     def measure(self, state: Any) -> FullState:
@@ -58,7 +72,14 @@ class Plant(ABC):
         """Return the true state."""
 
     def disturbance(self, t: Array) -> Array | None:
-        """Return the disturbance torque at times of shape (k,), shape (k, ..., n); None without one."""
+        """Return the disturbance torque tau_d of eq. 7.
+
+        Args:
+            t: times [s], shape (k,).
+
+        Returns:
+            Torques [N m or N], shape (k, n) or (k, batch, n); None for a plant without one.
+        """
         return None
 
     @abstractmethod
@@ -107,11 +128,11 @@ class Wrapper(Parametrised, Plant):
         return cls(plant, **given, **({"seed": context.seed} if "seed" in own else {}))
 
     def init(self, q: Array, v: Array) -> Any:
-        """Return the wrapped plant's state."""
+        """Return the wrapped plant's state; see :meth:`Plant.init`."""
         return self.plant.init(q, v)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:
-        """Return the wrapped plant's next state."""
+        """Return the wrapped plant's next state; see :meth:`Plant.step`."""
         return self.plant.step(tau, state, dt)
 
     def measure(self, state: Any) -> FullState:
@@ -123,7 +144,7 @@ class Wrapper(Parametrised, Plant):
         return self.plant.true_state(state)
 
     def disturbance(self, t: Array) -> Array | None:
-        """Return the wrapped plant's disturbance torque."""
+        """Return the wrapped plant's disturbance torque; see :meth:`Plant.disturbance`."""
         return self.plant.disturbance(t)
 
     def describe(self) -> dict[str, Any]:
@@ -145,23 +166,38 @@ class Wrapped(NamedTuple):
 
 
 class StatefulWrapper(Wrapper):
-    """A wrapper with a state of its own: how it begins (`start`) and goes on (`follow`) is all it needs."""
+    """A wrapper with a state of its own.
+
+    A subclass gives its first state (`start`), its next one (`follow`), and what it does to measurements
+    (`measure`) or torques (`step`). The whole state is a :class:`Wrapped`.
+    """
 
     @abstractmethod
     def start(self, plant: Any, q: Array) -> Any:
-        """Return its own state at time 0, for the wrapped plant's state and the true positions `q`."""
+        """Return the wrapper's own state at time 0.
+
+        Args:
+            plant: the wrapped plant's state.
+            q: true positions [rad or m], shape (n,) or (batch, n).
+        """
 
     def follow(self, plant: Any, own: Any, dt: float) -> Any:
-        """Return its own next state, for the wrapped plant's next one."""
+        """Return the wrapper's own next state; by default it does not change.
+
+        Args:
+            plant: the wrapped plant's next state.
+            own: the wrapper's state.
+            dt: sample time [s].
+        """
         return own
 
     def init(self, q: Array, v: Array) -> Wrapped:
-        """Return the state at time 0."""
+        """Return the state at time 0; see :meth:`Plant.init`."""
         plant = self.plant.init(q, v)
         return Wrapped(plant, self.start(plant, q))
 
     def step(self, tau: Array, state: Wrapped, dt: float) -> Wrapped:
-        """Return the next state."""
+        """Return the next state; see :meth:`Plant.step`."""
         plant = self.plant.step(tau, state.plant, dt)
         return Wrapped(plant, self.follow(plant, state.own, dt))
 

@@ -1,4 +1,4 @@
-"""What stands between the true state and the controller: encoder steps, noise, delay, drop-outs."""
+"""Sensors between the true state and the controller: encoder steps, noise, delay, drop-outs."""
 
 from __future__ import annotations
 
@@ -97,10 +97,10 @@ class Noisy(Wrapper):
 
 @with_parameters
 class Delayed(StatefulWrapper):
-    """Measurements that arrive some samples late; before time 0 the arm stood at its start.
+    """Measurements that arrive some samples late; before time 0 the arm was at rest at its start.
 
     Attributes:
-        samples: how many.
+        samples: delay in samples; 0 for none.
     """
 
     config_name: ClassVar[str | None] = "delay"
@@ -118,7 +118,7 @@ class Delayed(StatefulWrapper):
     )
 
     def start(self, plant: Any, q: Array) -> tuple[FullState, ...]:
-        """Return the queue of measurements."""
+        """Return the queue of measurements; see :meth:`StatefulWrapper.start`."""
         return (self.plant.measure(plant),) * (self.samples + 1)
 
     def follow(self, plant: Any, own: tuple[FullState, ...], dt: float) -> tuple[FullState, ...]:
@@ -135,7 +135,7 @@ class Delayed(StatefulWrapper):
 class Differentiated(StatefulWrapper):
     """Velocities from filtered differences of the measured positions: what a drive without a tachometer has.
 
-    The filter is bandwidth s / (s + bandwidth), by the trapezoidal rule. Before time 0 the arm stood still.
+    The filter is bandwidth s / (s + bandwidth), by the trapezoidal rule. Before time 0 the arm was at rest.
 
     Attributes:
         bandwidth: of the filter [rad/s], shape (n,) or (batch, n).
@@ -156,7 +156,7 @@ class Differentiated(StatefulWrapper):
     )
 
     def start(self, plant: Any, q: Array) -> FullState:
-        """Return the first measurement, at rest."""
+        """Return the first measurement, at rest; see :meth:`StatefulWrapper.start`."""
         measured = self.plant.measure(plant)
         return FullState(measured.q, np.zeros_like(measured.v))
 
@@ -175,10 +175,12 @@ class Differentiated(StatefulWrapper):
 
 @with_parameters
 class DropOut(StatefulWrapper):
-    """Measurements that are lost at random; the last one that arrived stands in. The first one arrives.
+    """Measurements that are lost at random; the last one that arrived takes their place.
+
+    The first one always arrives.
 
     Attributes:
-        probability: share of samples lost, joint by joint.
+        probability: share of samples lost [-], joint by joint, in [0, 1).
         seed: seed of rollout 0; rollout i of a batch uses seed + i.
     """
 
@@ -192,7 +194,7 @@ class DropOut(StatefulWrapper):
     seed: int = parameter("seed of rollout 0", kind="integer", default=0, least=0, in_file=False)
 
     def start(self, plant: Any, q: Array) -> FullState:
-        """Return the first measurement."""
+        """Return the first measurement; see :meth:`StatefulWrapper.start`."""
         return self.plant.measure(plant)
 
     def follow(self, plant: Any, own: FullState, dt: float) -> FullState:

@@ -18,7 +18,8 @@ _TURN = 2.0 * math.pi
 class SingleTurn(Wrapper):
     """Positions of continuous joints as an encoder without a turn counter gives them, in [-pi, pi).
 
-    A controller that is given these sees the arm jump by a turn; put :class:`Unwrapped` around it.
+    A controller measures jumps of a turn then; put :class:`Unwrapped` around it. Other joints and velocities
+    are as they are.
     """
 
     def measure(self, state: Any) -> FullState:
@@ -31,16 +32,16 @@ class SingleTurn(Wrapper):
 class Unwrapped(StatefulWrapper):
     """Positions of continuous joints with their turns counted.
 
-    Between two samples a joint is taken to have moved less than half a turn. At time 0 it is taken to be
-    within half a turn of where it is, so that a run starts where it was told to.
+    Between two samples a joint is taken to have moved less than half a turn. The turns at time 0 are taken
+    from the true positions. Other joints and velocities are as they are.
     """
 
     def start(self, plant: Any, q: Array) -> Array:
-        """Return the measured positions; the turns at the start are known."""
+        """Return the measured positions, their turns known; see :meth:`StatefulWrapper.start`."""
         return self._near(self.plant.measure(plant).q, q)
 
     def follow(self, plant: Any, own: Array, dt: float) -> Array:
-        """Return the measured positions nearest to the last ones."""
+        """Return the measured positions nearest to the last ones; see :meth:`StatefulWrapper.follow`."""
         return self._near(self.plant.measure(plant).q, own)
 
     def measure(self, state: Wrapped) -> FullState:

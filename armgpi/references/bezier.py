@@ -20,7 +20,13 @@ PEAK_ACCELERATION = 1260.0 * _PEAK_AT**3 * (1.0 - _PEAK_AT) ** 4 * (4.0 - 9.0 * 
 
 
 class Blend(NamedTuple):
-    """The blend from 0 to 1 and its derivatives with respect to its argument."""
+    """The blend from 0 to 1 and its derivatives with respect to its argument.
+
+    Attributes:
+        value: the blend [-], shape as the argument.
+        first: its first derivative [-], same shape.
+        second: its second derivative [-], same shape.
+    """
 
     value: Array
     first: Array

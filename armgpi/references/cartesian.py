@@ -23,7 +23,11 @@ Inverse = Callable[[Array], Array]
 
 
 class ClosedForm(ABC):
-    """An inverse kinematics in closed form: an :data:`Inverse` that experiments find by themselves."""
+    """An inverse kinematics in closed form: an :data:`Inverse` that experiments find by themselves.
+
+    Calling it with points [m], shape (k, 3), gives joint positions [rad or m], shape (k, n), all of one
+    branch. It raises a ReachError for a point out of reach.
+    """
 
     @classmethod
     @abstractmethod

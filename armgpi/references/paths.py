@@ -49,7 +49,14 @@ class Path(Parametrised, ABC):
 
     @abstractmethod
     def at(self, t: float | Array) -> PathPoint:
-        """Return the point at time(s) `t` [s]."""
+        """Return the point at time(s) `t`.
+
+        Args:
+            t: a time [s], or times of shape (...).
+
+        Returns:
+            Arrays of shape (3,), or (..., 3) with times.
+        """
 
     @classmethod
     def fitted(cls, point: Array, size: float) -> dict[str, Any]:
@@ -256,7 +263,13 @@ class Eased(Path):
 
 
 def line(start: ArrayLike, end: ArrayLike, duration: float) -> Polyline:
-    """Return a straight line that takes `duration` [s]."""
+    """Return a straight line that is travelled at a smooth speed, at rest at both ends.
+
+    Args:
+        start: where it begins in the base frame [m], shape (3,).
+        end: where it ends [m], shape (3,).
+        duration: how long it takes [s].
+    """
     return Polyline([start, end], duration)
 
 

@@ -53,7 +53,11 @@ class Reference(ABC):
 
 
 class Hold(Reference):
-    """Stand still at one configuration."""
+    """Stand still at one configuration.
+
+    Attributes:
+        q: the configuration as given [rad or m], shape (n,) or (batch, n).
+    """
 
     symbolic = True
 

@@ -23,7 +23,7 @@ def check_inertia(robot: Frames, configurations: Array, source: str) -> None:
 
     Args:
         robot: the arm.
-        configurations: where D(q) is looked at, the middle of the ranges first, shape (k, n).
+        configurations: where D(q) is checked, the middle of the ranges first, shape (k, n).
         source: the file, for the message.
 
     Raises:

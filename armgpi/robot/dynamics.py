@@ -26,28 +26,88 @@ _aba, _rnea, _WORLD = pin.aba, pin.rnea, pin.Convention.WORLD
 
 
 class Dynamics(Protocol):
-    """What a controller or plant needs of a robot's equations of motion, D(q) a + C(q, v) v + G(q) = tau."""
+    """What a controller or plant needs of a robot's equations of motion, D(q) a + C(q, v) v + G(q) = tau.
+
+    Arrays are C-contiguous float64, one state (n,) or a batch (batch, n), and are not checked. Friction is
+    not part of the equations.
+    """
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return the acceleration D(q)^-1 (tau - C(q, v) v - G(q)) [rad/s^2 or m/s^2]."""
+        """Return the acceleration D(q)^-1 (tau - C(q, v) v - G(q)).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+            tau: torques [N m or N], same shape.
+
+        Returns:
+            Accelerations [rad/s^2 or m/s^2], same shape.
+        """
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the torque D(q) a + C(q, v) v + G(q) [N m or N]."""
+        """Return the torque D(q) a + C(q, v) v + G(q).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+            a: accelerations [rad/s^2 or m/s^2], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+        """
 
     def inertia_times(self, q: Array, a: Array) -> Array:
-        """Return D(q) a [N m or N]."""
+        """Return D(q) a.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            a: accelerations [rad/s^2 or m/s^2], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+        """
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
-        """Return D(q)^-1 tau [rad/s^2 or m/s^2]."""
+        """Return D(q)^-1 tau; zero where tau is, then perhaps `tau` itself.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            tau: torques [N m or N], same shape.
+
+        Returns:
+            Accelerations [rad/s^2 or m/s^2], same shape.
+        """
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q) [N m or N]."""
+        """Return C(q, v) v + G(q).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+        """
 
     def gravity(self, q: Array) -> Array:
-        """Return G(q) [N m or N]."""
+        """Return G(q).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            Torques [N m or N], same shape.
+        """
 
     def mass_matrix(self, q: Array) -> Array:
-        """Return D(q), shape (..., n, n) [kg m^2, kg m or kg]."""
+        """Return the inertia matrix D(q).
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            D [kg m^2, kg m or kg], shape (n, n) or (batch, n, n), symmetric.
+        """
 
 
 class Workspace(threading.local):
@@ -100,30 +160,40 @@ class PinocchioDynamics:
         self._threads = thread_count()
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return the acceleration by the articulated-body algorithm (Featherstone 2008, ch. 7)."""
+        """Return the acceleration; see :meth:`Dynamics.forward`.
+
+        By the articulated-body algorithm (Featherstone 2008, ch. 7).
+        """
         if q.ndim == 1:
             a: Array = _aba(self.model, self._workspace.data, q, v, tau, _WORLD)
             return a
         return self._parallel(pin.abaInParallel, self._workspace, q, v, tau)
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the torque by the recursive Newton-Euler algorithm (Featherstone 2008, ch. 5)."""
+        """Return the torque; see :meth:`Dynamics.inverse`.
+
+        By the recursive Newton-Euler algorithm (Featherstone 2008, ch. 5).
+        """
         if q.ndim == 1:
             tau: Array = _rnea(self.model, self._workspace.data, q, v, a)
             return tau
         return self._parallel(pin.rneaInParallel, self._workspace, q, v, a)
 
     def inertia_times(self, q: Array, a: Array) -> Array:
-        """Return D(q) a by the Newton-Euler recursion in free fall at rest."""
+        """Return D(q) a; see :meth:`Dynamics.inertia_times`.
+
+        By the Newton-Euler recursion without gravity and at rest.
+        """
         if q.ndim == 1:
             tau: Array = _rnea(self._free, self._free_workspace.data, q, self._rest, a)
             return tau
         return self._parallel(pin.rneaInParallel, self._free_workspace, q, np.zeros_like(q), a)
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
-        """Return D(q)^-1 tau by the articulated-body algorithm in free fall at rest.
+        """Return D(q)^-1 tau; see :meth:`Dynamics.inertia_solve`.
 
-        It is exactly zero where tau is, and costs nothing when all of tau is.
+        By the articulated-body algorithm without gravity and at rest. The result is exactly zero where tau
+        is, and costs nothing when all of tau is zero.
         """
         if not np.count_nonzero(tau):
             return tau
@@ -137,15 +207,18 @@ class PinocchioDynamics:
         return a
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q)."""
+        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
         return self.inverse(q, v, np.zeros_like(q))
 
     def gravity(self, q: Array) -> Array:
-        """Return G(q)."""
+        """Return G(q); see :meth:`Dynamics.gravity`."""
         return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
 
     def mass_matrix(self, q: Array) -> Array:
-        """Return D(q) by the composite-rigid-body algorithm (Featherstone 2008, ch. 6)."""
+        """Return D(q); see :meth:`Dynamics.mass_matrix`.
+
+        By the composite-rigid-body algorithm (Featherstone 2008, ch. 6).
+        """
         if q.ndim == 1:
             matrix: Array = np.array(pin.crba(self.model, self._workspace.data, q))
             return matrix
@@ -177,32 +250,32 @@ class CoupledDynamics:
         self.whole, self.ratio, self.offset = whole, ratio, offset
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return the acceleration, by solving with D(q)."""
+        """Return the acceleration, by solving with D(q); see :meth:`Dynamics.forward`."""
         return self._solved(q, tau - self.nonlinear_effects(q, v))
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the torque, by the whole model's Newton-Euler recursion."""
+        """Return the torque, by the whole model's recursion; see :meth:`Dynamics.inverse`."""
         tau = self.whole.inverse(self._all(q), *self._rates(v, a))
         return np.ascontiguousarray(tau @ self.ratio)
 
     def inertia_times(self, q: Array, a: Array) -> Array:
-        """Return D(q) a."""
+        """Return D(q) a; see :meth:`Dynamics.inertia_times`."""
         return np.ascontiguousarray(self.whole.inertia_times(self._all(q), *self._rates(a)) @ self.ratio)
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
-        """Return D(q)^-1 tau."""
+        """Return D(q)^-1 tau; see :meth:`Dynamics.inertia_solve`."""
         return self._solved(q, tau) if np.count_nonzero(tau) else tau
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q)."""
+        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
         return self.inverse(q, v, np.zeros_like(q))
 
     def gravity(self, q: Array) -> Array:
-        """Return G(q)."""
+        """Return G(q); see :meth:`Dynamics.gravity`."""
         return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
 
     def mass_matrix(self, q: Array) -> Array:
-        """Return D(q)."""
+        """Return D(q); see :meth:`Dynamics.mass_matrix`."""
         matrix: Array = self.ratio.T @ self.whole.mass_matrix(self._all(q)) @ self.ratio
         return matrix
 
@@ -223,7 +296,11 @@ class CoupledDynamics:
 class ScaledDynamics:
     """A robot whose masses and inertias are all multiplied by one factor: D, C and G scale with it.
 
-    Rollouts that differ by the factor alone go through the kernels of `base` together.
+    Rollouts that differ by the factor alone share one call of the kernels of `base`.
+
+    Attributes:
+        base: the dynamics that are scaled.
+        scale: the factor [-], a number or one per rollout, shape (batch, 1).
     """
 
     def __init__(self, base: Dynamics, scale: float | Array) -> None:
@@ -232,39 +309,46 @@ class ScaledDynamics:
         self.scale = scale
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return the acceleration."""
+        """Return the acceleration; see :meth:`Dynamics.forward`."""
         return self.base.forward(q, v, tau / self.scale)
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the torque."""
+        """Return the torque; see :meth:`Dynamics.inverse`."""
         return self.scale * self.base.inverse(q, v, a)
 
     def inertia_times(self, q: Array, a: Array) -> Array:
-        """Return D(q) a."""
+        """Return D(q) a; see :meth:`Dynamics.inertia_times`."""
         return self.scale * self.base.inertia_times(q, a)
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
-        """Return D(q)^-1 tau; `tau` itself when it is zero."""
+        """Return D(q)^-1 tau; see :meth:`Dynamics.inertia_solve`."""
         if not np.count_nonzero(tau):
             return tau
         return self.base.inertia_solve(q, tau / self.scale)
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q)."""
+        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
         return self.scale * self.base.nonlinear_effects(q, v)
 
     def gravity(self, q: Array) -> Array:
-        """Return G(q)."""
+        """Return G(q); see :meth:`Dynamics.gravity`."""
         return self.scale * self.base.gravity(q)
 
     def mass_matrix(self, q: Array) -> Array:
-        """Return D(q)."""
+        """Return D(q); see :meth:`Dynamics.mass_matrix`."""
         scale = self.scale if isinstance(self.scale, float) else self.scale[..., np.newaxis]
         return scale * self.base.mass_matrix(q)
 
 
 def stacked(parts: Sequence[Dynamics]) -> Dynamics:
-    """Return the dynamics of a batch of which row i belongs to `parts[i]`."""
+    """Return the dynamics of a batch, with one part per row.
+
+    Args:
+        parts: dynamics of the n joints of every rollout; row i of every array belongs to `parts[i]`.
+
+    Returns:
+        Dynamics of arrays (batch, n). Rows whose dynamics are the same or differ by a factor share one call.
+    """
     scaled = [part if isinstance(part, ScaledDynamics) else ScaledDynamics(part, 1.0) for part in parts]
     rows: dict[int, list[int]] = {}
     for row, part in enumerate(scaled):
@@ -281,7 +365,7 @@ class StackedDynamics:
     """One robot per row of the batch, equal ones in groups, so that each is called once per batch.
 
     Attributes:
-        groups: the different dynamics, each with its rows.
+        groups: the different dynamics, each with the numbers of its rows, shape (rows,).
     """
 
     def __init__(self, groups: Sequence[tuple[Dynamics, Array]]) -> None:
@@ -289,31 +373,31 @@ class StackedDynamics:
         self.groups = groups
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return the acceleration of every row."""
+        """Return the acceleration of every row; see :meth:`Dynamics.forward`."""
         return self._scatter("forward", q, v, tau)
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the torque of every row."""
+        """Return the torque of every row; see :meth:`Dynamics.inverse`."""
         return self._scatter("inverse", q, v, a)
 
     def inertia_times(self, q: Array, a: Array) -> Array:
-        """Return D(q) a of every row."""
+        """Return D(q) a of every row; see :meth:`Dynamics.inertia_times`."""
         return self._scatter("inertia_times", q, a)
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
-        """Return D(q)^-1 tau of every row."""
+        """Return D(q)^-1 tau of every row; see :meth:`Dynamics.inertia_solve`."""
         return self._scatter("inertia_solve", q, tau)
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q) of every row."""
+        """Return C(q, v) v + G(q) of every row; see :meth:`Dynamics.nonlinear_effects`."""
         return self._scatter("nonlinear_effects", q, v)
 
     def gravity(self, q: Array) -> Array:
-        """Return G(q) of every row."""
+        """Return G(q) of every row; see :meth:`Dynamics.gravity`."""
         return self._scatter("gravity", q)
 
     def mass_matrix(self, q: Array) -> Array:
-        """Return D(q) of every row."""
+        """Return D(q) of every row; see :meth:`Dynamics.mass_matrix`."""
         return self._scatter("mass_matrix", q)
 
     def _scatter(self, name: str, *arguments: Array) -> Array:

@@ -25,9 +25,9 @@ _Same = TypeVar("_Same", bound="Edits")
 
 
 class Edits(Frames):
-    """What makes another robot of one; the robot itself stays as it is.
+    """What makes another robot of one; the robot itself does not change.
 
-    Every edit is remembered in the provenance of the robot that it makes.
+    Every edit is recorded in the provenance of the robot that it makes: `provenance["changes"]`, in order.
     """
 
     _provenance: Mapping[str, Any]
@@ -39,7 +39,7 @@ class Edits(Frames):
 
     @property
     def armature(self) -> Array:
-        """Rotor inertia seen at every joint [kg m^2 or kg], shape (n,)."""
+        """Rotor inertia reflected to every joint [kg m^2 or kg], shape (n,)."""
         return np.array(self._model.armature)[self._own]
 
     def with_payload(
@@ -86,6 +86,11 @@ class Edits(Frames):
 
         Args:
             armature: [kg m^2 or kg], a number, shape (n,), or name -> value (the others keep theirs).
+
+        Raises:
+            ArrayError: for another shape, or a value that is not a number.
+            NameNotFound: for a joint that does not exist.
+            LimitError: for a negative value.
         """
         model = self._model.copy()
         values = self._bounded("armature", armature, self.armature, 0.0, sys.float_info.max)
@@ -95,10 +100,17 @@ class Edits(Frames):
         return self._changed({"armature": values.tolist()}, **parts_of(model, self.coupling))
 
     def scaled_inertia(self: _Same, factor: float) -> _Same:
-        """Return the robot with every mass and inertia multiplied by `factor`.
+        """Return the robot with every mass and inertia multiplied by one factor.
 
         D, C and G all scale. For a controller that uses D alone (GPI) this is the paper's variation of
         D(q); see ``PIDInversion`` for a law that uses C and G as well.
+
+        Args:
+            factor: positive [-].
+
+        Raises:
+            ArrayError: when it is not a finite number.
+            ParameterError: when it is not positive.
         """
         factor = as_number(factor, "factor")
         if factor < SMALLEST:
@@ -118,7 +130,14 @@ class Edits(Frames):
         return self._changed({"inertia_scale": factor}, **parts)
 
     def with_gravity(self: _Same, gravity: ArrayLike) -> _Same:
-        """Return the robot under another gravity [m/s^2], a vector of shape (3,) in the base frame."""
+        """Return the robot under another gravity.
+
+        Args:
+            gravity: acceleration of free fall in the base frame [m/s^2], shape (3,).
+
+        Raises:
+            ArrayError: for another shape, or a value that is not finite.
+        """
         model = self._model.copy()
         vector = _shaped(gravity, "gravity", (3,))
         model.gravity = pin.Motion(vector, np.zeros(3))
@@ -138,6 +157,11 @@ class Edits(Frames):
             upper: highest positions [rad or m].
             velocity: highest speeds [rad/s or m/s].
             effort: highest torques or forces [N m or N].
+
+        Raises:
+            ArrayError: for another shape, or a value that is not a number.
+            NameNotFound: for a joint that does not exist.
+            LimitError: for a negative speed or torque, or a lower limit above the upper one.
         """
         given = {"lower": lower, "upper": upper, "velocity": velocity, "effort": effort}
         changed = {key: value for key, value in given.items() if value is not None}
@@ -168,7 +192,7 @@ class Edits(Frames):
 
     @property
     def _own(self) -> list[int]:
-        """Where the n joints stand among the model's coordinates."""
+        """Places of the n joints among the model's coordinates."""
         return [int(self._model.joints[self._model.getJointId(name)].idx_v) for name in self.joint_names]
 
 

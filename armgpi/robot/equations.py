@@ -100,7 +100,17 @@ class Overload(NamedTuple):
 class Equations:
     """The equations of motion with their arguments checked; what a robot and a batch of them have in common.
 
-    Frozen: an attribute cannot be assigned. Rows of a batch are states.
+    Positions are in rad or m, one state (n,) or a batch of states (batch, n). Frozen: an attribute cannot be
+    assigned.
+
+    Attributes:
+        name: name of the robot.
+        joint_names: names of the n joints, in the order of every array.
+        joint_types: "revolute", "continuous" or "prismatic", for every joint.
+        limits: position, velocity and effort limits.
+        friction: joint friction that the URDF states; the equations of motion here leave it out.
+        dynamics: the same equations without checks, for loops of one's own.
+        batch: number of robots, one per row of a batch; None for a single robot.
     """
 
     name: str
@@ -137,12 +147,33 @@ class Equations:
         return self.dynamics.mass_matrix(q_)
 
     def gravity(self, q: ArrayLike) -> Array:
-        """Return the gravity torque G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
+        """Return the gravity torque G(q), which holds the arm at rest.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+
+        Returns:
+            Torques [N m or N], same shape.
+
+        Raises:
+            ArrayError: when `q` has another shape or dtype or is not finite.
+        """
         (q_,) = self._states(q=q)
         return self.dynamics.gravity(q_)
 
     def nonlinear_effects(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return C(q, v) v + G(q) [N m or N], shape as `q`: (n,) or (batch, n)."""
+        """Return C(q, v) v + G(q): Coriolis, centripetal and gravity torque.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
+        """
         q_, v_ = self._states(q=q, v=v)
         return self.dynamics.nonlinear_effects(q_, v_)
 
@@ -166,17 +197,51 @@ class Equations:
         return self.dynamics.forward(q_, v_, tau_)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Return D(q) a + C(q, v) v + G(q) [N m or N], by RNEA; shapes as in `forward_dynamics`."""
+        """Return the torque D(q) a + C(q, v) v + G(q), by RNEA.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+            a: accelerations [rad/s^2 or m/s^2], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
+        """
         q_, v_, a_ = self._states(q=q, v=v, a=a)
         return self.dynamics.inverse(q_, v_, a_)
 
     def inertia_times(self, q: ArrayLike, a: ArrayLike) -> Array:
-        """Return D(q) a [N m or N] without building D; shapes (n,) or (batch, n)."""
+        """Return D(q) a without building D.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            a: accelerations [rad/s^2 or m/s^2], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
+        """
         q_, a_ = self._states(q=q, a=a)
         return self.dynamics.inertia_times(q_, a_)
 
     def inertia_solve(self, q: ArrayLike, tau: ArrayLike) -> Array:
-        """Return D(q)^-1 tau [rad/s^2 or m/s^2] without building D; shapes (n,) or (batch, n)."""
+        """Return D(q)^-1 tau without building D.
+
+        Args:
+            q: positions [rad or m], shape (n,) or (batch, n).
+            tau: torques [N m or N], same shape.
+
+        Returns:
+            Accelerations [rad/s^2 or m/s^2], same shape.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
+        """
         q_, tau_ = self._states(q=q, tau=tau)
         return self.dynamics.inertia_solve(q_, tau_).copy()
 
@@ -203,6 +268,9 @@ class Equations:
 
         Args:
             q: positions [rad or m], shape (..., n), which broadcasts against the limits; not checked.
+
+        Returns:
+            Index, joint, value and limits of that position; None when all are inside.
         """
         slack = _ROUNDING * np.maximum(1.0, np.abs(q))
         lower, upper = self.limits.lower, self.limits.upper
@@ -276,12 +344,15 @@ class Equations:
         return Overload(place, self.joint_names[place[-1]], float(torque[place]), float(effort[place]))
 
     def encoder_count(self, bits: float | Array) -> Array:
-        """Return one count of an absolute encoder at every joint [rad or m], shape (n,) or (batch, n).
+        """Return one count of an absolute encoder at every joint.
 
         It is a turn / 2^bits; for a prismatic joint its travel / 2^bits, or 1 m / 2^bits without limits.
 
         Args:
-            bits: resolution, a number or an array that broadcasts against (n,); not checked.
+            bits: resolution [bits], a number or an array that broadcasts against (n,); not checked.
+
+        Returns:
+            Counts [rad or m], shape (n,) or (batch, n).
         """
         travel = self.limits.upper - self.limits.lower
         travel = np.where(np.isfinite(travel) & (travel > 0.0), travel, _ENCODER_TRAVEL)
@@ -307,6 +378,12 @@ class Equations:
         Args:
             q: positions [rad or m], shape (n,) or (batch, n).
             near: positions, same shape; zero when not given.
+
+        Returns:
+            Positions [rad or m], shape as `q`.
+
+        Raises:
+            ArrayError: when an argument has another shape or dtype or is not finite.
         """
         arguments = {"q": q} if near is None else {"q": q, "near": near}
         q_, *given = self._states(**arguments)
@@ -316,7 +393,7 @@ class Equations:
         return np.where(continuous, q_ - 2.0 * math.pi * turns, q_)
 
     def _states(self, **arguments: ArrayLike) -> tuple[Array, ...]:
-        """Check state-like arguments and give them one shape; a single state goes with any batch."""
+        """Check state-like arguments and give them one shape; a single state fits any batch."""
         arrays = [as_joint_array(value, name, self.joint_names) for name, value in arguments.items()]
         shapes = [array.shape for array in arrays]
         if self.batch is not None:

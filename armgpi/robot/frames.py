@@ -126,7 +126,11 @@ class Frames(Equations):
         return _rowwise(drift, np.concatenate([q_, v_], axis=-1))
 
     def links_moved_by(self, joint: str) -> list[str]:
-        """Return the names of the links that a joint carries directly."""
+        """Return the names of the links that a joint carries: its child, and what is fixed to that.
+
+        Raises:
+            NameNotFound: when no joint has that name.
+        """
         if not (isinstance(joint, str) and joint in self.joint_names):
             raise NameNotFound("joint", joint, self.joint_names)
         index = self._model.getJointId(joint)

@@ -36,7 +36,7 @@ _DAMPING = 0.1
 _LEAST_DAMPING = 1e-14
 #: Longest step of a joint in an iteration [rad, or lengths of the arm].
 _LONGEST_STEP = 1.0
-#: Iterations between two looks at whether a search still gains.
+#: Iterations between two checks whether a search still gains.
 _PATIENCE = 10
 #: Share of the loss that a search has to gain in between, or it ends.
 _LEAST_GAIN = 0.01
@@ -123,11 +123,11 @@ def inverse_kinematics(
         seed: of the random starts.
 
     Returns:
-        The configurations and how well they reach. One out of reach raises no error: look at `reached`.
+        The configurations and how well they reach. One out of reach raises no error: check `reached`.
 
     Raises:
         NameNotFound: when there is no such frame.
-        ArrayError: when an array is not as it should be, or a rotation is none.
+        ArrayError: when an array is not as it should be, or a matrix is not a rotation.
         ParameterError: when both rotation and direction are given, the frame does not move, or a number is
             out of its range.
         LimitError: when `near` is outside the joint limits.
@@ -245,7 +245,17 @@ class TrackingInverse:
         return q
 
     def begin(self, point: Array) -> Array:
-        """Return a configuration (n,) for a point (3,) [m], the first of :meth:`candidates`."""
+        """Return the configuration in which a path begins, the first of :meth:`candidates`.
+
+        Args:
+            point: in the base frame [m], shape (3,).
+
+        Returns:
+            Joint positions [rad or m], shape (n,).
+
+        Raises:
+            ReachError: when the point is out of reach.
+        """
         first: Array = self.candidates(point)[0]
         return first
 
@@ -302,7 +312,16 @@ class TrackingInverse:
         return int(self.robot.n) - self._goal.size
 
     def flow(self, q: Array, velocity: Array, home: Array) -> Array:
-        """Return joint velocities (k, n) for frame velocities (k, 3) [m/s] at configurations (k, n)."""
+        """Return the joint velocities that carry the frame, free joints drawn back to `home`.
+
+        Args:
+            q: configurations [rad or m], shape (k, n).
+            velocity: of the frame's origin [m/s], shape (k, 3).
+            home: configurations that free joints are drawn to [rad or m], shape (n,) or (k, n).
+
+        Returns:
+            Joint velocities [rad/s or m/s], shape (k, n).
+        """
         return self.resolve(q, velocity, self.rate * (home - q))
 
     def resolve(self, q: Array, linear: Array, wish: Array, angular: Array | None = None) -> Array:
@@ -329,7 +348,16 @@ class TrackingInverse:
         return self._arm.units * (wished + _times(_pseudoinverse(J), missing))
 
     def corrected(self, q: Array, points: Array, steps: int) -> Array:
-        """Return the nearest configurations (k, n) with the frame on points (k, 3), by Newton steps."""
+        """Return the nearest configurations with the frame on the points, by Newton steps.
+
+        Args:
+            q: configurations to begin at [rad or m], shape (k, n).
+            points: where the frame should be [m], shape (k, 3).
+            steps: number of Newton steps.
+
+        Returns:
+            Joint positions [rad or m], shape (k, n).
+        """
         goal = self._at(points)
         for _ in range(steps):
             e, J = self._arm.linearise(goal, q)
@@ -337,7 +365,14 @@ class TrackingInverse:
         return q
 
     def closest(self, q: Array, points: Array) -> Array:
-        """Return configurations (k, n) on points (k, 3) searched from configurations (k, n), on their branch.
+        """Return configurations on the points, on the branch of those that the search begins at.
+
+        Args:
+            q: configurations to begin at [rad or m], shape (k, n).
+            points: where the frame should be [m], shape (k, 3).
+
+        Returns:
+            Joint positions [rad or m], shape (k, n).
 
         Raises:
             ReachError: when one is not found.
@@ -349,7 +384,15 @@ class TrackingInverse:
         return found.q
 
     def missed(self, q: Array, points: Array) -> Array:
-        """Return how far configurations (k, n) miss points (k, 3), the larger of [m] and [rad], (k,)."""
+        """Return how far the frame is from the points.
+
+        Args:
+            q: configurations [rad or m], shape (k, n).
+            points: where the frame should be [m], shape (k, 3).
+
+        Returns:
+            The larger of distance [m] and angle [rad], shape (k,).
+        """
         worst: Array = np.max(self._arm.errors(self._at(points), q), axis=0)
         return worst
 
@@ -358,10 +401,16 @@ class TrackingInverse:
         return self._goal.rows(np.zeros(len(points), dtype=np.intp))._replace(position=points)
 
     def clearance(self, q: Array) -> Array:
-        """Return how far configurations (k, n) are from limits and singular configurations, shape (k,).
+        """Return how far configurations are from limits and singular configurations.
 
         The least distance of a joint from a limit, as a share of half its range, times the least singular
         value of the Jacobian. It is negative outside the limits.
+
+        Args:
+            q: configurations [rad or m], shape (k, n).
+
+        Returns:
+            Clearance [-], shape (k,); the Jacobian is in units of the arm's own length.
         """
         lower, upper = self.robot.limits[:2]
         half = 0.5 * (upper - lower)
@@ -402,7 +451,7 @@ class _Arm(NamedTuple):
         if not J.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = ~robot.prismatic
-        # The longest lever seen; an arm that slides only, or turns on the spot, is measured in metres.
+        # The longest lever found; an arm that slides only, or turns on the spot, is measured in metres.
         length = float(np.linalg.norm(J[:, :3] * turning, axis=1).max()) or 1.0
         return cls(robot, frame, length, np.where(turning, 1.0, length))
 
@@ -607,7 +656,16 @@ def _unit(vectors: Array, name: str) -> Array:
 
 
 def random_configurations(robot: Robot, count: int, seed: int) -> Array:
-    """Return random configurations inside the limits, within half a turn of the middle where that is less."""
+    """Return random configurations inside the limits, within half a turn of the middle where that is less.
+
+    Args:
+        robot: the arm.
+        count: how many.
+        seed: the same seed gives the same configurations.
+
+    Returns:
+        Configurations [rad or m], shape (count, n).
+    """
     rng = np.random.default_rng(check_whole(seed, "seed", 0))
     middle = robot.middle()
     low, high = (

@@ -21,7 +21,7 @@ MAX_ELEMENTS = 200_000
 MAX_ATTRIBUTES = 1_000
 #: Characters of one element's tag with its attributes: the parser holds it as a whole.
 MAX_TAG = 1_000_000
-#: How much of a file is looked at to tell what it is.
+#: How much of a file is read to find out what it is.
 _HEAD = 4096
 
 #: First bytes -> what such a file is, and the way on.
@@ -55,7 +55,7 @@ _TEXTS = (
     (r"#!|import |from \w+ import ", "a program: run it if it writes a URDF, and give that"),
     (r"\[\[?[\w.-]+\]\]?\s*$", "TOML or INI: give a URDF"),
     (r"[{\[]", "JSON: give a URDF"),
-    (r"40\d: |Not Found", "the answer of a server that has no such file: look at the address"),
+    (r"40\d: |Not Found", "the answer of a server that has no such file: check the address"),
     (r"<<<<<<<\s", "a file with conflicts of git in it: resolve them (git mergetool)"),
     (r"diff |--- \S|Index: ", "a patch: apply it, and give the URDF that it changes"),
     (r"#usda", "a scene (OpenUSD): give the URDF of the robot; USD is not read"),

@@ -18,7 +18,7 @@ from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
 
-#: Configurations at which D(q) is looked at when a robot is loaded, besides the middle of the ranges.
+#: Configurations at which D(q) is checked when a robot is loaded, besides the middle of the ranges.
 _SAMPLES = 16
 #: Width of the range from which positions are drawn where a revolute joint has none or a huge one [rad].
 _WIDEST_TURN = 4.0 * math.pi

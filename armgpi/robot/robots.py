@@ -38,7 +38,7 @@ class Example(NamedTuple):
 def _sides(
     name: str, file: str, *keep: str, sides: tuple[str, str] = ("left", "right")
 ) -> dict[str, Example]:
-    """Return a robot's left and right arm; `{}` in the patterns of joints stands for the side."""
+    """Return a robot's left and right arm; `{}` in the patterns of joints is the side."""
     return {
         f"{name}_{side}_arm": Example(file, tuple(pattern.format(word) for pattern in keep))
         for side, word in zip(("left", "right"), sides, strict=True)

@@ -115,7 +115,7 @@ class Server:
             port: where; the first free one from 7070 on when not given.
 
         Raises:
-            ParameterError: when the port is none.
+            ParameterError: when the port is not valid.
             ServerError: when it is taken.
         """
         if port is not None and (isinstance(port, bool) or not 0 <= port <= 65535):

@@ -148,7 +148,7 @@ def fill(
 
 
 def json_text(data: Any) -> str:
-    """Return data as JSON in which nothing can end the element that it stands in; its text is as shown."""
+    """Return data as JSON in which nothing can end the element around it; its text is as shown."""
     text = json.dumps(_shown(data), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -163,7 +163,7 @@ def document(title: str, summary: str, sections: Mapping[str, str]) -> str:
 
     Args:
         title: plain text.
-        summary: HTML that stands under the title.
+        summary: HTML under the title.
         sections: heading, plain text -> content, HTML.
     """
     parts = (f"<section><h2>{text(heading)}</h2>{content}</section>" for heading, content in sections.items())
@@ -286,7 +286,7 @@ def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:
 
 
 def _safe_script(script: str) -> str:
-    """Return JavaScript in which no string ends the element that it stands in."""
+    """Return JavaScript in which no string ends the element around it."""
     return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 

@@ -8,7 +8,7 @@ Two layers. The lower one draws one thing of one joint into axes that you made:
 :func:`plot_torque`           torque applied, its limits, where it was saturated
 :func:`plot_disturbance`      torque of the loads
 :func:`plot_signal`           what a controller recorded (gains, weights: ``simulate(..., signals=True)``)
-:func:`plot_path_plane`       the tool's path beside the desired one, seen along an axis
+:func:`plot_path_plane`       the tool's path beside the desired one, viewed along an axis
 :func:`plot_path_space`       the same in space (axes with ``projection="3d"``)
 :func:`plot_pareto`           two costs against each other and their Pareto front
 ============================  ======================================================================
@@ -228,7 +228,7 @@ def plot_torque(
         axes: where.
         rollout: the rollout(s).
         joint: name of the joint.
-        limits: whether to show the effort limit, and where the torque stood at it.
+        limits: whether to show the effort limit, and where the torque was at it.
         onset: whether to mark when the joint's disturbance sets in.
     """
     drawn = _traces(rollout, joint)
@@ -298,7 +298,7 @@ def plot_signal(
 def plot_path_plane(
     axes: Axes, rollout: xr.Dataset, robot: Robot, *, frame: str | None = None, plane: str | None = None
 ) -> None:
-    """Draw the path of the tool, and the desired one, seen along an axis of the base frame.
+    """Draw the path of the tool, and the desired one, viewed along an axis of the base frame.
 
     Args:
         axes: where.
@@ -541,7 +541,7 @@ def _show_effort(axes: Axes, drawn: Sequence[Trace], effort: float, unit: str) -
             if sign * peak >= 0.0 or _smallest(drawn) <= -_NEAR * effort:
                 _limit_line(axes, sign * effort, lambda _: True)
     else:
-        # Above the axes: inside it would stand in the way of some curve.
+        # Above the axes: inside it would cover some curve.
         axes.annotate(
             f"limit ±{effort:.6g} {unit}",
             xy=(1.0, 1.0),

@@ -359,12 +359,12 @@ def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what the rollouts themselves give reason to say."""
+    """Return what the rollouts themselves report."""
     said = []
     for record in records[:20]:
         if record["status"] != "finished":
             said.append(f"{record['label']}: {record['end']}")
-        for what, text in (("saturated_time", "stood at its torque limit for {:.3g} s"),
+        for what, text in (("saturated_time", "was at its torque limit for {:.3g} s"),
                            ("limit_excess", "left its position limits by {:.3g}")):  # fmt: skip
             for joint, value in zip(record["joints"], record["metrics"][what], strict=True):
                 if value is not None and value > 0.0:

@@ -1,4 +1,4 @@
-"""What stands in the scene and how it moves, as plain data that the page draws.
+"""What is in the scene and how it moves, as plain data that the page draws.
 
 A :class:`Scene` has an arm: a tree of bodies, one for every joint and one for the base, with its triangles in
 the body's frame, so the page moves it by the joints' positions alone. A :class:`Clip` has what moves it: one
@@ -107,7 +107,7 @@ class Actor(NamedTuple):
         q: positions [rad or m], held after its end.
         q_ref: reference [rad or m].
         tau: torque [N m or N].
-        saturated: whether the torque stood at its limit from this frame to the next.
+        saturated: whether the torque was at its limit from this frame to the next.
         end: how it ended, in words.
         t_end: when it ended [s].
     """

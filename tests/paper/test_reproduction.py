@@ -115,7 +115,7 @@ def test_fixed_gains_in_the_batch_are_fixed_gains() -> None:
 
     controller = GPI(Robot.load("anthropomorphic3"), runs.REAL_DT, FixedGains(30.0), start="zero")
     alone = simulate(runs._real(), controller, runs._reference(), 3.0, progress=False)
-    both = GPI(runs._believed([1.0, 1.0]), runs.REAL_DT, runs._networks_or_fixed([None, 30.0]), start="zero")
+    both = GPI(runs._nominal([1.0, 1.0]), runs.REAL_DT, runs._networks_or_fixed([None, 30.0]), start="zero")
     batch = simulate(runs._real(), both, runs._reference(), 3.0, progress=False)
     np.testing.assert_array_equal(alone["q"].values, batch["q"].values[1])
 

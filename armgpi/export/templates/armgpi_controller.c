@@ -149,7 +149,7 @@ $frozen_call        if (reason == ARMGPI_REASON_NONE) {
     } else if (state->status == ARMGPI_STATUS_BEFORE_INIT) {
         enter_fault(state, ARMGPI_REASON_BEFORE_INIT, 0U);
     } else {
-        /* In FAULT nothing is looked at: only init and reset lead out of it. */
+        /* In FAULT nothing is read: only init and reset lead out of it. */
     }
     if (state->status != ARMGPI_STATUS_RUN) {
         for (i = 0U; i < ARMGPI_N; ++i) {

@@ -48,7 +48,7 @@ typedef enum {
     ARMGPI_REASON_MEASUREMENT = 2, /* a measured number is not finite */
     ARMGPI_REASON_REFERENCE = 3,   /* a number of the reference is not finite */
     ARMGPI_REASON_JUMP = 4,        /* a position moved faster than its joint can */
-    ARMGPI_REASON_FROZEN = 5,      /* a position stands still that should not */
+    ARMGPI_REASON_FROZEN = 5,      /* a position should have changed */
     ARMGPI_REASON_TORQUE = 6       /* the law's torque is not finite, or beyond its limit */
 } armgpi_reason_t;
 
@@ -83,7 +83,7 @@ $parameters);
  * Take one sample.
 $argument_notes
  *   tau_out     torque to hold until the next sample [N m or N]; finite and within the limits, always
- * While in FAULT tau_out is $action, and arguments are not looked at. armgpi_reset leads back.
+ * While in FAULT tau_out is $action, and arguments are not read. armgpi_reset leads back.
  */
 armgpi_status_t armgpi_step(armgpi_state_t *state,
 $parameters,

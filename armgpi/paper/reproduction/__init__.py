@@ -67,7 +67,7 @@ def reproduce(
 
     Args:
         folder: where to, made if needed.
-        quick: a sample time of 1e-3 s in place of the paper's 1e-4 s, lower bandwidths to go with it; no
+        quick: a sample time of 1e-3 s in place of the paper's 1e-4 s, lower bandwidths for it; no
             sensitivity, no ablation, no sweep of the literal law, and PNG figures alone.
         workers: processes; as many as there are cores when not given.
         done: called with the name of each batch when it is done.

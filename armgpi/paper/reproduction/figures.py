@@ -205,7 +205,7 @@ def _finished(figure: Figure, axes: Any) -> Figure:
 
 
 def _one_legend(figure: Figure) -> None:
-    """Give the figure one legend where there is more than one thing to tell apart."""
+    """Give the figure one legend where there is more than one thing to distinguish."""
     if len({label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}) > 1:
         plots.legend(figure)
 

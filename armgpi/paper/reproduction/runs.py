@@ -1,6 +1,6 @@
 """The rollouts behind the reproduction: controllers, plants and references, in as few batches as can be.
 
-What the paper states and what is ours stands in the scenario files; this module varies them.
+What the paper states and what is ours is in the scenario files; this module varies them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from armgpi.references.waypoints import Waypoints
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.robot import Robot
 
-#: Factors on the D(q) that controllers believe in, in the order of Tables 2 to 4.
+#: Factors on the D(q) of the nominal models, in the order of Tables 2 to 4.
 SCALES = tuple(table.inertia_scale for table in TABLES)
 #: Names of the contenders.
 NETWORK, SLOW_NETWORK = "GPI, networks", "GPI, networks, rate 0.12"
@@ -121,7 +121,7 @@ def ideal_gpi(setting: Setting) -> xr.Dataset:
     adapts = np.array([[label != fixed] for label in labels])
     omega = (np.where(adapts, box[0], middle), np.where(adapts, box[1], middle))
     gains = _network(omega_c=omega, p_c=omega, zeta_c=(np.where(adapts, _ZETA, 1.0), np.ones_like(omega[0])))
-    controller = GPI(_believed(scales), setting.dt, gains, start="zero")
+    controller = GPI(_nominal(scales), setting.dt, gains, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), _paper_loads(loaded)))
     return _run(plant, controller, ReferenceBatch(references), setting, labels, scales, signals=True)
 
@@ -129,7 +129,7 @@ def ideal_gpi(setting: Setting) -> xr.Dataset:
 def ideal_literal(setting: Setting) -> xr.Dataset:
     """Run the paper's controller to the letter: eq. 17 as printed, eq. 23 with e_n = e, all three adapted."""
     gains = _literal(_box(setting), LITERAL_RATE)
-    controller = GPI(_believed(SCALES), setting.dt, gains, realisation="paper", start="zero")
+    controller = GPI(_nominal(SCALES), setting.dt, gains, realisation="paper", start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
     return _run(plant, controller, _reference(), setting, [LITERAL] * len(SCALES), SCALES)
 
@@ -142,7 +142,7 @@ def ideal_pid(setting: Setting) -> xr.Dataset:
     labels = [NEAR_PID] * len(SCALES) + [TUNED_PID] * len(SCALES) + [UNDISTURBED]
     scales = [*SCALES, *SCALES, 1.0]
     gains = _rows(labels, _near_pid(), _pole_gains([_box(setting)[1]]))
-    controller = PIDInversion(_believed(scales), setting.dt, *gains, bias_robot=_arm())
+    controller = PIDInversion(_nominal(scales), setting.dt, *gains, bias_robot=_arm())
     loaded = [0.0 if label == UNDISTURBED else 1.0 for label in labels]
     plant = Saturated(RigidBodyPlant(_arm(), _paper_loads(loaded)))
     return _run(plant, controller, _reference(), setting, labels, scales)
@@ -157,14 +157,14 @@ def real_gpi(setting: Setting) -> xr.Dataset:
     labels, scales = zip(*rows, strict=True)
     fixed = [{"GPI, fixed 25 rad/s": 25.0, "GPI, fixed 30 rad/s": 30.0}.get(label) for label in labels]
     rate = [0.12 if label == SLOW_NETWORK else 1e9 for label in labels]
-    controller = GPI(_believed(scales), REAL_DT, _networks_or_fixed(fixed, rate=rate), start="zero")
+    controller = GPI(_nominal(scales), REAL_DT, _networks_or_fixed(fixed, rate=rate), start="zero")
     return _run(_real(), controller, _reference(), _real_setting(), labels, scales)
 
 
 def real_literal() -> xr.Dataset:
     """Run the paper's controller to the letter behind encoders and a delay."""
     gains = _literal((22.0, 60.0), LITERAL_RATE)
-    controller = GPI(_believed(SCALES), REAL_DT, gains, realisation="paper", start="zero")
+    controller = GPI(_nominal(SCALES), REAL_DT, gains, realisation="paper", start="zero")
     return _run(_real(), controller, _reference(), _real_setting(), [LITERAL] * len(SCALES), SCALES)
 
 
@@ -175,7 +175,7 @@ def real_pid(tuned: Poles) -> xr.Dataset:
     gains = _rows(labels, near, _pole_gains([tuned.pole]))
     filters = np.array([[tuned.bandwidth]] * len(labels))
     scales = SCALES * 2
-    controller = PIDInversion(_believed(scales), REAL_DT, *gains, bias_robot=_arm())
+    controller = PIDInversion(_nominal(scales), REAL_DT, *gains, bias_robot=_arm())
     plant = _real(filters)
     return _run(plant, controller, _reference(), _real_setting(), labels, scales)
 
@@ -185,7 +185,7 @@ def candidates(setting: Setting) -> xr.Dataset:
     poles, filters = (np.ravel(x) for x in np.meshgrid(*setting.candidates))
     kp, ki, kd = _pole_gains(poles)
     scales = [1.0] * len(poles)
-    controller = PIDInversion(_believed(scales), REAL_DT, kp, ki, kd, bias_robot=_arm())
+    controller = PIDInversion(_nominal(scales), REAL_DT, kp, ki, kd, bias_robot=_arm())
     plant = _real(filters[:, np.newaxis])
     labels = [TUNED_PID] * len(poles)
     result = _run(plant, controller, _reference(), _real_setting(), labels, scales)
@@ -227,7 +227,7 @@ def sensitivity() -> xr.Dataset:
         learning_rate=[[0.2 * row["rate"]] for row in rows],
     )
     scales = [1.0] * len(rows)
-    controller = GPI(_believed(scales), QUICK.dt, gains, start="zero")
+    controller = GPI(_nominal(scales), QUICK.dt, gains, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
     return _run(plant, controller, ReferenceBatch(references), QUICK, list(changes), scales, t_final=80.0)
 
@@ -241,7 +241,7 @@ def ablation() -> xr.Dataset:
     counts = 2.0 * np.pi / 2.0 ** np.array(bits, dtype=np.float64)[:, np.newaxis]
     scales = [1.0] * len(rows)
     gains = _networks_or_fixed(fixed, error_range=counts, dead_zone=2.0 * counts)
-    controller = GPI(_believed(scales), REAL_DT, gains, start="zero")
+    controller = GPI(_nominal(scales), REAL_DT, gains, start="zero")
     plant = _real(bits=np.array(bits, dtype=np.float64)[:, np.newaxis])
     result = _run(plant, controller, _reference(), _real_setting(), labels, scales)
     return result.assign_coords(bits=("rollout", list(bits)))
@@ -252,7 +252,7 @@ def sweep(realisation: str) -> xr.Dataset:
     rows = [(rate, scale) for rate in SWEEP_RATES for scale in SCALES]
     rates, scales = zip(*rows, strict=True)
     gains = _literal((30.0, 60.0), [[rate] for rate in rates])
-    controller = GPI(_believed(scales), REAL_DT, gains, realisation=realisation, start="zero")
+    controller = GPI(_nominal(scales), REAL_DT, gains, realisation=realisation, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
     result = _run(plant, controller, _reference(), _real_setting(), [LITERAL] * len(rows), scales)
     return result.assign_coords(learning_rate=("rollout", list(rates)))
@@ -335,8 +335,8 @@ def _reference(goal: float = 1.0, duration: float = 1.0, raised: float = 0.0) ->
     return Waypoints(points, (duration * durations).tolist(), moves.holds)
 
 
-def _believed(scales: Sequence[float]) -> RobotBatch:
-    """Return what controllers believe in: the arm, with D(q) times a factor for each rollout."""
+def _nominal(scales: Sequence[float]) -> RobotBatch:
+    """Return the nominal models: the arm, with D(q) times a factor for each rollout."""
     arm = _arm()
     return RobotBatch([arm.scaled_inertia(scale) for scale in scales])
 

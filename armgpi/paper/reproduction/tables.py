@@ -241,7 +241,7 @@ def ablation(result: xr.Dataset) -> Sheet:
     return Sheet(
         "ablation",
         "Networks against fixed gains",
-        "One sample of delay at 1 kHz. The last column says where the networks stand against the row.",
+        "One sample of delay at 1 kHz. The last column compares the networks with the row.",
         (
             "encoder bits",
             "gains",
@@ -313,7 +313,7 @@ def sweep(results: dict[str, xr.Dataset]) -> Sheet:
 
 
 def _verdict(network: tuple[float, float], other: tuple[float, float]) -> str:
-    """Return in words how the networks stand against another contender."""
+    """Return in words how the networks compare with another contender."""
     if network == other:
         return ""
     tracks, chatters = network[0] < other[0], network[1] > other[1]
