@@ -1,7 +1,10 @@
 """Sphinx configuration. Build with `make docs`; no network is used."""
 
+import ast as _ast
+import re as _re
 from dataclasses import replace as _replace
 from importlib.metadata import version as _version
+from pathlib import Path as _FilePath
 
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
@@ -76,6 +79,28 @@ def _rows(declared, prefix=""):
     return rows
 
 
+def modules_list():
+    """Return every module with the first line of its docstring, by package, as the layers are ordered."""
+    root = _FilePath(__file__).parents[1]
+    text = (root / "pyproject.toml").read_text(encoding="utf-8")  # Python 3.10 has no tomllib
+    layers = _ast.literal_eval(text.partition("\nlayers = ")[2].partition("]\n")[0] + "]")
+    lines = [_line(root / "armgpi" / "__init__.py", root)]
+    for layer in reversed(layers):
+        packages = layer.split(" : ")
+        lines += ["", f"**{', '.join(f'`{package}`' for package in packages)}**", ""]
+        for package in packages:
+            place = root / "armgpi" / package
+            found = sorted(place.rglob("*.py")) or [place.with_suffix(".py")]
+            lines += [_line(path, root) for path in found]
+    return "\n".join(lines)
+
+
+def _line(path, root):
+    """Return a module's name with the first line of its docstring."""
+    said = _ast.get_docstring(_ast.parse(path.read_text(encoding="utf-8"))).partition("\n")[0]
+    return f"- `{path.relative_to(root).as_posix()}`: {_re.sub(r':[a-z]+:`', '`', said)}"
+
+
 _HEADS = [("key", "meaning", "values", "default"), ("---",) * 4]
 
 
@@ -121,6 +146,7 @@ def options_table():
 
 myst_substitutions = {
     "findings_table": _findings.table(),
+    "modules_list": modules_list(),
     "metrics_table": metrics_table(),
     "options_table": options_table(),
     "plant_table": plant_table(),
