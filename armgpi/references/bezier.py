@@ -158,7 +158,7 @@ class Bezier(Reference):
         )
 
 
-def _limit(value: ArrayLike, name: str) -> Array:
+def _limit(value: Any, name: str) -> Array:
     """Return a limit as an array: positive, infinite for none."""
     if isinstance(value, float) and math.isnan(value):
         raise ParameterError(name, value, "positive")
