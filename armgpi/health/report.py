@@ -95,7 +95,7 @@ def inspect(
     check_number(dt, "dt", "positive [s]", open_=True)
     check_whole(delay, "delay", 0)
     check_whole(encoder_bits, "encoder_bits", 1, 52)
-    if isinstance(package_dirs, str | bytes) or not isinstance(package_dirs, Iterable):
+    if isinstance(package_dirs, str | bytes | np.ndarray) or not isinstance(package_dirs, Iterable):
         raise ParameterError("package_dirs", package_dirs, "folders")
     package_dirs = [check_path(folder, "package_dirs") for folder in package_dirs]
     path, name = robots.locate(path_or_name)

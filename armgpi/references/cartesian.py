@@ -94,7 +94,7 @@ class CartesianReference(Reference):
                 raise ParameterError("inverse", inverse, expected)
             self._track = Track(inverse, path)
             return
-        if not callable(inverse):
+        if not callable(inverse) or isinstance(inverse, type):
             raise ParameterError("inverse", inverse, "a TrackingInverse, or a function of points (k, 3)")
         self._inverse = inverse
         self._turning = ~robot.prismatic
@@ -117,6 +117,8 @@ class CartesianReference(Reference):
                 leave its joint limits.
         """
         times = np.atleast_1d(as_float_array(t, "t"))
+        if times.ndim > 1:
+            raise ArrayError("t", f"expected a time or shape (k,), got shape {times.shape}")
         if np.abs(times).max(initial=0.0) > _LONGEST:
             raise ArrayError("t", f"expected times up to {_LONGEST:g} s, got {np.abs(times).max():g}")
         target = self._along(times) if self._track is None else self._track.at(times)

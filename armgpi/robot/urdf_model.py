@@ -12,7 +12,7 @@ import re
 import tempfile
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, tostring
@@ -244,7 +244,9 @@ def _name_list(value: Any, name: str) -> list[Any]:
     """Return joint names given as one name or several."""
     if isinstance(value, str):
         return [value]
-    names = list(value) if isinstance(value, Iterable) else [None]
+    names: list[Any] = [None]
+    with suppress(TypeError):
+        names = list(value)
     if not all(isinstance(joint, str) for joint in names):
         raise ParameterError(name, value, "names of joints")
     return names
