@@ -11,6 +11,6 @@ Read in this order:
 - `emit`: from expressions to lines of C.
 - `build`: from C to a loaded library; the compiler and the cache.
 
-Two kinds of C are made of this: :mod:`armgpi.compiled` (many rollouts, vectors) and :mod:`armgpi.export`
+Two kinds of C are made of this: :mod:`armgpi.compiled` (many rollouts, vectors) and ``armgpi.export``
 (one controller, C99 for hardware).
 """
