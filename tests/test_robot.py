@@ -90,7 +90,7 @@ def test_a_bad_posture_of_a_frame_is_refused(function: str, what: str) -> None:
 
 
 def test_batches_of_different_sizes_do_not_go_together() -> None:
-    with pytest.raises(ArrayError, match=r"q, v: shapes do not go together: \(2, 3\), \(4, 3\)"):
+    with pytest.raises(ArrayError, match=r"q, v: shapes do not match: \(2, 3\), \(4, 3\)"):
         ARM.nonlinear_effects(np.zeros((2, 3)), np.zeros((4, 3)))
 
 
@@ -572,7 +572,7 @@ def test_a_batch_of_states_has_one_row_per_robot_or_a_single_one(rows: int) -> N
     if rows == 1:
         assert batch.gravity(Q[np.newaxis]).shape == (2, 3)
         return
-    with pytest.raises(ArrayError, match="shapes do not go together"):
+    with pytest.raises(ArrayError, match="shapes do not match"):
         batch.gravity(np.tile(Q, (rows, 1)))
 
 

@@ -55,7 +55,7 @@ class ClosedLoop:
     """
 
     def __init__(self, plant: Plant, controller: Controller, reference: Reference) -> None:
-        """Check that the three go together.
+        """Check that the three match.
 
         Raises:
             ParameterError: when an argument is of another kind, or joints or batches differ.

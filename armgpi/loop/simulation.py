@@ -78,7 +78,7 @@ def simulate(
         and returns what is there, with the status "interrupted".
 
     Raises:
-        ParameterError: when an argument is not as it should be, or the parts do not go together.
+        ParameterError: when an argument is not as it should be, or the parts do not match.
         ArrayError: when an array is not as it should be.
         LimitError: when the start or the reference is outside the plant's joint limits.
     """

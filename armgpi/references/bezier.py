@@ -66,7 +66,7 @@ def minimum_duration(
 
     Raises:
         ParameterError: when a limit is not positive.
-        ArrayError: when an argument is no array of numbers, or shapes do not go together.
+        ArrayError: when an argument is no array of numbers, or shapes do not match.
     """
     distance_ = np.abs(as_sized_array(distance, "distance"))
     velocity = _limit(velocity_limit, "velocity_limit")
@@ -75,7 +75,7 @@ def minimum_duration(
         try:
             np.broadcast_shapes(distance_.shape, limit.shape)
         except (ValueError, RuntimeError):  # or more axes than NumPy has
-            raise ArrayError(name, f"shape {limit.shape} does not go with {distance_.shape}") from None
+            raise ArrayError(name, f"shape {limit.shape} does not match {distance_.shape}") from None
     by_velocity = PEAK_VELOCITY * distance_ / velocity
     by_acceleration = np.sqrt(PEAK_ACCELERATION * distance_ / acceleration)
     return float(np.max(np.maximum(by_velocity, by_acceleration), initial=0.0))
@@ -113,7 +113,7 @@ class Bezier(Reference):
             acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
 
         Raises:
-            ArrayError: when start and goal do not go together.
+            ArrayError: when start and goal do not match.
             ParameterError: when the duration is not positive, or neither it nor a limit is given.
         """
         self.start, self.goal = _configurations(start, goal)
@@ -179,5 +179,5 @@ def _configurations(start: ArrayLike, goal: ArrayLike) -> tuple[Array, Array]:
     try:
         shape = np.broadcast_shapes(start_.shape, goal_.shape)
     except ValueError:
-        raise ArrayError("goal", f"shape {goal_.shape} does not go with start's {start_.shape}") from None
+        raise ArrayError("goal", f"shape {goal_.shape} does not match start's {start_.shape}") from None
     return np.broadcast_to(start_, shape).copy(), np.broadcast_to(goal_, shape).copy()

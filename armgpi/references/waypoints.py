@@ -43,7 +43,7 @@ class Waypoints(Reference):
             acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
 
         Raises:
-            ArrayError: when the configurations do not go together.
+            ArrayError: when the configurations do not match.
             ParameterError: when there is no configuration, or numbers of durations or holds do not fit.
         """
         if not is_listing(points) or len(points) == 0:

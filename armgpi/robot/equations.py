@@ -402,7 +402,7 @@ class Equations:
             shape = np.broadcast_shapes(*shapes)
         except ValueError:
             names = ", ".join(arguments)
-            raise ArrayError(names, f"shapes do not go together: {', '.join(map(str, shapes))}") from None
+            raise ArrayError(names, f"shapes do not match: {', '.join(map(str, shapes))}") from None
         if self.batch is not None and shape != (self.batch, self.n):
             raise ArrayError(", ".join(arguments), f"expected {self.batch} rows, got shape {shape}")
         return tuple(np.ascontiguousarray(np.broadcast_to(array, shape)) for array in arrays)
