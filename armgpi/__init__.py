@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from armgpi.plants.loads import Step as Step
     from armgpi.plants.plant import Plant as Plant
     from armgpi.plants.plant import Wrapper as Wrapper
+    from armgpi.plants.reality import Draw as Draw
+    from armgpi.plants.reality import Reality as Reality
     from armgpi.plants.rigid_body import RigidBodyPlant as RigidBodyPlant
     from armgpi.plants.sensors import Delayed as Delayed
     from armgpi.plants.sensors import Differentiated as Differentiated
@@ -93,6 +95,7 @@ _NAMES = {
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.plant": ("Plant", "Wrapper"),
+    "plants.reality": ("Draw", "Reality"),
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
     "plants.turns": ("SingleTurn", "Unwrapped"),

@@ -42,8 +42,8 @@ class _Required(Enum):
     REQUIRED = "required"
 
 
-#: What a parameter's value is. A box is (lower, upper), or one value that does not vary.
-#: A group has parameters of its own below it; a variant is one of the named classes below a base class.
+#: What a parameter's value is. A range is two numbers. A box is (lower, upper), or one value that does not
+#: vary. A group has parameters of its own below it; a variant is one of the named classes below a base class.
 Kind = Literal[
     "number",
     "integer",
@@ -51,6 +51,7 @@ Kind = Literal[
     "flag",
     "text",
     "box",
+    "range",
     "vector",
     "numbers",
     "times",
@@ -178,7 +179,7 @@ class Parameter:
     @property
     def numeric(self) -> bool:
         """Whether its values are numbers with a unit."""
-        return self.kind in ("number", "box", "vector", "numbers")
+        return self.kind in ("number", "box", "range", "vector", "numbers")
 
     def inside(self, values: Array) -> Any:
         """Tell which values of an array are within the bounds, and whole where they have to be."""
@@ -209,6 +210,8 @@ class Parameter:
             raise ParameterError(self.name, value, "True or False")
         if self.kind == "box":
             return self._box(value, joint_names)
+        if self.kind == "range":
+            return self._range(value)
         if self.kind in ("vector", "numbers"):
             return self._numbers(value)
         if self.kind == "text" and not isinstance(value, str):
@@ -247,6 +250,13 @@ class Parameter:
         if self.kind == "vector" and array.shape != (3,):
             raise ArrayError(self.name, f"expected three numbers, got shape {array.shape}")
         return array
+
+    def _range(self, value: Any) -> tuple[float, float]:
+        """Return the two ends of a range."""
+        ends = as_float_array(value, self.name)
+        if ends.shape != (2,) or not self.inside(ends).all() or ends[0] > ends[1]:
+            raise ParameterError(self.name, value, f"[lowest, highest], {self.bounds}")
+        return float(ends[0]), float(ends[1])
 
     def _box(self, value: Any, joint_names: Sequence[str] | None) -> tuple[Array, Array]:
         """Return the lower and upper end, which are the same for one value."""

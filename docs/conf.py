@@ -15,6 +15,7 @@ from armgpi.parameter import REQUIRED as _REQUIRED
 from armgpi.parameter import parameters as _parameters
 from armgpi.plants.loads import Load as _Load
 from armgpi.plants.plant import Wrapper as _Wrapper
+from armgpi.plants.reality import Reality as _Reality
 from armgpi.references.paths import Path as _Path
 from armgpi.registry import registered as _registered
 
@@ -51,6 +52,7 @@ def _row(key, each):
         "text": "text",
         "vector": "three numbers",
         "numbers": "a list of numbers",
+        "range": f"`[lowest, highest]`, {_replace(each, unit='').bounds}",
         "points": "a list of points",
         "group": "a mapping",
     }.get(each.kind, _replace(each, unit="").bounds)
@@ -65,7 +67,9 @@ def _row(key, each):
 
 def _plain(value):
     """Return a default as a file has it."""
-    return list(value) if isinstance(value, tuple) else f"{value:g}" if isinstance(value, float) else value
+    if isinstance(value, tuple):
+        return [round(x) if x == round(x) else x for x in value]
+    return f"{value:g}" if isinstance(value, float) else value
 
 
 def _rows(declared, prefix=""):
@@ -150,6 +154,7 @@ myst_substitutions = {
     "metrics_table": metrics_table(),
     "options_table": options_table(),
     "plant_table": plant_table(),
+    "reality_table": _table([*_HEADS, *_rows(_parameters(_Reality))]),
     "loads_table": _by_type(_Load),
     "controllers_table": controllers_table(),
     "paths_table": _by_type(_Path),

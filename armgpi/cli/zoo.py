@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
-from armgpi.cli.parsing import FAILED, stoppable
+from armgpi.cli.parsing import FAILED, refusal, stoppable
 from armgpi.cli.terminal import say
 
 
@@ -26,32 +27,86 @@ def zoo(
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table to a Markdown file.")
     ] = None,
     as_json: opt.Json = False,
+    reality: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Instead, draw drives, sensors, loads and moves of this reality: geared or bare.",
+            show_default=False,
+        ),
+    ] = None,
+    count: Annotated[int, typer.Option(help="Draws of each arm, with --reality.")] = 16,
+    seed: Annotated[int, typer.Option(help="Of the draws.")] = 0,
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.
 
     \b
     armgpi zoo ur5 panda
     armgpi zoo --out zoo.md
+    armgpi zoo ur5 panda --reality geared --count 16
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.health.zoo import markdown, run
     from armgpi.robot import robots
 
-    known = robots.names()
     for name in names or ():
         robots.locate(name)
+    run = _nominal if reality is None else _drawn(reality, seed, count)
+    shown = run(names or list(robots.names()))
+    if out is not None:
+        write(out, shown.table, "--out")
+    if as_json:
+        say(json.dumps([_plain(row._asdict()) for row in shown.rows]))
+    else:
+        say(shown.table, lines=True)
+    for remark in shown.remarks:
+        say(remark, err=True)
+    if shown.bad:
+        sys.exit(FAILED)
+
+
+class _Shown(NamedTuple):
+    """Rows, their table, what is to be said besides, and whether the command failed."""
+
+    rows: list[Any]
+    table: str
+    remarks: list[str]
+    bad: bool
+
+
+def _nominal(names: list[str]) -> _Shown:
+    """Return the rows of arms as their URDFs have them."""
+    from armgpi.health.zoo import markdown, run
+
     rows = []
-    for name in names or known:
+    for name in names:
         say(name, err=True)
         rows += run(name)
-    table = markdown(rows)
-    if out is not None:
-        write(out, table, "--out")
-    if as_json:
-        say(json.dumps([_plain(row._asdict()) for row in rows]))
-    else:
-        say(table, lines=True)
-    if any(row.end.startswith("diverged") for row in rows):
-        sys.exit(FAILED)
+    return _Shown(rows, markdown(rows), [], any(row.end.startswith("diverged") for row in rows))
+
+
+def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]:
+    """Return what runs draws of a reality under the default law: lost arms are its result, not a failure."""
+    from armgpi.arrays import check_whole
+    from armgpi.errors import ParameterError
+    from armgpi.health.reality import experiments, markdown
+    from armgpi.plants.reality import Reality
+
+    try:
+        drawn = Reality(reality, seed)
+        check_whole(count, "count", 1, 4096)
+    except ParameterError as error:
+        raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
+
+    def run(names: list[str]) -> _Shown:
+        done = experiments(
+            drawn, names, {"gpi": {"type": "gpi"}}, count * len(names), lambda name: say(name, err=True)
+        )
+        found = done.found["gpi"]
+        by_arm = {name: [each for each in found if each.arm == name] for name in names}
+        table = markdown({**{name: each for name, each in by_arm.items() if each}, "all": found}, "robot")
+        remarks = [f"{name} was not run: {reason}" for name, reason in done.failed.items()]
+        return _Shown(found, table, remarks, not found)
+
+    return run
 
 
 def _plain(value: object) -> object:

@@ -4,7 +4,7 @@
 objects.
 """
 
-from armgpi.config.building import Experiment, build
+from armgpi.config.building import Experiment, build, controller
 from armgpi.config.reading import Loaded, Origin, check, dump, parse, read
 from armgpi.config.schema import ExperimentConfig
 
@@ -15,6 +15,7 @@ __all__ = [
     "Origin",
     "build",
     "check",
+    "controller",
     "dump",
     "parse",
     "read",

@@ -12,13 +12,14 @@ import numpy as np
 from pydantic import BaseModel
 
 from armgpi.arrays import Array, quantity
-from armgpi.config.reading import Origin, Path_
-from armgpi.config.schema import KINDS, ExperimentConfig, ReferenceSection, RobotSection
+from armgpi.config.reading import Origin, Path_, check
+from armgpi.config.schema import KINDS, ExperimentConfig, PlantSection, ReferenceSection, RobotSection
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, Wrapper
+from armgpi.plants.reality import Reality, together
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
@@ -104,13 +105,11 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     """
     top = _Place(origin or Origin())
     robot = _robot(config.robot, top.at("robot"))
-    delay = getattr(config.plant, "delay", None) or 0
-    bits = getattr(config.plant, "encoder_bits", None)
-    if bits is not None:
-        bits = _per_joint(bits, robot, top.at("plant", "encoder_bits"), parameters(Encoder)["bits"].default)
-    dt = config.sample_time
-    context = Context(robot, dt, config.seed, delay * dt, bits)
-    plant = _plant(config, context, top.at("plant"))
+    if config.reality is None:
+        context = _context(config, robot, top)
+        plant = _plant(config, context, top.at("plant"))
+    else:
+        config, context, plant = _drawn(config, robot, top)
     controllers: dict[str, Controller] = {}
     sections: list[Any] = []
     for index, section in enumerate(config.controllers):
@@ -163,6 +162,43 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
     return robot
 
 
+def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:
+    """Return what controllers are told."""
+    delay = getattr(config.plant, "delay", None) or 0
+    bits = getattr(config.plant, "encoder_bits", None)
+    if bits is not None:
+        bits = _per_joint(bits, robot, top.at("plant", "encoder_bits"), parameters(Encoder)["bits"].default)
+    dt = config.sample_time
+    return Context(robot, dt, config.seed, delay * dt, bits, robot)
+
+
+def _drawn(config: ExperimentConfig, robot: Robot, top: _Place) -> tuple[ExperimentConfig, Context, Plant]:
+    """Return what a draw of a reality says, and the configuration with what it leaves out filled in."""
+    place, section = top.at("reality"), config.reality
+    assert section is not None
+    if config.plant != PlantSection():
+        raise place.error("reality and plant are mutually exclusive: give one of the two")
+    with place.error_context():
+        reality = Reality(**{name: getattr(section, name) for name in parameters(Reality)})
+        draw = reality.draw(robot, section.index)
+        found = together([draw])
+    update: dict[str, Any] = {}
+    if "sample_time" not in config.model_fields_set:
+        update["sample_time"] = draw.dt
+    if config.reference == ReferenceSection():
+        move = draw.move
+        points = [move.start.tolist(), move.goal.tolist()]
+        update["reference"] = ReferenceSection(
+            points=points, durations=[move.duration], holds=[move.begin, 0.0]
+        )
+    if config.t_final is None:
+        update["t_final"] = draw.t_final
+    config = config.model_copy(update=update)
+    dt = config.sample_time
+    context = found.context._replace(dt=dt, seed=config.seed, delay=draw.delay * dt)
+    return config, context, found.plant
+
+
 def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
     """Return the plant with its loads, sensors and actuators."""
     section, robot = config.plant, context.robot
@@ -199,13 +235,29 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
     return plant
 
 
+def controller(section: Any, context: Context) -> Controller:
+    """Return the controller that a section of an experiment file describes, for one rollout or a batch.
+
+    Args:
+        section: plain data, such as ``{"type": "gpi", "omega": 20.0}``.
+        context: what it is told; its robots may be batches.
+
+    Raises:
+        ConfigError: when the section is wrong or does not fit; it names the key.
+    """
+    origin = Origin("controller")
+    wanted = {"robot": {"name": context.robot.name}, "controllers": [section]}
+    (checked,) = check(wanted, origin).controllers
+    return _controller(checked, context, _Place(origin, ("controllers", 0)))[1]
+
+
 def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
     """Return one controller, and its section with the defaults filled in."""
     robot, kind = context.robot, KINDS[section.type]
     scale = section.inertia_scale
     declared = parameters(kind.law)
     context = context._replace(
-        nominal=robot if scale == 1.0 else robot.scaled_inertia(scale),
+        nominal=context.nominal if scale == 1.0 else context.nominal.scaled_inertia(scale),
         error_context=lambda name: place.at(declared[name].key or name).error_context(),
     )
     law = _given(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
@@ -214,11 +266,13 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     chosen = source.chosen(context)
     keys = {parameters(source)[name].key or name: _as_section(value) for name, value in chosen.items()}
     missing = {key: value for key, value in keys.items() if getattr(section, key) is None}
-    section = type(section).model_validate({**section.model_dump(), **missing})
+    if robot.batch is None:  # what differs by rollout has no form in a file
+        section = type(section).model_validate({**section.model_dump(), **missing})
     if kind.variant is not None:
-        law[kind.part] = kind.variant(**_given(section, parameters(kind.variant), robot, place, chosen))
+        given = _given(section, parameters(kind.variant), robot, place, chosen)
+        law[kind.part] = kind.variant(**{**chosen, **given})
     else:
-        law = _given(section, declared, robot, place, chosen)
+        law = {**chosen, **_given(section, declared, robot, place, chosen)}
     return section, kind.law.configured(law, context)
 
 

@@ -31,6 +31,7 @@ from armgpi.control.controller import Controller
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
+from armgpi.plants.reality import Reality
 from armgpi.references.paths import Path
 from armgpi.registry import registered, subclasses
 
@@ -161,6 +162,7 @@ def annotation(declared: Parameter) -> Any:
     element: Any = Annotated[number, Field(**finite)]
     kinds: dict[str, Callable[[Any], Any]] = {
         "box": box,
+        "range": lambda item: Annotated[list[item], Field(min_length=2, max_length=2)],  # type: ignore[valid-type]
         "vector": lambda _: Vector,
         "numbers": lambda _: list[Number],
         "times": one_or_several,
@@ -323,6 +325,9 @@ def _path(name: str, cls: type[Path]) -> Any:
 PathSection: Any = one_of(_path(name, cls) for name, cls in registered(Path).items())
 
 
+RealitySection: Any = section("reality", Reality, index=(Annotated[Whole, Field(ge=0)], 0))
+
+
 class ReferenceSection(_Section):
     """Smooth moves from configuration to configuration with holds, or a path of the tool in space.
 
@@ -353,6 +358,8 @@ class ExperimentConfig(_Section):
     Attributes:
         robot: which arm.
         plant: what it really is like.
+        reality: instead of `plant`, a draw (`index`) of a reality by its name and seed. It also says sample
+            time, reference and length of the run, where the file does not.
         controllers: who controls it; `run` takes the first one, `compare` all.
         reference: where to.
         sample_time: of the controllers [s].
@@ -363,6 +370,7 @@ class ExperimentConfig(_Section):
 
     robot: RobotSection
     plant: PlantSection = PlantSection()
+    reality: RealitySection | None = None
     controllers: list[ControllerSection] = Field(default=[SECTIONS["gpi"](type="gpi")], min_length=1)
     reference: ReferenceSection = ReferenceSection()
     sample_time: Number = Field(default=1e-3, ge=1e-9)

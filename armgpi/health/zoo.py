@@ -66,8 +66,7 @@ def run(name: str) -> list[Row]:
 
 def _run(name: str) -> list[Row]:
     """Run an arm."""
-    fingers = _fingers(name)
-    wanted = {"robot": {"name": name, "lock": fingers}, "sample_time": DT, "t_final": HORIZON}
+    wanted = {"robot": {"name": name, "lock": fingers(name)}, "sample_time": DT, "t_final": HORIZON}
     experiment = config.build(config.check(wanted, config.Origin(name)), config.Origin(name))
     robot = experiment.robot
     robot.check_holding(experiment.reference.at(0.0).q, "the start")
@@ -101,7 +100,7 @@ def _row(name: str, robot: Robot, load: float, loaded: bool, omega_c: float, rol
     return Row(name, robot.n, load, loaded, omega_c, values, "; ".join(bad) or "finished")
 
 
-def _fingers(name: str) -> list[str]:
+def fingers(name: str) -> list[str]:
     """Return the joints of an arm's grippers that are not locked by its name alone."""
     path, _ = robots.locate(name)
     document = urdf.parse(urdf.read_file(path), str(path))

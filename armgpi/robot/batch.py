@@ -61,6 +61,10 @@ class RobotBatch(Equations):
         """Where the models came from."""
         return {"robots": [robot.provenance for robot in self.robots]}
 
+    def scaled_inertia(self, factor: float) -> RobotBatch:
+        """Return the robots with every mass and inertia scaled; see :meth:`armgpi.Robot.scaled_inertia`."""
+        return RobotBatch([robot.scaled_inertia(factor) for robot in self.robots])
+
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"RobotBatch({self.batch} x {self.name!r}, n={self.n})"

@@ -44,7 +44,7 @@ def arm(name: str) -> tuple[Robot, Any]:
     """Return an arm without its gripper, and the move that it makes when nothing is said."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)
-        fingers = zoo._fingers(name)
+        fingers = zoo.fingers(name)
         robot = Robot.load(name, lock=fingers)
         # Some URDFs give no effort, one gives too little to hold the arm up.
         weight = 3.0 * np.abs(robot.gravity(robot.random_positions(100))).max(axis=0)

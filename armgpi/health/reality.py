@@ -1,0 +1,244 @@
+"""What laws come to on arms as they may really be: draws of a reality, counted by what went wrong.
+
+A rollout is *lost* when it diverged, its error passed 0.5 rad, or 0.1 rad in the last 1.2 s. One that is not
+lost is *hunting* when a joint moves by more than four encoder counts and 0.5 mrad in that time. It *chatters*
+when a joint's torque changes by more than 1 % of its effort from sample to sample in that time, on average.
+(m instead of rad for prismatic joints.)
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from armgpi import config
+from armgpi.arrays import Array, check_whole
+from armgpi.control.controller import Controller
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
+from armgpi.health.zoo import fingers
+from armgpi.loop import metrics
+from armgpi.loop.rollout import Status
+from armgpi.loop.simulation import simulate
+from armgpi.plants.reality import Draw, Reality, batches, together
+from armgpi.robot import robots
+from armgpi.robot.robot import Robot
+
+#: Errors that lose an arm, at any time and at the end [rad or m]; what the end is [s].
+LOST_PEAK, LOST_END, END = 0.5, 0.1, 1.2
+#: Motion at the end that is hunting [rad or m], but no less than so many counts.
+HUNTING, HUNTING_COUNTS = 5e-4, 4.0
+#: Mean step of torque at the end that is chatter, as a share of the effort.
+CHATTER = 0.01
+#: Arms that are part of a larger robot belong to the family of the arm.
+_FAMILIES = {"anymal": "kinova", "b1": "z1"}
+#: The first draws of two arms are so many draws apart, or a multiple.
+_APART = 1 << 12
+
+
+class Outcome(NamedTuple):
+    """What came out of one draw.
+
+    Attributes:
+        arm: its name.
+        index: of the draw.
+        lost: whether the arm was lost.
+        hunting: whether it moves to and fro at rest.
+        chatter: whether its torque does.
+        peak: largest error [rad or m]; infinite where it diverged.
+        itae: sum of the joints' ITAE [rad s^2 or m s^2], likewise.
+    """
+
+    arm: str
+    index: int  # type: ignore[assignment]
+    lost: bool
+    hunting: bool
+    chatter: bool
+    peak: float
+    itae: float
+
+
+class Interval(NamedTuple):
+    """Ends of an interval of a share."""
+
+    low: float
+    high: float
+
+
+def interval(count: int, total: int, confidence: float = 0.95) -> Interval:
+    """Return Wilson's interval of a share that was found `count` times in `total` (E. B. Wilson 1927)."""
+    if total == 0:
+        return Interval(0.0, 1.0)
+    found = stats.binomtest(count, total).proportion_ci(confidence, method="wilson")
+    return Interval(float(found.low), float(found.high))
+
+
+def families() -> dict[str, list[str]]:
+    """Return the arms of example-robot-data by family, both in alphabetical order.
+
+    A family is the first word of the folder that the URDF is in.
+    """
+    found: dict[str, list[str]] = {}
+    for name, arm in robots.EXAMPLE_ROBOT_DATA.items():
+        family = arm.file.partition("_")[0]
+        found.setdefault(_FAMILIES.get(family, family), []).append(name)
+    return {family: sorted(found[family]) for family in sorted(found)}
+
+
+def arms(part: str) -> list[str]:
+    """Return the arms to choose a law's tuning with ("fit"), or to judge it with ("held-out").
+
+    Families go to the one and the other by turns, in alphabetical order.
+
+    Raises:
+        ParameterError: when it is neither.
+    """
+    parts = ("fit", "held-out")
+    if part not in parts:
+        raise ParameterError("part", part, f"one of {', '.join(parts)}")
+    return [name for names in list(families().values())[parts.index(part) :: 2] for name in names]
+
+
+def first_index(name: str) -> int:
+    """Return the index of an arm's first draw: arms that are not the same have other draws."""
+    return zlib.crc32(name.encode()) % _APART * _APART
+
+
+def draws(reality: Reality, name: str, count: int) -> list[Draw]:
+    """Return the first draws of an arm by its name, its grippers locked.
+
+    Raises:
+        ParameterError: when the count is no whole number from 1 to 4096.
+        ArmgpiError: when the arm cannot be loaded.
+    """
+    count = check_whole(count, "count", 1, _APART)
+    robot = Robot.load(name, fingers(name))
+    first = first_index(name)
+    return [reality.draw(robot, first + i) for i in range(count)]
+
+
+def outcomes(
+    found: Sequence[Draw], name: str, law: Mapping[str, Any], backend: str = "compiled"
+) -> list[Outcome]:
+    """Return what a law makes of draws of one arm.
+
+    Args:
+        found: the draws.
+        name: of the arm.
+        law: a controller's section of an experiment file, such as ``{"type": "gpi"}``.
+        backend: as for :func:`armgpi.simulate`.
+
+    Raises:
+        ArmgpiError: when the law cannot be made for the arm.
+    """
+    by_index = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)
+        for group in batches(found):
+            all_of_it = together(group)
+            controller: Controller = config.controller(law, all_of_it.context)
+            rollout = simulate(
+                all_of_it.plant,
+                controller,
+                all_of_it.reference,
+                all_of_it.t_final,
+                progress=False,
+                backend=backend,
+            )
+            if "rollout" not in rollout.dims:
+                rollout = rollout.expand_dims("rollout")
+            for row, draw in enumerate(group):
+                by_index[draw.index] = outcome(rollout.isel(rollout=row), draw, name)
+    return [by_index[draw.index] for draw in found]
+
+
+def outcome(rollout: xr.Dataset, draw: Draw, name: str = "") -> Outcome:
+    """Return what came out of one rollout of a draw."""
+    if int(rollout["status"]) == Status.DIVERGED:
+        return Outcome(name, draw.index, True, False, False, math.inf, math.inf)
+    error = np.abs((rollout["q"] - rollout["q_ref"]).values)
+    time = rollout["time"].values
+    end = time > time[-1] - END
+    peak = float(error.max())
+    lost = peak > LOST_PEAK or float(error[end].max()) > LOST_END
+    hunting = not lost and bool((np.ptp(rollout["q"].values[end], axis=0) > _still(draw)).any())
+    steps = np.abs(np.diff(rollout["tau"].values[end], axis=0)).mean(axis=0)
+    chatter = bool((steps > CHATTER * draw.scale).any())
+    itae = float(metrics.itae(rollout).sum())
+    return Outcome(name, draw.index, lost, hunting, chatter, peak, itae)
+
+
+def _still(draw: Draw) -> Array:
+    """Return how far a joint may move at rest [rad or m]."""
+    return np.maximum(HUNTING_COUNTS * draw.arm.encoder_count(draw.encoder_bits), HUNTING)
+
+
+class Experiments(NamedTuple):
+    """What laws came to.
+
+    Attributes:
+        found: law -> outcomes.
+        failed: arms that could not be run, name -> reason.
+    """
+
+    found: dict[str, list[Outcome]]
+    failed: dict[str, str]
+
+
+def experiments(
+    reality: Reality,
+    names: Sequence[str],
+    laws: Mapping[str, Mapping[str, Any]],
+    count: int,
+    told: Callable[[str], None] = lambda name: None,
+    backend: str = "compiled",
+) -> Experiments:
+    """Run laws on the same draws, shared out evenly over arms.
+
+    Args:
+        reality: what is drawn from.
+        names: of the arms.
+        laws: label -> section of an experiment file.
+        count: number of draws in all; every arm gets the same, at least one.
+        told: is given each arm's name before it is run.
+        backend: as for :func:`armgpi.simulate`.
+    """
+    every = -(-count // max(len(names), 1))
+    result = Experiments({label: [] for label in laws}, {})
+    for name in names:
+        told(name)
+        try:
+            found = draws(reality, name, every)
+            rows = {label: outcomes(found, name, law, backend) for label, law in laws.items()}
+        except ArmgpiError as error:
+            result.failed[name] = str(error)
+            continue
+        for label, row in rows.items():
+            result.found[label] += row
+    return result
+
+
+def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> str:
+    """Return outcomes, in groups, as a Markdown table with 95 % intervals of the shares."""
+    header = (heading, "draws", "lost [%]", "hunting [%]", "chatter [%]", "median peak", "median ITAE")
+    lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
+    for label, found in groups.items():
+        shares = (_share([getattr(each, name) for each in found]) for name in ("lost", "hunting", "chatter"))
+        medians = (
+            metrics.short(float(np.median([getattr(each, name) for each in found])) if found else None, 3)
+            for name in ("peak", "itae")
+        )
+        lines.append((label, str(len(found)), *shares, *medians))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _share(happened: Sequence[bool]) -> str:
+    """Return a share with its interval, in per cent."""
+    low, high = interval(sum(happened), len(happened))
+    return f"{100.0 * sum(happened) / max(len(happened), 1):.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"

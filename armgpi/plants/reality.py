@@ -1,0 +1,503 @@
+"""What an arm, its drives and its sensors may really be: drawn at random, every distribution a parameter.
+
+A draw is a pure function of (seed, index) and the arm. Each quantity has random numbers of its own, so
+changing one distribution leaves all others as they were drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, check_whole
+from armgpi.errors import ParameterError
+from armgpi.parameter import Parametrised, parameter, with_parameters
+from armgpi.plants import noise
+from armgpi.plants.actuators import Saturated
+from armgpi.plants.loads import Step
+from armgpi.plants.plant import Plant
+from armgpi.plants.rigid_body import RigidBodyPlant
+from armgpi.plants.sensors import Delayed, Encoder
+from armgpi.references.bezier import minimum_duration
+from armgpi.references.reference import Reference, ReferenceBatch
+from armgpi.references.waypoints import Waypoints
+from armgpi.registry import Context
+from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.equations import Friction
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Quantities with random numbers of their own; a new one comes last, or all draws would change.
+_QUANTITIES = (
+    *("sample_time", "delay", "encoder_bits", "rotor_inertia", "payload", "payload_place"),
+    *("inertia_scale", "has_friction", "coulomb", "viscous", "has_effort", "effort", "effort_known"),
+    *("has_step", "torque_step", "configuration", "distance", "direction", "speed"),
+)
+#: More quantities than there will ever be.
+_MOST_QUANTITIES = 64
+#: Configurations over which inertia and gravity of an arm are taken, and moves among which one is looked for.
+_INERTIAS, _GRAVITIES, _MOVES = 50, 200, 64
+#: Configurations of a move at which gravity is checked.
+_ON_THE_WAY = 21
+#: Least gravity torque of a joint, as a share of the largest joint's; most, as a share of its effort.
+_LEAST_GRAVITY, _MOST_GRAVITY = 0.03, 0.5
+#: Effort in gravity torques beyond which a limit is none; speed that stands for a limit where there is none.
+_MOST_EFFORT, _SPEED = 5.0, 1.0
+#: Velocity limits below this are none [rad/s or m/s].
+_LEAST_SPEED = 1e-6
+
+
+class Scales(NamedTuple):
+    """What the distributions are in shares of, joint by joint.
+
+    Attributes:
+        inertia: mean diagonal of D(q) [kg m^2 or kg], shape (n,).
+        gravity: largest gravity torque [N m or N], likewise, but for joints that have hardly any.
+        effort: effort limit [N m or N], at most five times the gravity torque.
+        mass: of all that moves [kg].
+    """
+
+    inertia: Array
+    gravity: Array
+    effort: Array
+    mass: float
+
+
+@lru_cache(maxsize=64)
+def scales(robot: Robot) -> Scales:
+    """Return the scales of an arm, at random configurations that are always the same."""
+    q = random_configurations(robot, _GRAVITIES, seed=0)
+    inertia = np.mean([np.diag(D) for D in robot.mass_matrix(q[:_INERTIAS])], axis=0)
+    largest = np.abs(robot.gravity(q)).max(axis=0)
+    if not largest.any():  # an arm that gravity does not move: what accelerates it by 1 rad/s^2 stands in
+        largest = inertia
+    floor = np.maximum(largest, _LEAST_GRAVITY * largest.max())
+    limit = robot.limits.effort
+    gravity = np.minimum(floor, _MOST_GRAVITY * np.where(limit > 0.0, limit, math.inf))
+    mass = float(sum(body.mass for body in robot.pinocchio_model().inertias[1:]))
+    return Scales(inertia, gravity, np.minimum(limit, _MOST_EFFORT * gravity), mass)
+
+
+class Numbers(NamedTuple):
+    """What is drawn before it is known of which arm; arrays of shape (n,).
+
+    Attributes:
+        sample_time: of the controller [s].
+        delay: samples by which measurements are late.
+        encoder_bits: resolution of the encoders.
+        rotor_inertia: true over nominal rotor inertia [-], (n,).
+        payload: over the mass of the arm [-].
+        payload_place: its centre of mass in the tip's frame [m], (3,).
+        inertia_scale: nominal over modelled inertia matrix [-].
+        coulomb: Coulomb friction over gravity torque [-], (n,).
+        viscous: viscous over Coulomb friction [s/rad], (n,).
+        effort: torque limit over the arm's; infinite where it is the arm's.
+        effort_known: whether the controller knows the limit.
+        torque_step: torque of the disturbance over gravity torque [-], (n,).
+    """
+
+    sample_time: float
+    delay: int
+    encoder_bits: int
+    rotor_inertia: Array
+    payload: float
+    payload_place: Array
+    inertia_scale: float
+    coulomb: Array
+    viscous: Array
+    effort: float
+    effort_known: bool
+    torque_step: Array
+
+
+class Move(NamedTuple):
+    """A move: from where to where [rad or m], after how long and in what time [s]."""
+
+    start: Array
+    goal: Array
+    begin: float
+    duration: float
+
+
+class Draw(NamedTuple):
+    """One arm, its drives and sensors, a move, and what a controller knows of them.
+
+    Attributes:
+        index: which draw of its reality.
+        numbers: what was drawn.
+        model: the arm as its maker knows it: without the load, with nominal rotor inertia, its torque limits
+            those of the motors where they are known.
+        nominal: nominal model of a controller, `model` with all inertia scaled; the scaled one is for D(q)
+            alone, as in the paper's comparison.
+        arm: what it really is.
+        friction: of its joints; None without rotor inertia.
+        effort: torque limits of the motors [N m or N], (n,).
+        scale: effort that chatter is in shares of [N m or N], (n,).
+        torque_step: disturbance torque [N m or N], (n,).
+        step_time: from when to when it acts [s].
+        move: what the arm is asked to do.
+        t_final: how long the experiment is [s].
+    """
+
+    index: int  # type: ignore[assignment]
+    numbers: Numbers
+    model: Robot
+    nominal: Robot
+    arm: Robot
+    friction: Friction | None
+    effort: Array
+    scale: Array
+    torque_step: Array
+    step_time: tuple[float, float]
+    move: Move
+    t_final: float
+
+    @property
+    def dt(self) -> float:
+        """Sample time [s]."""
+        return self.numbers.sample_time
+
+    @property
+    def delay(self) -> int:
+        """Samples by which measurements are late."""
+        return self.numbers.delay
+
+    @property
+    def encoder_bits(self) -> int:
+        """Resolution of the encoders."""
+        return self.numbers.encoder_bits
+
+    @property
+    def effort_known(self) -> bool:
+        """Whether the controller knows the torque limits of the motors."""
+        return self.numbers.effort_known
+
+    @property
+    def q0(self) -> Array:
+        """Where the arm starts, at rest [rad or m], (n,)."""
+        return self.move.start
+
+    @property
+    def plant(self) -> Plant:
+        """What moves."""
+        return together([self]).plant
+
+    @property
+    def reference(self) -> Reference:
+        """Where to."""
+        return together([self]).reference
+
+    @property
+    def context(self) -> Context:
+        """What a controller is told."""
+        return together([self]).context
+
+
+class Together(NamedTuple):
+    """Draws that run as one batch, or a single one.
+
+    Attributes:
+        plant: what moves.
+        reference: where to.
+        context: what a controller is told; it carries the nominal models.
+        t_final: how long [s].
+    """
+
+    plant: Plant
+    reference: Reference
+    context: Context
+    t_final: float
+
+
+@with_parameters
+class Reality(Parametrised):
+    """What arms, drives and sensors are like: distributions to draw experiments from.
+
+    A "geared" reality has rotor inertia at every joint and friction; a "bare" one has neither, as in a URDF
+    that says nothing of the drives. There is no friction without rotor inertia: gears have both.
+
+    Ranges are uniform. Coulomb friction, torque steps and efforts are in shares of the arm's own gravity
+    torque and effort (:func:`scales`), rotor inertia in shares of its inertia.
+    """
+
+    name: str = parameter(
+        "drives with gears, or without rotor inertia and friction",
+        kind="choice",
+        default="geared",
+        choices=("geared", "bare"),
+    )
+    seed: int = parameter("of all draws", kind="integer", default=0, least=0)
+    block: int = parameter(
+        "draws in a row with the same sample time and delay, which then run as one batch",
+        kind="integer",
+        default=8,
+        least=1,
+    )
+    sample_time: Array = parameter(
+        "sample times to choose from", unit="s", kind="numbers", default=(0.0005, 0.001, 0.002, 0.004)
+    )
+    delay: tuple[float, float] = parameter(
+        "whole samples of delay", kind="range", default=(1.0, 3.0), least=0.0
+    )
+    encoder_bits: tuple[float, float] = parameter(
+        "whole bits of the encoders", unit="bits", kind="range", default=(12.0, 20.0), least=1.0, most=52.0
+    )
+    rotor_share: float = parameter(
+        "nominal rotor inertia over the joint's mean inertia", default=0.5, least=0.0, above=True
+    )
+    rotor_least: float = parameter(
+        "what is added to it, over the mean inertia of the arm's largest joint", default=0.02, least=0.0
+    )
+    rotor_inertia: tuple[float, float] = parameter(
+        "true over nominal rotor inertia", kind="range", default=(0.7, 1.3), least=0.0, above=True
+    )
+    payload: tuple[float, float] = parameter(
+        "unknown payload over the mass of the arm", kind="range", default=(0.0, 0.05), least=0.0
+    )
+    payload_place: float = parameter(
+        "farthest that its centre is from the tip, along each axis", unit="m", default=0.0, least=0.0
+    )
+    inertia_scale: tuple[float, float] = parameter(
+        "nominal over modelled inertia matrix", kind="range", default=(0.8, 1.2), least=0.0, above=True
+    )
+    friction_share: float = parameter("share of draws with friction", default=0.7, least=0.0, most=1.0)
+    coulomb: tuple[float, float] = parameter(
+        "Coulomb friction over gravity torque", kind="range", default=(0.0, 0.1), least=0.0
+    )
+    viscous: tuple[float, float] = parameter(
+        "viscous over Coulomb friction", unit="s/rad", kind="range", default=(0.0, 0.3), least=0.0
+    )
+    effort_share: float = parameter(
+        "share of draws with other torque limits than the arm's", default=0.5, least=0.0, most=1.0
+    )
+    effort: tuple[float, float] = parameter(
+        "those limits over the arm's; more where gravity asks for it",
+        kind="range",
+        default=(0.15, 0.6),
+        least=0.0,
+        above=True,
+    )
+    effort_gravity: float = parameter(
+        "those limits are at least so many times gravity on the way", default=1.15, least=1.0
+    )
+    effort_spare: float = parameter(
+        "and so much of the arm's effort on top", default=0.05, least=0.0, above=True
+    )
+    effort_known: float = parameter(
+        "share of them that the controller knows", default=0.5, least=0.0, most=1.0
+    )
+    step_share: float = parameter("share of draws with a torque step", default=0.6, least=0.0, most=1.0)
+    torque_step: tuple[float, float] = parameter(
+        "torque step over gravity torque", kind="range", default=(-0.2, 0.2)
+    )
+    step_time: tuple[float, float] = parameter(
+        "from when to when it acts", unit="s", kind="range", default=(3.2, 3.9), least=0.0
+    )
+    distance: tuple[float, float] = parameter(
+        "size of the move, times a number from -1 to 1 per joint",
+        unit="rad or m",
+        kind="range",
+        default=(0.2, 1.0),
+        least=0.0,
+    )
+    gravity_share: float = parameter(
+        "most that gravity may take of the effort on the way", default=0.6, least=0.0, above=True
+    )
+    speed: tuple[float, float] = parameter(
+        "duration of the move over the shortest that velocity limits allow",
+        kind="range",
+        default=(1.0, 4.0),
+        least=0.0,
+        above=True,
+    )
+    duration: tuple[float, float] = parameter(
+        "bounds of that duration", unit="s", kind="range", default=(0.15, 2.5), least=0.0, above=True
+    )
+    begin: float = parameter("when the move begins", unit="s", default=0.3, least=0.0)
+    t_final: float = parameter("how long an experiment is", unit="s", default=6.0, least=0.0, above=True)
+
+    def __post_init__(self) -> None:
+        """Check the distributions.
+
+        Raises:
+            ParameterError: when one is not as declared; it says how it has to be.
+            ArrayError: when it holds no numbers.
+        """
+        super().__post_init__()
+        if self.sample_time.ndim != 1 or not self.sample_time.size or not (self.sample_time >= 1e-9).all():
+            raise ParameterError("sample_time", self.sample_time, "a list of positive sample times [s]")
+        for name in ("delay", "encoder_bits"):
+            if any(end != round(end) for end in getattr(self, name)):
+                raise ParameterError(name, getattr(self, name), "[lowest, highest], whole numbers")
+        if self.t_final < self.begin + self.duration[1]:
+            raise ParameterError("t_final", self.t_final, "no end before that of the longest move [s]")
+
+    @classmethod
+    def geared(cls, seed: int = 0, **changes: Any) -> Reality:
+        """Return the reality of geared drives; `changes` are parameters by their names."""
+        return cls("geared", seed, **changes)
+
+    @classmethod
+    def bare(cls, seed: int = 0, **changes: Any) -> Reality:
+        """Return the reality of arms without rotor inertia and friction."""
+        return cls("bare", seed, **changes)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        return self.values()
+
+    def numbers(self, n: int, index: int) -> Numbers:
+        """Return what draw `index` of an arm with `n` joints is, in shares of the arm's own scales.
+
+        Raises:
+            ParameterError: when the index is no whole number, or below 0.
+        """
+        index = check_whole(index, "index", 0, 2**40)
+        block = index // self.block * self.block
+        has_friction = self._chance(index, "has_friction", self.friction_share) and self.name == "geared"
+        has_effort = self._chance(index, "has_effort", self.effort_share)
+        known = not has_effort or self._chance(index, "effort_known", self.effort_known)
+        has_step = self._chance(index, "has_step", self.step_share)
+        choice = int(self._random(block, "sample_time")[0] * self.sample_time.size)
+        return Numbers(
+            sample_time=float(self.sample_time[choice]),
+            delay=self._whole(block, "delay"),
+            encoder_bits=self._whole(index, "encoder_bits"),
+            rotor_inertia=self._uniform(index, "rotor_inertia", n),
+            payload=float(self._uniform(index, "payload")[0]),
+            payload_place=self.payload_place * (2.0 * self._random(index, "payload_place", 3) - 1.0),
+            inertia_scale=float(self._uniform(index, "inertia_scale")[0]),
+            coulomb=self._uniform(index, "coulomb", n) * has_friction,
+            viscous=self._uniform(index, "viscous", n),
+            effort=float(self._uniform(index, "effort")[0]) if has_effort else math.inf,
+            effort_known=known,
+            torque_step=self._uniform(index, "torque_step", n) * has_step,
+        )
+
+    def draw(self, robot: Robot, index: int) -> Draw:
+        """Return draw `index` of an arm.
+
+        Args:
+            robot: the arm as its URDF has it. Rotor inertia that it has is the nominal one.
+            index: which; the same seed and index are the same draw.
+
+        Raises:
+            ParameterError: when the index is no whole number, or below 0, or the robot no single one.
+        """
+        if not isinstance(robot, Robot):
+            raise ParameterError("robot", robot, "a Robot")
+        drawn, scale = self.numbers(robot.n, index), scales(robot)
+        model, arm, friction = robot, robot, None
+        if self.name == "geared":
+            mean = scale.inertia
+            rotor = self.rotor_share * mean + self.rotor_least * mean.max()
+            rotor = np.where(robot.armature > 0.0, robot.armature, rotor)
+            model, arm = robot.with_armature(rotor), robot.with_armature(drawn.rotor_inertia * rotor)
+            coulomb = drawn.coulomb * scale.gravity
+            friction = Friction(drawn.viscous * coulomb, coulomb)
+        arm = arm.with_payload(robot.tip, drawn.payload * scale.mass, drawn.payload_place)
+        move, gravity = self._move(arm, scale, index)
+        effort = robot.limits.effort
+        if math.isfinite(drawn.effort):
+            least = self.effort_gravity * gravity + self.effort_spare * scale.effort
+            effort = np.minimum(np.maximum(least, drawn.effort * scale.effort), effort)
+            model = model.with_limits(effort=effort) if drawn.effort_known else model
+        nominal = model.scaled_inertia(drawn.inertia_scale)
+        step = drawn.torque_step * scale.gravity
+        parts = (model, nominal, arm, friction, effort, scale.effort, step, self.step_time, move)
+        return Draw(index, drawn, *parts, self.t_final)
+
+    def _move(self, arm: Robot, scale: Scales, index: int) -> tuple[Move, Array]:
+        """Return a move and the largest gravity torque on its way, (n,).
+
+        It is the first of some that the motors can hold the arm on; the one that asks least of them, if none.
+        """
+        lower, upper = arm.limits.lower, arm.limits.upper
+        low, high = (np.clip(arm.middle() + turn, lower, upper) for turn in (-math.pi, math.pi))
+        shape = (_MOVES, arm.n)
+        start = low + (high - low) * self._random(index, "configuration", _MOVES * arm.n).reshape(shape)
+        way = 2.0 * self._random(index, "direction", _MOVES * arm.n).reshape(shape) - 1.0
+        goal = np.clip(start + self._uniform(index, "distance", _MOVES)[:, None] * way, lower, upper)
+        share = np.linspace(0.0, 1.0, _ON_THE_WAY)[:, None, None]
+        passed = start + share * (goal - start)
+        gravity = np.abs(arm.gravity(passed.reshape(-1, arm.n))).reshape(passed.shape).max(axis=0)
+        worst = (gravity / scale.effort).max(axis=1)
+        held = worst <= self.gravity_share
+        best = int(held.argmax() if held.any() else worst.argmin())
+        limit = arm.limits.velocity
+        limit = np.where(np.isfinite(limit) & (limit > _LEAST_SPEED), limit, _SPEED)
+        shortest = minimum_duration(goal[best] - start[best], limit)
+        duration = float(np.clip(shortest * self._uniform(index, "speed")[0], *self.duration))
+        return Move(start[best], goal[best], self.begin, duration), gravity[best]
+
+    def _random(self, index: int, quantity: str, count: int = 1) -> Array:
+        """Return numbers uniform in (0, 1) for a quantity of a draw."""
+        k = index * _MOST_QUANTITIES + _QUANTITIES.index(quantity)
+        return noise.uniform(self.seed, k, (count,))
+
+    def _uniform(self, index: int, quantity: str, count: int = 1) -> Array:
+        """Return numbers uniform in a quantity's range."""
+        low, high = getattr(self, quantity)
+        return np.asarray(low + (high - low) * self._random(index, quantity, count))
+
+    def _whole(self, index: int, quantity: str) -> int:
+        """Return a whole number in a quantity's range, its ends included."""
+        low, high = getattr(self, quantity)
+        return int(low + math.floor((high - low + 1.0) * self._random(index, quantity)[0]))
+
+    def _chance(self, index: int, quantity: str, share: float) -> bool:
+        """Tell whether something is so in a draw that is so in a share of them."""
+        return bool(self._random(index, quantity)[0] < share)
+
+
+def together(draws: Sequence[Draw]) -> Together:
+    """Return draws of one arm as one batch; a single one is no batch.
+
+    Raises:
+        ParameterError: when there are none, or their sample times, delays or lengths differ.
+    """
+    if len({(draw.dt, draw.delay, draw.t_final, draw.step_time) for draw in draws}) != 1:
+        raise ParameterError("draws", len(draws), "draws of the same sample time, delay and length")
+    first = draws[0]
+    arm, model, nominal = (_stacked_robots(draws, name) for name in ("arm", "model", "nominal"))
+    step = Step(_stacked(draws, "torque_step"), *first.step_time)
+    friction = None
+    if first.friction is not None:
+        friction = Friction(*(_rows([x.friction[i] for x in draws if x.friction]) for i in range(2)))
+    plant: Plant = Saturated(RigidBodyPlant(arm, step, friction), _stacked(draws, "effort"))
+    bits: Any = first.encoder_bits
+    if len(draws) > 1:
+        bits = np.array([[float(draw.encoder_bits)] for draw in draws])
+    plant = Delayed(Encoder(plant, bits), first.delay)
+    moves = [Waypoints([m.start, m.goal], [m.duration], [m.begin, 0.0]) for m in (d.move for d in draws)]
+    reference: Reference = moves[0] if len(draws) == 1 else ReferenceBatch(moves)
+    context = Context(model, first.dt, 0, first.delay * first.dt, bits, nominal)  # type: ignore[arg-type]
+    return Together(plant, reference, context, first.t_final)
+
+
+def batches(draws: Sequence[Draw]) -> list[list[Draw]]:
+    """Return draws in groups that may run together."""
+    groups: Mapping[tuple[float, int], list[Draw]] = {(d.dt, d.delay): [] for d in draws}
+    for draw in draws:
+        groups[draw.dt, draw.delay].append(draw)
+    return list(groups.values())
+
+
+def _stacked_robots(draws: Sequence[Draw], name: str) -> AnyRobot:
+    """Return one of the robots of each draw."""
+    robots = [getattr(draw, name) for draw in draws]
+    return robots[0] if len(robots) == 1 else RobotBatch(robots)
+
+
+def _stacked(draws: Sequence[Draw], name: str) -> Array:
+    """Return an array of each draw, (n,) or (batch, n)."""
+    return _rows([getattr(draw, name) for draw in draws])
+
+
+def _rows(rows: Sequence[Array]) -> Array:
+    """Return rows of a batch, or a single one as it is."""
+    return rows[0] if len(rows) == 1 else np.stack(rows)
