@@ -14,10 +14,12 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if TYPE_CHECKING:
     from armgpi import errors as errors
     from armgpi import health as health
+    from armgpi.control.adrc import ADRC as ADRC
     from armgpi.control.controller import Controller as Controller
     from armgpi.control.controller import ControlStep as ControlStep
     from armgpi.control.controller import FullState as FullState
     from armgpi.control.controller import Measurement as Measurement
+    from armgpi.control.ctdob import ComputedTorqueDOB as ComputedTorqueDOB
     from armgpi.control.gains import FixedGains as FixedGains
     from armgpi.control.gains import Gains as Gains
     from armgpi.control.gains import Tuning as Tuning
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
     from armgpi.control.payload import largest_payload as largest_payload
     from armgpi.control.payload import payload_range as payload_range
     from armgpi.control.pid import PIDInversion as PIDInversion
+    from armgpi.control.pid_positions import PIDPositions as PIDPositions
+    from armgpi.control.schedule import GainSchedule as GainSchedule
+    from armgpi.control.slotineli import SlotineLi as SlotineLi
+    from armgpi.control.supertwisting import SuperTwisting as SuperTwisting
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
     from armgpi.export.controller import ExportedController as ExportedController
@@ -81,6 +87,12 @@ if TYPE_CHECKING:
 
 _MODULES = {"errors": "errors", "health": "health", "metrics": "loop.metrics", "robots": "robot.robots"}
 _NAMES = {
+    "control.adrc": ("ADRC",),
+    "control.ctdob": ("ComputedTorqueDOB",),
+    "control.pid_positions": ("PIDPositions",),
+    "control.schedule": ("GainSchedule",),
+    "control.slotineli": ("SlotineLi",),
+    "control.supertwisting": ("SuperTwisting",),
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
     "control.gpi": ("GPI",),

@@ -45,6 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
         drawn, names, laws, given.count, lambda name: print(name, file=sys.stderr, flush=True), given.backend
     )
     print(health.markdown(done.found))
+    for label, law in laws.items():
+        print(f"{label}: measures {health.known(law)}")
     if given.per_arm:
         for label, found in done.found.items():
             by_arm = {name: [each for each in found if each.arm == name] for name in names}

@@ -43,7 +43,7 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         left = f"; left its joint limits by up to {excess:.3g}" if excess > metrics.ROUNDING else ""
-        measured = describe_measurement(record["measurement"])
+        measured = describe_measurement(record["measurement"], record["knows"])
         console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
 
 

@@ -113,6 +113,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
             {
                 "label": label,
                 "measurement": provenance.of(label).measurement,
+                "knows": provenance.of(label).knows,
                 "status": Status(int(rows["status"].values[index])).name.lower(),
                 "end": ends[index],
                 "joints": [str(joint) for joint in rows["joint"].values],

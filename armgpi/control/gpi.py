@@ -68,6 +68,7 @@ class GPI(Controller):
     """
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
+    knows: ClassVar[str] = "inertia"
 
     gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
     realisation: str = parameter(

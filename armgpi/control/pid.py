@@ -43,6 +43,7 @@ class PIDInversion(Controller):
 
     measurement_type: ClassVar[type[FullState]] = FullState
     config_name: ClassVar[str | None] = "pid"
+    knows: ClassVar[str] = "model"
     derived: ClassVar[Mapping[str, str]] = {
         "_kp_now": "gain of the error now: proportional, and half a sample of the integral [1/s^2]",
         "_ki_dt": "integral gain times the sample time [1/s^2]",

@@ -20,11 +20,12 @@ from scipy import stats
 
 from armgpi import config
 from armgpi.arrays import Array, check_whole
+from armgpi.config.schema import KINDS
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.health.zoo import fingers
 from armgpi.loop import metrics
-from armgpi.loop.rollout import Status
+from armgpi.loop.rollout import Status, describe_measurement
 from armgpi.loop.simulation import simulate
 from armgpi.plants.reality import Draw, Reality, batches, together
 from armgpi.robot import robots
@@ -222,6 +223,12 @@ def experiments(
         for label, row in rows.items():
             result.found[label] += row
     return result
+
+
+def known(law: Mapping[str, Any]) -> str:
+    """Return in words what a law measures and knows, by its section of an experiment file."""
+    kind = KINDS[law["type"]].law
+    return describe_measurement(kind.measurement_type.__name__, kind.knows)
 
 
 def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> str:

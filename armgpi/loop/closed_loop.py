@@ -152,12 +152,13 @@ class ClosedLoop:
         return self.plant.true_state(state.plant)
 
     def describe(self) -> dict[str, Any]:
-        """Return the parts, and what the controller measures, as plain data for a rollout's provenance."""
+        """Return the parts, and what the controller measures and knows, for a rollout's provenance."""
         return {
             "plant": self.plant.describe(),
             "controller": self.controller.describe(),
             "reference": self.reference.describe(),
             "measurement": self.controller.measurement_type.__name__,
+            "knows": self.controller.knows,
         }
 
     def _seen(self, measured: FullState) -> Measurement | FullState:

@@ -21,8 +21,8 @@ class Provenance:
 
     Attributes:
         data: plain data: "plant", "controller", "reference" (what each says of itself), "measurement",
-            "backend", "divergence" [rad or m], "t_final" [s] and "versions"; of joined rollouts a label ->
-            that.
+            "knows", "backend", "divergence" [rad or m], "t_final" [s] and "versions"; of joined rollouts a
+            label -> that.
     """
 
     data: Mapping[str, Any]
@@ -95,6 +95,11 @@ class Provenance:
         if not isinstance(name, str):
             raise RolloutError("the rollout does not say how it was made (its provenance is damaged)")
         return name
+
+    @property
+    def knows(self) -> str:
+        """What the controller knew of its nominal model: see :class:`armgpi.Controller`; empty if unknown."""
+        return str(self.at("knows", default=""))
 
     @property
     def robot(self) -> Mapping[str, Any]:

@@ -242,9 +242,11 @@ def describe_end(rollout: xr.Dataset) -> list[str]:
     return words
 
 
-def describe_measurement(name: str) -> str:
-    """Return in words what a controller measures, by the name of its measurement type."""
-    return {"Measurement": "positions only", "FullState": "positions and velocities"}.get(name, name)
+def describe_measurement(name: str, knows: str = "") -> str:
+    """Return in words what a controller measures, by the name of its measurement type, and what it knows."""
+    measured = {"Measurement": "positions only", "FullState": "positions and velocities"}.get(name, name)
+    known = {"inertia": "the inertia matrix", "gravity": "inertia and gravity", "model": "the whole model"}
+    return f"{measured}, knows {known.get(knows, knows)}" if knows else measured
 
 
 def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:

@@ -294,7 +294,7 @@ def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         ("time", f"{float(time[-1]):.6g} s in {len(time)} samples of {step:.6g} s"),
     ]
     for record in records[:20]:
-        measured = rollouts.describe_measurement(record["measurement"])
+        measured = rollouts.describe_measurement(record["measurement"], record["knows"])
         rows.append((f"{record['label']}", f"{record['end']}; measures {measured}"))
     if len(records) > 20:
         rows.append(("...", f"{len(records) - 20} more rollouts"))

@@ -37,7 +37,10 @@ from armgpi import (
     export_controller,
     simulate,
 )
+from armgpi.control.adrc import ADRC
+from armgpi.control.ctdob import ComputedTorqueDOB
 from armgpi.control.gains import GainStep, Tuning
+from armgpi.control.schedule import GainSchedule
 from armgpi.errors import BackendError, ParameterError, RolloutError
 from armgpi.plants.loads import paper_disturbances
 
@@ -132,6 +135,9 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "pid, wrong inertia": lambda: PIDInversion(paper_arm().scaled_inertia(0.8), 1e-3, bias_robot=paper_arm()),
     "a rail": lambda: GPI(machines.sled(bounds='lower="-1" upper="1"'), 1e-3),
     "no limits": lambda: GPI(machines.swing(2).with_limits(effort=np.inf, velocity=np.inf), 1e-3),
+    "adrc": lambda: ADRC(paper_arm(), 1e-3),
+    "ctdob": lambda: ComputedTorqueDOB(paper_arm().scaled_inertia(0.8), 1e-3, bias_robot=paper_arm()),
+    "schedule": lambda: GPI(paper_arm(), 1e-3, GainSchedule()),
     "own": lambda: Own(paper_arm(), 1e-3),
 }
 every = pytest.mark.parametrize("name", CONTROLLERS)

@@ -214,7 +214,7 @@ def _thinned(result: xr.Dataset, label: str) -> xr.Dataset:
     """Return a rollout at D(q) x 1.0, thinned, and without its label: the panel's title says what it is."""
     rollout = runs.select(result, label, 1.0)
     every = max(1, rollout.sizes["time"] // _POINTS)
-    return rollout.isel(time=slice(None, None, every)).drop_vars(["label", "scale", "measurement"])
+    return rollout.isel(time=slice(None, None, every)).drop_vars(["label", "scale", "measurement", "knows"])
 
 
 _FIGURES: dict[str, Callable[[Sources], Figure]] = {

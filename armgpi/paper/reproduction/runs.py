@@ -307,6 +307,7 @@ def _run(
         label=("rollout", list(labels)),
         scale=("rollout", list(scales)),
         measurement=("rollout", [controller.measurement_type.__name__] * len(labels)),
+        knows=("rollout", [controller.knows] * len(labels)),
     )
 
 

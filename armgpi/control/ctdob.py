@@ -1,0 +1,21 @@
+"""Computed torque with a disturbance observer, on measured positions alone."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from armgpi.control.observer import ObserverController
+from armgpi.parameter import with_parameters
+
+
+@with_parameters
+class ComputedTorqueDOB(ObserverController):
+    """tau = D(q) (a* + v) + C(q, v^) v^ + G(q), with v = -(omega_c^2 e + 2 omega_c e' + zeta).
+
+    It measures positions and knows the whole model. Velocity v^, error rate and what the model lacks (zeta)
+    are estimates of a third-order observer. With an exact model zeta is zero.
+    """
+
+    config_name: ClassVar[str | None] = "ctdob"
+    knows: ClassVar[str] = "model"
+    cancels: ClassVar[bool] = True

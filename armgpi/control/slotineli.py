@@ -1,0 +1,122 @@
+"""Adaptive control after Slotine and Li (1987), with parameters of single joints, on positions alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.control.observer import Estimate, ObserverController
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.references.reference import Target
+
+#: Speed and acceleration that the regressor counts in [rad/s, rad/s^2].
+_SPEED, _ACCELERATION = 1.0, 10.0
+
+
+class Learned(NamedTuple):
+    """What was learned of each joint, as accelerations [rad/s^2 or m/s^2].
+
+    Attributes:
+        constant: of constant torque.
+        viscous: of viscous friction, at 1 rad/s.
+        coulomb: of Coulomb friction.
+        inertia: of inertia, at 10 rad/s^2.
+    """
+
+    constant: Array
+    viscous: Array
+    coulomb: Array
+    inertia: Array
+
+
+@with_parameters
+class SlotineLi(ObserverController):
+    """tau = D(q) (a_r - k s + Y theta) + C(q, v^) v^ + G(q), with theta' = -gamma Y s.
+
+    a_r = a* - omega_c e', s = e' + omega_c e, k = 2 omega_c, gamma = omega_c^2 adaptation; e, e' and v^ are
+    estimates of a third-order observer. What is adapted are four parameters of each joint by itself: a
+    constant torque, viscous and Coulomb friction, and inertia. The law of 1987 adapts the masses of all links
+    by the regressor of the whole arm, which is not elementwise in the joints; so its proof of stability does
+    not hold here.
+
+    It measures positions and knows the whole model.
+    """
+
+    config_name: ClassVar[str | None] = "slotineli"
+    knows: ClassVar[str] = "model"
+    cancels: ClassVar[bool] = True
+
+    adaptation: PerJoint = parameter(
+        "speed of adaptation over that of the feedback",
+        default=0.25,
+        least=0.0,
+        per_joint=True,
+        log=True,
+        search=(0.01, 4.0),
+        slider=(0.0, 2.0),
+        kw_only=True,
+    )
+    leak: float = parameter(
+        "how fast what was learned of friction and inertia is forgotten",
+        unit="1/s",
+        default=1.0,
+        least=0.0,
+        search=(0.01, 10.0),
+        kw_only=True,
+    )
+    layer: PerJoint = parameter(
+        "speed below which Coulomb friction is smoothed",
+        unit="rad/s or m/s",
+        default=0.05,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(1e-3, 1.0),
+        kw_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the parameters; see :class:`ObserverController`."""
+        super().__post_init__()
+        self._gamma_dt = self.adaptation * self.omega_c**2 * self.dt
+        self._keep = max(1.0 - self.leak * self.dt, 0.0)
+
+    def regressor(self, now: Estimate, target: Target) -> tuple[Array, ...]:
+        """Return what the learned accelerations are multiplied by, without units."""
+        rate = target.v + now.rate
+        reference = target.a - self.omega_c * now.rate
+        return (
+            np.ones_like(rate),
+            rate / _SPEED,
+            rate / (np.abs(rate) + self.layer),
+            reference / _ACCELERATION,
+        )
+
+    def law(self, now: Estimate, target: Target, own: Learned) -> Array:
+        """Return v; see :meth:`ObserverController.law`."""
+        s = now.rate + self.omega_c * now.e
+        v: Array = -self.omega_c * (now.rate + 2.0 * s)
+        for y, theta in zip(self.regressor(now, target), own, strict=True):
+            v = v + y * theta
+        return v
+
+    def remembered(self, zero: Array) -> Learned:
+        """Return that nothing is learned."""
+        return Learned(zero, zero, zero, zero)
+
+    def learned(self, now: Estimate, target: Target, missing: Array, own: Learned) -> Learned:
+        """Return what is learned next; nothing winds up while the torque is cut."""
+        s = now.rate + self.omega_c * now.e
+        s = np.where(missing == 0.0, s, 0.0)
+        constant, *others = (
+            theta - self._gamma_dt * y * s for y, theta in zip(self.regressor(now, target), own, strict=True)
+        )
+        return Learned(constant, *(self._keep * theta for theta in others))
+
+    def signals(self, state: Any) -> Mapping[str, Array]:
+        """Return estimates and what was learned under their names."""
+        return {**super().signals(state), **state.own._asdict()}

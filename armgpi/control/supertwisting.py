@@ -1,0 +1,76 @@
+"""Super-twisting sliding mode (A. Levant 1993) with the model, on measured positions alone."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.control.observer import Estimate, ObserverController
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.references.reference import Target
+
+
+@with_parameters
+class SuperTwisting(ObserverController):
+    """tau = D(q) (a* + v) + C(q, v^) v^ + G(q), with the super-twisting algorithm as v.
+
+        v = -omega_c e' - k1 sqrt(abs(s)) sign(s) + w,    w' = -k2 sign(s)
+
+    The sliding variable is s = e' + omega_c e, with e and e' from a third-order observer; k1 = 1.5 sqrt(L)
+    and k2 = 1.1 L reject every disturbance whose slope stays below L. In place of the sign is
+    s / (abs(s) + layer), which does not chatter inside of the layer.
+
+    It measures positions and knows the whole model.
+    """
+
+    config_name: ClassVar[str | None] = "supertwisting"
+    knows: ClassVar[str] = "model"
+    cancels: ClassVar[bool] = True
+
+    slope: PerJoint = parameter(
+        "largest slope of a disturbance that it rejects",
+        unit="rad/s^3 or m/s^3",
+        default=100.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(1.0, 1e4),
+        kw_only=True,
+    )
+    layer: PerJoint = parameter(
+        "sliding variable below which the sign is smoothed",
+        unit="rad/s or m/s",
+        default=0.05,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(1e-3, 1.0),
+        kw_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the parameters and work out both gains; see :class:`ObserverController`."""
+        super().__post_init__()
+        self._k1, self._k2_dt = 1.5 * np.sqrt(self.slope), 1.1 * self.slope * self.dt
+        # Anti-windup by back-calculation with the time constant of the sliding surface.
+        self._back = np.minimum(self.omega_c * self.dt, 1.0)
+
+    def law(self, now: Estimate, target: Target, own: Array) -> Array:
+        """Return v; see :meth:`ObserverController.law`."""
+        s = now.rate + self.omega_c * now.e
+        v: Array = own - self.omega_c * now.rate - self._k1 * s / np.sqrt(np.abs(s) + self.layer)
+        return v
+
+    def remembered(self, zero: Array) -> Array:
+        """Return w before the first sample."""
+        return zero
+
+    def learned(self, now: Estimate, target: Target, missing: Array, own: Array) -> Array:
+        """Return the next w."""
+        s = now.rate + self.omega_c * now.e
+        w: Array = own - self._k2_dt * s / (np.abs(s) + self.layer) + self._back * missing
+        return w
