@@ -152,7 +152,7 @@ def test_records_are_json_with_the_metrics_of_every_joint(compared: xr.Dataset) 
     found = json.loads(json.dumps(records(compared), allow_nan=False))
     table = metrics.summary(compared)
     for i, record in enumerate(found):
-        assert set(record) == {"label", "measurement", "status", "end", "joints", "metrics"}
+        assert set(record) == {"label", "measurement", "knows", "status", "end", "joints", "metrics"}
         assert record["joints"] == ["q1", "q2", "q3"]
         assert record["status"] == record["end"] == "finished"
         assert set(record["metrics"]) == set(metrics.ALL)

@@ -109,7 +109,7 @@ def adrc_transfer_function(omega_c: float, omega_o: float, order: int) -> tuple[
     K = np.zeros((1, order))
     K[0, :3] = omega_c**2, 2.0 * omega_c, 1.0
     inner = A - B @ K - L @ np.eye(order)[:1]
-    denominator = np.poly(inner)
+    denominator: Array = np.asarray(np.poly(inner), dtype=np.float64)
     # C = K (s - inner)^-1 L by the matrix determinant lemma.
     numerator: Array = np.poly(inner - L @ K) - denominator
     return numerator, denominator
