@@ -6,7 +6,8 @@
 
 The paper's arm for 40 s under the torques of eqs. 29-31, with 16-bit encoders and one sample of delay. With
 ideal sensors a constant high gain tracks best; with encoders it turns every count into torque. The network
-keeps omega_c low while the error is a few counts, and raises it while it is more.
+keeps omega_c low while the error is a few counts, and raises it while it is more. By default that is a gain
+schedule, and the ten lines of GainSchedule do the same.
 """
 
 import numpy as np
@@ -17,6 +18,7 @@ from armgpi import (
     Delayed,
     Encoder,
     FixedGains,
+    GainSchedule,
     RigidBodyPlant,
     Robot,
     Saturated,
@@ -36,6 +38,7 @@ contenders = {
     "fixed, 30 rad/s, zeta 0.75": FixedGains(30.0, 0.75),
     "fixed, 40 rad/s": FixedGains(40.0),
     "network, 22..60 rad/s": BSplineNetwork(),
+    "schedule, 22..60 rad/s": GainSchedule(),
     "network, rate 0.12": BSplineNetwork(rate=0.12),
 }
 
