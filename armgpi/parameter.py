@@ -253,7 +253,7 @@ class Parameter:
 
     def _range(self, value: Any) -> tuple[float, float]:
         """Return the two ends of a range."""
-        ends = as_float_array(value, self.name)
+        ends = as_sized_array(value, self.name)
         if ends.shape != (2,) or not self.inside(ends).all() or ends[0] > ends[1]:
             raise ParameterError(self.name, value, f"[lowest, highest], {self.bounds}")
         return float(ends[0]), float(ends[1])

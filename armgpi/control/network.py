@@ -57,9 +57,9 @@ class BSplineNetwork(Gains):
     NaN, nothing is learned.
 
     With its defaults this is a gain schedule on the size of the error: in the normalised rule the
-    activations cancel. :class:`armgpi.GainSchedule`, without basis functions and weights, does the same to 2 %
-    of tracking error and 12 % of torque variation (docs, theory: a gain schedule). Weights that were trained,
-    or that differ over error and derivative, would be more.
+    activations cancel. :class:`armgpi.GainSchedule`, without basis functions and weights, does the same to
+    2 % of tracking error and 12 % of torque variation (docs, theory: a gain schedule). Weights that were
+    trained, or that differ over error and derivative, would be more.
 
     ``learning="signed"``: eq. 23 to the letter, e_n = e, without box, dead zone or rate limit.
 

@@ -156,9 +156,8 @@ class ObserverController(Controller):
             ArrayError: for a bandwidth that is not positive or does not fit the joints.
             EffortError: when a joint has no torque.
         """
-        self.check_parameters()
-        joints = np.ones(self.robot.n)
-        self.fill("omega_c", _SLOWER * default_omega(self.dt, self.delay) * joints)
+        self.check_parameters(self.robot.joint_names)
+        self.fill("omega_c", _SLOWER * default_omega(self.dt, self.delay) * np.ones(self.robot.n))
         self.fill("omega_o", _FASTER * self.omega_c)
         self.fill("bias_robot", self.robot)
         if self.bias_robot.joint_names != self.robot.joint_names:
