@@ -45,14 +45,17 @@ class GPI(Controller):
     It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.control.family`) have more or fewer integrators, and a roll-off.
+    What the nominal model knows of the way ahead can be added, tau = D(q) v + `feedforward`(q*, v*, a*).
 
     Attributes:
-        robot: nominal model; only D(q) is used, and G(q) once to start. With `payload`, the one with the
-            heaviest load.
+        robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
+            `payload`, the one with the heaviest load.
         gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
         realisation: "bumpless" (three bounded states) or "paper" (as printed).
         start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero" with
-            none.
+            the integrators at zero.
+        feedforward: torque of the nominal model at the reference that is added: "none" (the paper), "gravity"
+            G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*).
         delay: transport delay in the loop [s], besides the sample and hold.
         payload: lightest and heaviest load [kg] that `robot` may carry, or a :class:`LoadRange`: the nominal
             model then has the heaviest, and the default gains suit the lightest
@@ -78,11 +81,19 @@ class GPI(Controller):
         structural=True,
     )
     start: str = parameter(
-        "start with the torque that holds the arm, or with none",
+        "start with the torque that holds the arm, or with the integrators at zero",
         kind="choice",
         default="hold",
         choices=("hold", "zero"),
         structural=True,
+    )
+    feedforward: str = parameter(
+        "torque of the nominal model at the reference that is added; none is the paper",
+        kind="choice",
+        default="none",
+        choices=("none", "gravity", "model"),
+        structural=True,
+        short="torque of the nominal model at the reference that is added",
     )
     delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
     payload: Any = parameter(
@@ -203,7 +214,11 @@ class GPI(Controller):
         e = q - target.q
         hold = np.zeros_like(e)
         if self.start == "hold":
-            hold = self._dynamics.inertia_solve(q, self.limited(self._dynamics.gravity(q)))
+            held = self.limited(self._dynamics.gravity(q))
+            if self.feedforward != "none":
+                # All that it gives at rest: what it gives to accelerate is no part of holding.
+                held = held - self._dynamics.gravity(target.q + np.zeros_like(q))
+            hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
         return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
 
@@ -217,6 +232,8 @@ class GPI(Controller):
             coefficients = self._law.coefficients(tuning, self.dt)
         v = self._law.output(e, state.law, coefficients)
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
+        if self.feedforward != "none":
+            asked = asked + self._ahead(target, np.zeros_like(q))
         tau = self.limited(asked)
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
@@ -225,6 +242,11 @@ class GPI(Controller):
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
+
+    def _ahead(self, target: Target, zero: Array) -> Array:
+        """Return the torque of the nominal model at the reference, in the shape of `zero`."""
+        q, v, a = (part + zero for part in target)  # one reference may be for a whole batch
+        return self._dynamics.gravity(q) if self.feedforward == "gravity" else self._dynamics.inverse(q, v, a)
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""

@@ -18,6 +18,7 @@ from strategies import State, robots_and_states
 from armgpi import (
     GPI,
     ArmgpiWarning,
+    Bezier,
     Delayed,
     FixedGains,
     FullState,
@@ -27,6 +28,7 @@ from armgpi import (
     Robot,
     Target,
     default_omega,
+    metrics,
     simulate,
 )
 from armgpi.errors import ArmgpiError, ArrayError, EffortError, ParameterError
@@ -148,10 +150,78 @@ def test_started_from_the_holding_torque_a_wrong_model_drops_a_fourth_of_that_fr
     assert (4.0 * start_drop(model, "hold") < start_drop(model, "zero")).all()
 
 
-def start_drop(model: Robot, start: str) -> Array:
+def start_drop(model: Robot, start: str, **options: Any) -> Array:
     """Return how far shoulder and elbow move when the brakes of the level arm open [rad]."""
-    controller = GPI(model, DT, FixedGains(20.0), start=start)
+    controller = GPI(model, DT, FixedGains(20.0), start=start, **options)
     return np.abs(simulate(RigidBodyPlant(ARM), controller, Hold(BRAKES), 1.0)["q"].values).max(axis=0)[1:]
+
+
+FEEDFORWARD = pytest.mark.parametrize("feedforward", ["none", "gravity", "model"])
+WAY = Bezier([0.0, 0.1, 0.0], [0.8, 0.6, -0.5], duration=1.0, t_start=0.1)
+
+
+@FEEDFORWARD
+@pytest.mark.parametrize("start", [BRAKES, BRAKES + 0.2])
+def test_every_feedforward_starts_with_the_torque_that_holds_the_arm(feedforward: str, start: Array) -> None:
+    controller = GPI(ARM, DT, feedforward=feedforward)
+    tau, _ = controller.step(
+        Measurement(start), still(start), controller.init(Measurement(start), still(start))
+    )
+    np.testing.assert_allclose(tau, ARM.gravity(start), rtol=0, atol=1e-14)
+    assert start_drop(ARM, "hold", feedforward=feedforward).max() < 1e-12  # [rad]
+
+
+def test_a_moving_reference_starts_with_the_torque_that_follows_it() -> None:
+    moving = Target(BRAKES, np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0]))
+    controller = GPI(ARM, DT, feedforward="model")
+    tau, _ = controller.step(Measurement(BRAKES), moving, controller.init(Measurement(BRAKES), moving))
+    np.testing.assert_allclose(tau, ARM.inverse_dynamics(*moving), rtol=0, atol=1e-14)
+
+
+def test_with_the_exact_model_only_the_hold_of_the_torque_is_left_of_the_error() -> None:
+    def peak(feedforward: str, dt: float) -> Array:
+        controller = GPI(ARM, dt, FixedGains(20.0), feedforward=feedforward)
+        return metrics.peak_error(simulate(RigidBodyPlant(ARM), controller, WAY, 1.5)).values
+
+    none, gravity, coarse, fine = (
+        peak(*case) for case in (("none", DT), ("gravity", DT), ("model", DT), ("model", 0.5 * DT))
+    )
+    assert (gravity < none).all()
+    assert (coarse < 0.01 * none).all()
+    # A torque that is held is half a sample late.
+    np.testing.assert_allclose(coarse, 2.0 * fine, rtol=0.05)
+
+
+def test_without_feedforward_the_bits_are_those_of_the_law_that_has_none() -> None:
+    way = BRAKES + 1e-3 * np.random.default_rng(0).normal(size=(50, 3))
+    moving = Target(BRAKES, np.full(3, 0.3), np.full(3, 2.0))
+    np.testing.assert_array_equal(
+        steps(GPI(ARM, DT, feedforward="none"), way, still(BRAKES)), steps(GPI(ARM, DT), way, moving)
+    )
+
+
+@FEEDFORWARD
+def test_cut_torque_winds_no_integrator_up(feedforward: str) -> None:
+    # The reference asks for more torque than there is, then stands still.
+    controller = GPI(ARM, DT, FixedGains(20.0), feedforward=feedforward, effort=[0.3, 3.4, 1.0])
+    rollout = simulate(RigidBodyPlant(ARM), controller, Bezier(BRAKES, BRAKES + 0.5, 0.2), 4.0)
+    assert (np.abs(rollout["tau"].values) == controller.effort).any()
+    assert (metrics.final_error(rollout) < 1e-6).all()
+    # While cut, the integrators follow what is applied less what the feedforward gives.
+    q = BRAKES
+    weak = GPI(ARM, DT, FixedGains(20.0), start="zero", feedforward=feedforward, effort=0.5)
+    state = weak.init(Measurement(q), still(q))
+    _, after = weak.step(Measurement(q), still(q), state)
+    given = ARM.gravity(q) if feedforward != "none" else np.zeros(3)
+    missing = np.linalg.solve(ARM.mass_matrix(q), np.clip(given, -0.5, 0.5) - given)
+    np.testing.assert_allclose(after.law.lam, -3.0 * 20.0 * DT * missing, rtol=1e-12, atol=1e-14)
+
+
+def test_the_heaviest_load_is_what_the_feedforward_carries() -> None:
+    controller = GPI(ARM, DT, payload=(0.0, 0.05), feedforward="gravity", start="zero")
+    state = controller.init(Measurement(BRAKES), still(BRAKES))
+    tau, _ = controller.step(Measurement(BRAKES), still(BRAKES), state)
+    np.testing.assert_array_equal(tau, ARM.with_payload(ARM.tip, 0.05).gravity(BRAKES))
 
 
 def test_holding_torque_beyond_the_limit_is_held_at_the_limit() -> None:
@@ -232,6 +302,7 @@ def test_the_bumpless_lambda_settles_on_the_disturbance_acceleration() -> None:
         ({"rolloff": 3}, ParameterError, "rolloff"),
         ({"rolloff_ratio": [4.0, 0.0, 4.0]}, ArrayError, "rolloff_ratio.*q2"),
         ({"start": "cold"}, ParameterError, "start"),
+        ({"feedforward": "friction"}, ParameterError, "feedforward"),
         ({"delay": -1.0}, ParameterError, "delay"),
         ({"delay": math.inf}, ParameterError, "delay"),
         ({"delay": None}, ParameterError, "delay"),
