@@ -15,7 +15,7 @@ from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Gains, default_omega
 from armgpi.control.margins import delay_margins
 from armgpi.control.payload import LoadRange, PayloadRange
-from armgpi.control.realisation import REALISATIONS, Bumpless
+from armgpi.control.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import PerJoint, Vector, parameter, with_parameters
 from armgpi.references.reference import Target
@@ -68,9 +68,16 @@ class GPI(Controller):
         rolloff_ratio: those poles over omega_c [-].
         second_ratio: natural frequency of the second quadratic factor over omega_c [-]; 1 when not given.
         second_zeta: its damping ratio [-]; zeta_c when not given.
+        rest_dead_zone: error below which nothing is integrated while the reference rests [rad or m]; with
+            `rest_leak` it keeps friction and encoder counts from making the arm hunt.
+        rest_leak: rate at which every integrator but the first empties while the reference rests [1/s]; some
+            50 end hunting, 0 is the paper.
     """
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
+    derived: ClassVar[Mapping[str, str]] = {
+        "_emptied": "share of an integrator that leaks out in a sample at rest [-]",
+    }
 
     gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
     realisation: str = parameter(
@@ -153,6 +160,23 @@ class GPI(Controller):
         slider=(0.3, 2.0),
     )
 
+    rest_dead_zone: PerJoint = parameter(
+        "error below which nothing is integrated while the reference rests",
+        unit="rad or m",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        slider=(0.0, 0.01),
+    )
+    rest_leak: PerJoint = parameter(
+        "rate at which every integrator but the first empties while the reference rests",
+        unit="1/s",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        slider=(0.0, 100.0),
+    )
+
     def __post_init__(self) -> None:
         """Check the parameters and work out what `step` needs of them.
 
@@ -186,6 +210,10 @@ class GPI(Controller):
         elif member.integrators != 2 or member.rolloff or not member.equal:
             expected = "bumpless for what is not the law of the paper"
             raise ParameterError("realisation", self.realisation, expected)
+        self._rests = bool(self.rest_dead_zone.any() or self.rest_leak.any())
+        if self._rests and self.realisation != "bumpless":
+            raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
+        self._emptied = -np.expm1(-self.rest_leak * self.dt)
         self._dynamics = self.robot.dynamics
         with np.errstate(all="ignore"):
             self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
@@ -238,7 +266,8 @@ class GPI(Controller):
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
         # The solver hands a zero torque back as it is: then nothing was cut.
-        law = self._law.update(e, v, None if missing is cut else missing, state.law, coefficients)
+        applied = None if missing is cut else missing
+        law = self._law.update(e, v, applied, state.law, coefficients, self._resting(e, target))
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
@@ -247,6 +276,15 @@ class GPI(Controller):
         """Return the torque of the nominal model at the reference, in the shape of `zero`."""
         q, v, a = (part + zero for part in target)  # one reference may be for a whole batch
         return self._dynamics.gravity(q) if self.feedforward == "gravity" else self._dynamics.inverse(q, v, a)
+
+    def _resting(self, e: Array, target: Target) -> Resting | None:
+        """Return what the integrators are given where the reference rests; None where it does not matter."""
+        if not self._rests:
+            return None
+        rests = np.where((target.v == 0.0) & (target.a == 0.0), 1.0, 0.0)
+        zone = rests * self.rest_dead_zone
+        beyond = e - np.minimum(np.maximum(e, -zone), zone)
+        return new(Resting, (beyond, 1.0 - rests * self._emptied))
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""

@@ -143,6 +143,9 @@ CONTROLLERS: dict[str, Callable[[], Any]] = {
         RobotBatch([ARM, HEAVY, ARM.scaled_inertia(0.8), ARM, HEAVY]), feedforward="model"
     ),
     "model ahead, network, roll-off": lambda: gpi(gains=BSplineNetwork(), rolloff=1, feedforward="model"),
+    "quiet at rest, network": lambda: gpi(
+        gains=BSplineNetwork(), rolloff=1, rest_dead_zone=1e-4 * OWN, rest_leak=50.0 * EACH
+    ),
     "one integrator, second quadratic": lambda: gpi(
         integrators=1, second_ratio=2.0, second_zeta=0.8 + 0.1 * EACH
     ),

@@ -21,6 +21,7 @@ from armgpi import (
     Bezier,
     Delayed,
     FixedGains,
+    Friction,
     FullState,
     Hold,
     Measurement,
@@ -217,6 +218,49 @@ def test_cut_torque_winds_no_integrator_up(feedforward: str) -> None:
     np.testing.assert_allclose(after.law.lam, -3.0 * 20.0 * DT * missing, rtol=1e-12, atol=1e-14)
 
 
+def test_at_rest_small_errors_are_not_integrated_and_all_but_the_first_integrator_empty() -> None:
+    rail, q = sled(), np.array([1e-3])
+    zone, leak = 4e-4, 50.0
+    resting = GPI(rail, DT, FixedGains(20.0), integrators=3, rest_dead_zone=zone, rest_leak=leak)
+    plain = GPI(rail, DT, FixedGains(20.0), integrators=3)
+    target = still(np.zeros(1))
+    state = plain.init(Measurement(q), target)
+    law = state.law._replace(lam=np.array([1.0]), chi=np.array([2.0]), psi=np.array([3.0]))
+    state = state._replace(law=law)
+
+    def after(controller: GPI, q: Array, target: Target = target) -> Any:
+        return controller.step(Measurement(q), target, state).state.law
+
+    kept = math.exp(-leak * DT)
+    inside = after(resting, 0.3 * q)
+    np.testing.assert_allclose(
+        [inside.psi, inside.chi], [[3.0 * kept], [(2.0 + 3.0 * DT) * kept]], rtol=1e-14
+    )
+    np.testing.assert_allclose(inside.lam, 1.0 + 2.0 * kept * DT, rtol=1e-14)
+    beyond, whole, none = after(resting, q), after(plain, q - zone), after(plain, 0.0 * q)
+    np.testing.assert_allclose(beyond.psi - 3.0 * kept, whole.psi - none.psi, rtol=1e-9)
+    np.testing.assert_array_equal(beyond.eta, after(plain, q).eta)  # the filter sees all of it
+    for moving in (target._replace(v=np.array([1e-9])), target._replace(a=np.array([-1e-9]))):
+        np.testing.assert_array_equal(after(resting, q, moving), after(plain, q, moving))
+
+
+def test_a_leak_at_rest_ends_hunting_by_coulomb_friction() -> None:
+    hold = np.array([0.0, 0.3, 0.3])
+    weight = np.abs(ARM.gravity(hold)).max()
+    plant = RigidBodyPlant(ARM.with_armature(0.05), friction=Friction(0.0, 0.1 * weight))
+    move = Bezier(hold - 0.3, hold, 0.8, t_start=0.2)
+
+    def run(leak: float) -> tuple[float, float]:
+        controller = GPI(ARM.with_armature(0.04), DT, FixedGains(20.0), rolloff=1, rest_leak=leak)
+        rollout = simulate(plant, controller, move, 5.0)
+        return float(metrics.hunting_amplitude(rollout).max()), float(metrics.final_error(rollout).max())
+
+    (hunts, far), (rests, near) = run(0.0), run(50.0)
+    assert hunts > 1e-3  # [rad]
+    assert rests < 0.1 * hunts
+    assert near < 0.5 * far
+
+
 def test_the_heaviest_load_is_what_the_feedforward_carries() -> None:
     controller = GPI(ARM, DT, payload=(0.0, 0.05), feedforward="gravity", start="zero")
     state = controller.init(Measurement(BRAKES), still(BRAKES))
@@ -302,6 +346,9 @@ def test_the_bumpless_lambda_settles_on_the_disturbance_acceleration() -> None:
         ({"rolloff": 3}, ParameterError, "rolloff"),
         ({"rolloff_ratio": [4.0, 0.0, 4.0]}, ArrayError, "rolloff_ratio.*q2"),
         ({"start": "cold"}, ParameterError, "start"),
+        ({"rest_leak": [1.0, -1.0, 1.0]}, ArrayError, "rest_leak.*q2"),
+        ({"rest_dead_zone": -1e-3}, ArrayError, "rest_dead_zone"),
+        ({"realisation": "paper", "rest_leak": 50.0}, ParameterError, "realisation"),
         ({"feedforward": "friction"}, ParameterError, "feedforward"),
         ({"delay": -1.0}, ParameterError, "delay"),
         ({"delay": math.inf}, ParameterError, "delay"),
