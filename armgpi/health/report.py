@@ -73,6 +73,8 @@ def inspect(
     delay: int = 0,
     encoder_bits: int = 16,
     repair: str | Iterable[str] = (),
+    rotor_inertia: PerJoint | None = None,
+    friction: Mapping[str, PerJoint] | None = None,
 ) -> HealthReport:
     """Load a robot and report what its model is, what will bite, and what a controller will do with it.
 
@@ -87,6 +89,8 @@ def inspect(
         delay: samples by which measurements are late.
         encoder_bits: resolution of the position sensors.
         repair: names of repairs that may be made in the file.
+        rotor_inertia: seen at the joints [kg m^2 or kg].
+        friction: "viscous" and "coulomb" friction that replace the URDF's.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
@@ -117,6 +121,10 @@ def inspect(
     document = urdf.parse(urdf.read_file(path), str(path), asked)
     if effort is not None:
         robot = robot.with_limits(effort=effort)
+    if rotor_inertia is not None:
+        robot = robot.with_armature(rotor_inertia)
+    if friction is not None:
+        robot = robot.with_friction(**friction)
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject)).with_findings(findings.find(subject))
 
