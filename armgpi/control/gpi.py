@@ -12,7 +12,7 @@ import numpy as np
 from armgpi.arrays import Array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.family import Member
-from armgpi.control.gains import FixedGains, Gains, default_omega
+from armgpi.control.gains import FixedGains, Gains, default_omega, slow_default
 from armgpi.control.margins import delay_margins
 from armgpi.control.payload import LoadRange, PayloadRange
 from armgpi.control.realisation import REALISATIONS, Bumpless, Resting
@@ -197,6 +197,8 @@ class GPI(Controller):
         if given is None:
             omega_c = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
             given = FixedGains(omega_c)
+            if self.payload is None and (said := slow_default(self.dt, self.delay)):
+                warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=3)
         if not isinstance(given, Gains):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", given.prepare(self.robot.joint_names, self.dt))

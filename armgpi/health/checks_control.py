@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.gains import Tuning, betas
+from armgpi.control.gains import SLOWEST_DEFAULT, Tuning, betas, slow_default
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
 
@@ -194,6 +194,13 @@ def _stiffness(subject: Subject, q: Array) -> Array:
         ahead, behind = subject.robot.dynamics.gravity(q + step), subject.robot.dynamics.gravity(q - step)
         columns.append((ahead - behind) / (2.0 * _STEP))
     return np.stack(columns, axis=-1)
+
+
+@check("bandwidth", "sample time and delay leave a default bandwidth below 15 rad/s", "warning")
+def bandwidth(subject: Subject) -> Iterator[Finding]:
+    """Find a default bandwidth at which no arm follows well."""
+    if said := slow_default(subject.dt, subject.delay * subject.dt):
+        yield Finding("warning", "loop", said, subject.omega, SLOWEST_DEFAULT, "sample faster")
 
 
 @check("encoder", "the default bandwidth costs more than 5 % of the torque per count", "warning", "info")

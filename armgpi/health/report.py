@@ -27,6 +27,9 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
+#: A load that an arm is likely to carry, as a share of its mass, and the delta that it should leave.
+_PLAUSIBLE, _LEAST_DELTA = 0.05, 0.5
+
 
 @dataclass(frozen=True)
 class HealthReport:
@@ -149,6 +152,15 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
+    plausible = _PLAUSIBLE * report.robot.total_mass
+    delta = 1.0 / (1.0 + plausible * most.mobility)
+    if delta < _LEAST_DELTA:
+        message = (
+            f"{plausible:.2g} kg at {report.robot.tip!r}, {100 * _PLAUSIBLE:g} % of the arm's mass, makes a "
+            f"nominal D(q) without it {delta:.2g} of the true one; GPI is stable above 0.36"
+        )
+        repair = "tell the controller of the load (payload range), and of the rotor inertia"
+        found.append(Finding("warning", "robot", message, delta, _LEAST_DELTA, repair, (), "payload"))
     facts = {
         "mass": mass,
         "frame": report.robot.tip,
