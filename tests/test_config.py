@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_omega
 from armgpi.config import schema
+from armgpi.config.drives import read as read_drives
 from armgpi.errors import ArmgpiError, ConfigError
 
 ROOT = Path(__file__).parents[1]
@@ -158,7 +159,7 @@ EXPERIMENT = section(
         payload=section(
             {"mass": NUMBER}, frame=st.just("tool"), com=st.lists(NUMBER, min_size=3, max_size=3)
         ),
-        armature=PER_JOINT,
+        rotor_inertia=PER_JOINT,
         friction=st.sampled_from(["urdf", "none"]),
         loads=st.lists(LOAD, max_size=3),
         substeps=st.integers(1, 4),
@@ -253,7 +254,7 @@ def test_effort_limits_can_be_given() -> None:
 
 
 def test_the_controllers_know_the_delay_and_not_the_load() -> None:
-    text = "plant: {delay: 3, payload: {mass: 0.5}, armature: 0.01}\nsample_time: 2e-3"
+    text = "plant: {delay: 3, payload: {mass: 0.5}, rotor_inertia: 0.01}\nsample_time: 2e-3"
     built = build(ARM + text)
     controller = built.controllers["gpi"]
     assert controller.delay == 6e-3
@@ -352,7 +353,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
         6,
         "known: q1, q2, q3",
     ),
-    "bad number of a joint": ("plant: {armature: {q1: -1}}", "plant.armature.q1", 2, "0 or more"),
+    "bad number of a joint": ("plant: {rotor_inertia: {q1: -1}}", "plant.rotor_inertia.q1", 2, "0 or more"),
     "joint without torque rate": ("plant: {torque_rate: {q1: 3}}", "plant.torque_rate", 2, "q2, q3"),
     "no gain": ("controllers: [{type: gpi, omega: 0}]", "controllers.0.omega", 2, "above 0"),
     "negative gain": ("controllers: [{type: pid, kd: -1}]", "controllers.0.kd", 2, "0 or more"),
@@ -688,3 +689,43 @@ def test_a_mapping_may_be_merged_into_many() -> None:
     many = "\n".join(f"  - {{<<: *common, label: c{i}}}" for i in range(20))
     text = f"robot: {{name: anthropomorphic3}}\ncontrollers:\n  - &common {{type: gpi}}\n{many}\n"
     assert len(config.parse(text, "x").config.controllers) == 21
+
+
+def test_drives_are_of_the_plant_and_of_the_nominal_model(tmp_path: Path) -> None:
+    path = tmp_path / "drives.yaml"
+    path.write_text(
+        "q1: {gear_ratio: 100, motor_inertia: 2e-5, coulomb: 0.5}\nq2: {viscous: 0.25, motor_inertia: 0.1}\n"
+    )
+    given = read_drives(path)
+    assert given["friction"] == {"viscous": {"q2": 0.25}, "coulomb": {"q1": 0.5}}
+    wanted = {
+        "robot": {"name": "anthropomorphic3", **given},
+        "plant": {"rotor_inertia": {"q1": 0.3}, "friction": "urdf"},
+    }
+    built = config.build(config.check(wanted, config.Origin("test")), config.Origin("test"))
+    nominal, plant = built.controllers["gpi"].robot, built.plant
+    assert isinstance(nominal, Robot)
+    assert isinstance(plant.robot, Robot)
+    np.testing.assert_allclose(nominal.armature, [0.2, 0.1, 0.0])
+    np.testing.assert_allclose(plant.robot.armature, [0.3, 0.1, 0.0])
+    for robot in (nominal, plant.robot):
+        np.testing.assert_allclose(robot.friction.viscous[1], 0.25)
+        np.testing.assert_allclose(robot.friction.coulomb[0], 0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("q1: {gear: 3}", "q1.gear"),
+        ("q1: {motor_inertia: -1}", "q1.motor_inertia"),
+        ("[1, 2]", "dict"),
+        ("{", "read"),
+    ],
+)
+def test_a_bad_file_of_drives_is_named(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "drives.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=named):
+        read_drives(path)
+    with pytest.raises(ConfigError, match="nowhere"):
+        read_drives(tmp_path / "nowhere.yaml")

@@ -134,6 +134,23 @@ def test_limit_excess_is_how_far_a_joint_went_beyond_its_limits(e: float, expect
     np.testing.assert_allclose(metrics.limit_excess(run), [expected], atol=1e-12)
 
 
+def test_hunting_is_the_swing_at_rest_of_the_last_fifth_or_1_2_seconds() -> None:
+    for horizon, window in ((4.0, 0.8), (12.0, 1.2)):
+        time = np.arange(round(horizon / H) + 1) * H
+        late = time >= horizon - window - 0.5 * H
+        # Five periods in the window, between larger swings before it.
+        e = np.where(late, 0.02 * np.sin(10.0 * np.pi * (time - horizon) / window), 0.5 * np.cos(9.0 * time))
+        run = rollout(e[:, None], time=time)
+        assert (
+            metrics.hunting_amplitude(run).item() == metrics.hunting_frequency(run).item() == 0.0
+        )  # it moves
+        still = run.assign(q=run["q"] - run["q_ref"], q_ref=0.0 * run["q_ref"])
+        np.testing.assert_allclose(metrics.hunting_amplitude(still), [0.04], rtol=1e-3)
+        np.testing.assert_allclose(metrics.hunting_frequency(still), [5.0 / window], rtol=1e-2)
+        settles = still.assign(q=still["q"] * 0.0 + np.exp(-time)[:, None])
+        np.testing.assert_allclose(metrics.hunting_frequency(settles), [0.5 / window], rtol=1e-2)
+
+
 # Laws.
 
 SHAPE = st.tuples(st.integers(2, 20), st.integers(1, 4))

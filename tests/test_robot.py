@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from strategies import Array, State, robots, robots_and_states, states
 
 from armgpi import Robot, RobotBatch
-from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError
+from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UrdfError
 from armgpi.robot.dynamics import StackedDynamics
 
 ARM = Robot.load("anthropomorphic3")
@@ -593,3 +593,67 @@ def test_every_row_has_its_own_limits() -> None:
 def test_robots_that_do_not_stack_are_refused(members: Any) -> None:
     with pytest.raises(ParameterError, match="robots must be"):
         RobotBatch(members)
+
+
+TRANSMISSIONS = {
+    "drake": (
+        """<transmission><joint name="j1"/><actuator name="a"><drake:gear_ratio value="50"/>
+        <drake:rotor_inertia value="2e-5"/></actuator></transmission>""",
+        0.05,
+    ),
+    "classic": (
+        """<transmission name="t"><joint name="j1"/><actuator name="a">
+        <mechanicalReduction>10</mechanicalReduction>
+        <motorInertia>1e-4</motorInertia></actuator></transmission>""",
+        0.01,
+    ),
+    "no ratio": (
+        """<transmission name="t"><joint name="j1"/><actuator name="a">
+        <rotor_inertia>0.3</rotor_inertia></actuator>
+        </transmission>""",
+        0.3,
+    ),
+    "ros2_control": (
+        """<ros2_control name="c" type="system"><joint name="j1">
+        <param name="rotor_inertia">0.2</param></joint>
+        <joint name="other"><param name="rotor_inertia">9</param></joint></ros2_control>""",
+        0.2,
+    ),
+    "none": ("""<transmission name="t"><joint name="j1"/><actuator name="a"/></transmission>""", 0.0),
+}
+
+
+@pytest.mark.parametrize("name", TRANSMISSIONS)
+def test_the_rotor_inertia_of_a_urdf_is_taken(name: str) -> None:
+    text, expected = TRANSMISSIONS[name]
+    robot = Robot.from_xml(driven(text))
+    np.testing.assert_allclose(robot.armature, [expected], rtol=1e-15)
+    bare = Robot.from_xml(driven(""))
+    np.testing.assert_allclose(robot.mass_matrix([0.3]), bare.mass_matrix([0.3]) + expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("value", ["-1", "heavy", "nan"])
+def test_a_rotor_inertia_that_cannot_be_is_refused(value: str) -> None:
+    with pytest.raises(UrdfError, match="rotor"):
+        Robot.from_xml(driven(TRANSMISSIONS["no ratio"][0].replace("0.3", value)))
+
+
+def driven(transmission: str) -> str:
+    """An arm of one joint with a transmission."""
+    return f"""<robot name="r" xmlns:drake="http://drake.mit.edu"><link name="base"/><link name="l">
+    <inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="j1" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="10" velocity="1"/></joint>{transmission}</robot>"""
+
+
+def test_friction_can_be_set_joint_by_joint() -> None:
+    robot = Robot.load("ur5")
+    name = robot.joint_names[1]
+    rough = robot.with_friction(viscous=2.0, coulomb={name: 3.0})
+    np.testing.assert_array_equal(rough.friction.viscous, 2.0)
+    np.testing.assert_array_equal(rough.friction.coulomb[1], 3.0)
+    np.testing.assert_array_equal(np.delete(rough.friction.coulomb, 1), np.delete(robot.friction.coulomb, 1))
+    assert rough.provenance["changes"][-1]["friction"]["viscous"] == [2.0] * robot.n
+    with pytest.raises(LimitError, match="coulomb"):
+        robot.with_friction(coulomb=-1.0)

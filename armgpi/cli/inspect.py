@@ -42,6 +42,8 @@ def inspect(
     mimic: opt.Mimic = None,
     repair: opt.Repair = None,
     effort: opt.Effort = None,
+    rotor_inertia: opt.RotorInertia = None,
+    drives: opt.Drives = None,
     package_dir: opt.PackageDir = None,
     encoder_bits: opt.Bits = None,
     delay: opt.Delay = None,
@@ -69,6 +71,7 @@ def inspect(
         0 if delay is None else delay,
         16 if encoder_bits is None else encoder_bits,
         split(repair or []),
+        **_drives(rotor_inertia, drives),
     )
     report = health.with_payload(report, payload)
     if cross_check:
@@ -84,6 +87,16 @@ def inspect(
         _show(report)
     if report.has_errors:
         sys.exit(FAILED)
+
+
+def _drives(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
+    """Return rotor inertia and friction as options and a file give them."""
+    from armgpi.config.drives import read
+
+    found = {} if path is None else read(path)
+    if rotor_inertia:
+        found["rotor_inertia"] = per_joint(",".join(rotor_inertia), "--rotor-inertia")
+    return found
 
 
 def _folders(given: list[Path]) -> list[Path]:

@@ -106,6 +106,21 @@ Effort = Annotated[
         help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
     ),
 ]
+RotorInertia = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Rotor inertia seen at the joints, gear ratio squared times rotor [kg m² or kg]: "
+        "'j1=0.1,j2=0.05', or one number for all; may be repeated.",
+    ),
+]
+Drives = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="YAML or JSON: joint -> gear_ratio, motor_inertia, viscous, coulomb, in place of the URDF's.",
+    ),
+]
 InertiaScale = Annotated[
     float | None,
     typer.Option(
@@ -206,6 +221,8 @@ def experiment(
     mimic: Mimic = None,
     repair: Repair = None,
     effort: Effort = None,
+    rotor_inertia: RotorInertia = None,
+    drives: Drives = None,
     inertia_scale: InertiaScale = None,
     payload: Payload = None,
     friction: Friction = None,

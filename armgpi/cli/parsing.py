@@ -30,6 +30,7 @@ OPTIONS = {
     "port": ("--port", "PORT"),
     "repair": ("--repair", "NAME"),
     "robot": ("--robot", "ROBOT"),
+    "rotor_inertia": ("--rotor-inertia", "JOINT=INERTIA"),
     "start": ("--from", "POSITIONS"),
     "time_limit": ("--time-limit", "SECONDS"),
 }

@@ -10,6 +10,7 @@ from armgpi import config as configuration
 from armgpi.cli.declared import Option
 from armgpi.cli.parsing import locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin
+from armgpi.config.drives import read as read_drives
 from armgpi.paper import scenarios
 
 
@@ -81,6 +82,15 @@ def _robot(over: _Overlay) -> None:
     over.take("mimic", "robot", "mimic")
     over.take("repair", "robot", "repair", read=split)
     over.take("effort", "robot", "effort", read=lambda texts: per_joint(",".join(texts), "--effort"))
+    if over.given("drives"):
+        for key, value in read_drives(over.options["drives"]).items():
+            over.put("--drives", value, "robot", key)
+    over.take(
+        "rotor_inertia",
+        "robot",
+        "rotor_inertia",
+        read=lambda texts: per_joint(",".join(texts), "--rotor-inertia"),
+    )
 
 
 def _declared(over: _Overlay, option: Option, value: Any) -> None:

@@ -159,6 +159,16 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         current = robot.limits.effort
         with place.at("effort").error_context():
             robot = robot.with_limits(effort=_per_joint(section.effort, robot, place.at("effort"), current))
+    if section.rotor_inertia is not None:
+        here = place.at("rotor_inertia")
+        robot = robot.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))
+    if section.friction is not None:
+        given = section.friction.model_dump(exclude_none=True)
+        friction = {
+            key: _per_joint(value, robot, place.at("friction", key), getattr(robot.friction, key))
+            for key, value in given.items()
+        }
+        robot = robot.with_friction(**friction)
     return robot
 
 
@@ -207,9 +217,9 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
         with place.at("payload").error_context():
             frame = section.payload.frame or robot.tip
             real = real.with_payload(frame, section.payload.mass, section.payload.com)
-    if section.armature is not None:
-        armature = _per_joint(section.armature, robot, place.at("armature"), robot.armature)
-        real = real.with_armature(armature)
+    if section.rotor_inertia is not None:
+        here = place.at("rotor_inertia")
+        real = real.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))
     torques: list[Load] = []
     for index, item in enumerate(section.loads):
         here = place.at("loads", index)

@@ -115,7 +115,7 @@ Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 SECTIONS: dict[str, type[BaseModel]] = {}
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
     """A part of the file; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -130,7 +130,7 @@ def _box_shape(value: Any) -> str:
 def box(element: Any) -> Any:
     """Return the type of a box of such elements."""
     ends: dict[str, Any] = dict.fromkeys(("lower", "upper"), (per_joint(element), ...))
-    model = create_model("BoxSection", __base__=_Section, **ends)
+    model = create_model("BoxSection", __base__=Section, **ends)
     SECTIONS["box"] = model
     return Annotated[
         Annotated[model, Tag("box")]
@@ -195,7 +195,7 @@ def section(name: str, cls: type, declared: Mapping[str, Parameter] | None = Non
         **keys: further keys, name -> (type, default).
     """
     own = keys_of(parameters(cls) if declared is None else declared)
-    made = create_model(f"{cls.__name__}Section", __base__=_Section, **{**keys, **own})
+    made = create_model(f"{cls.__name__}Section", __base__=Section, **{**keys, **own})
     made.__doc__ = cls.__doc__
     SECTIONS[name] = made
     return made
@@ -206,7 +206,14 @@ def one_of(sections: Iterable[Any]) -> Any:
     return Annotated[reduce(or_, sections), Field(discriminator="type")]
 
 
-class RobotSection(_Section):
+class FrictionSection(Section):
+    """Joint friction in place of the URDF's: viscous [N m s/rad or N s/m] and coulomb [N m or N]."""
+
+    viscous: PerJointNotNegative | None = None
+    coulomb: PerJointNotNegative | None = None
+
+
+class RobotSection(Section):
     """Which arm.
 
     Attributes:
@@ -216,6 +223,8 @@ class RobotSection(_Section):
         mimic: whether joints that mimic another are locked or follow it.
         repair: names of repairs that may be made in the URDF, or "all"; see :mod:`armgpi.robot.repairs`.
         effort: effort limits that replace the URDF's [N m or N].
+        rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
+        friction: joint friction that replaces the URDF's.
     """
 
     name: str
@@ -224,9 +233,11 @@ class RobotSection(_Section):
     mimic: Literal["lock", "follow"] = "lock"
     repair: Names = []
     effort: PerJointNotNegative | None = None
+    rotor_inertia: PerJointNotNegative | None = None
+    friction: FrictionSection | None = None
 
 
-class PayloadSection(_Section):
+class PayloadSection(Section):
     """A load that the controller does not know: mass [kg] at com [m] in a frame (the tip when not given)."""
 
     mass: NotNegative
@@ -241,19 +252,19 @@ def _load(name: str, cls: type) -> Any:
 LoadSection: Any = one_of(_load(name, cls) for name, cls in registered(Load).items())
 
 
-class PlantSection(_Section):
+class PlantSection(Section):
     """What differs from the nominal model; sensors and actuators come to it from their declarations.
 
     Attributes:
         payload: a load that the controller does not know.
-        armature: rotor inertia that it does not know [kg m^2 or kg].
+        rotor_inertia: the one that it really has, which the controller does not know [kg m^2 or kg].
         friction: "urdf" for the URDF's friction coefficients, "none".
         loads: disturbance torques.
         substeps: integration steps per sample.
     """
 
     payload: PayloadSection | None = None
-    armature: PerJointNotNegative | None = None
+    rotor_inertia: PerJointNotNegative | None = None
     friction: Literal["urdf", "none"] = "none"
     loads: list[LoadSection] = []
     substeps: Whole = Field(default=1, ge=1, le=1000)
@@ -328,7 +339,7 @@ PathSection: Any = one_of(_path(name, cls) for name, cls in registered(Path).ite
 RealitySection: Any = section("reality", Reality, index=(Annotated[Whole, Field(ge=0)], 0))
 
 
-class ReferenceSection(_Section):
+class ReferenceSection(Section):
     """Smooth moves from configuration to configuration with holds, or a path of the tool in space.
 
     Attributes:
@@ -352,7 +363,7 @@ class ReferenceSection(_Section):
     tool_axis: Vector | None = None
 
 
-class ExperimentConfig(_Section):
+class ExperimentConfig(Section):
     """A whole experiment file.
 
     Attributes:
@@ -381,6 +392,7 @@ class ExperimentConfig(_Section):
 
 SECTIONS |= {
     "robot": RobotSection,
+    "friction": FrictionSection,
     "plant": PlantSection,
     "payload": PayloadSection,
     "reference": ReferenceSection,

@@ -235,6 +235,21 @@ class FixedGains(Gains):
         return self._tuning
 
 
+#: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
+SLOWEST_DEFAULT = 15.0
+
+
+def slow_default(dt: float, delay: float) -> str:
+    """Return what to say of a default bandwidth below :data:`SLOWEST_DEFAULT`; empty for a faster one."""
+    omega = default_omega(dt, delay)
+    if omega >= SLOWEST_DEFAULT:
+        return ""
+    return (
+        f"the default bandwidth is {omega:.3g} rad/s at a sample time of {dt:g} s and delay of {delay:g} s, "
+        f"and below {SLOWEST_DEFAULT:g} an arm follows badly"
+    )
+
+
 def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float:
     """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
 

@@ -12,10 +12,10 @@ import numpy as np
 from armgpi.arrays import Array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.family import Member
-from armgpi.control.gains import FixedGains, Gains, default_omega
+from armgpi.control.gains import FixedGains, Gains, default_omega, slow_default
 from armgpi.control.margins import delay_margins
 from armgpi.control.payload import LoadRange, PayloadRange
-from armgpi.control.realisation import REALISATIONS, Bumpless
+from armgpi.control.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import PerJoint, Vector, parameter, with_parameters
 from armgpi.references.reference import Target
@@ -45,14 +45,17 @@ class GPI(Controller):
     It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.control.family`) have more or fewer integrators, and a roll-off.
+    What the nominal model knows of the way ahead can be added, tau = D(q) v + `feedforward`(q*, v*, a*).
 
     Attributes:
-        robot: nominal model; only D(q) is used, and G(q) once to start. With `payload`, the one with the
-            heaviest load.
+        robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
+            `payload`, the one with the heaviest load.
         gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
         realisation: "bumpless" (three bounded states) or "paper" (as printed).
         start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero" with
-            none.
+            the integrators at zero.
+        feedforward: torque of the nominal model at the reference that is added: "none" (the paper), "gravity"
+            G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*).
         delay: transport delay in the loop [s], besides the sample and hold.
         payload: lightest and heaviest load [kg] that `robot` may carry, or a :class:`LoadRange`: the nominal
             model then has the heaviest, and the default gains suit the lightest
@@ -65,10 +68,17 @@ class GPI(Controller):
         rolloff_ratio: those poles over omega_c [-].
         second_ratio: natural frequency of the second quadratic factor over omega_c [-]; 1 when not given.
         second_zeta: its damping ratio [-]; zeta_c when not given.
+        rest_dead_zone: error below which nothing is integrated while the reference rests [rad or m]; with
+            `rest_leak` it keeps friction and encoder counts from making the arm hunt.
+        rest_leak: rate at which every integrator but the first empties while the reference rests [1/s]; some
+            50 end hunting, 0 is the paper.
     """
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
     knows: ClassVar[str] = "inertia"
+    derived: ClassVar[Mapping[str, str]] = {
+        "_emptied": "share of an integrator that leaks out in a sample at rest [-]",
+    }
 
     gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
     realisation: str = parameter(
@@ -79,11 +89,19 @@ class GPI(Controller):
         structural=True,
     )
     start: str = parameter(
-        "start with the torque that holds the arm, or with none",
+        "start with the torque that holds the arm, or with the integrators at zero",
         kind="choice",
         default="hold",
         choices=("hold", "zero"),
         structural=True,
+    )
+    feedforward: str = parameter(
+        "torque of the nominal model at the reference that is added; none is the paper",
+        kind="choice",
+        default="none",
+        choices=("none", "gravity", "model"),
+        structural=True,
+        short="torque of the nominal model at the reference that is added",
     )
     delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
     payload: Any = parameter(
@@ -143,6 +161,23 @@ class GPI(Controller):
         slider=(0.3, 2.0),
     )
 
+    rest_dead_zone: PerJoint = parameter(
+        "error below which nothing is integrated while the reference rests",
+        unit="rad or m",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        slider=(0.0, 0.01),
+    )
+    rest_leak: PerJoint = parameter(
+        "rate at which every integrator but the first empties while the reference rests",
+        unit="1/s",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        slider=(0.0, 100.0),
+    )
+
     def __post_init__(self) -> None:
         """Check the parameters and work out what `step` needs of them.
 
@@ -163,6 +198,8 @@ class GPI(Controller):
         if given is None:
             omega_c = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
             given = FixedGains(omega_c)
+            if self.payload is None and (said := slow_default(self.dt, self.delay)):
+                warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=3)
         if not isinstance(given, Gains):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
@@ -176,6 +213,10 @@ class GPI(Controller):
         elif member.integrators != 2 or member.rolloff or not member.equal:
             expected = "bumpless for what is not the law of the paper"
             raise ParameterError("realisation", self.realisation, expected)
+        self._rests = bool(self.rest_dead_zone.any() or self.rest_leak.any())
+        if self._rests and self.realisation != "bumpless":
+            raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
+        self._emptied = -np.expm1(-self.rest_leak * self.dt)
         self._dynamics = self.robot.dynamics
         with np.errstate(all="ignore"):
             self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
@@ -204,7 +245,11 @@ class GPI(Controller):
         e = q - target.q
         hold = np.zeros_like(e)
         if self.start == "hold":
-            hold = self._dynamics.inertia_solve(q, self.limited(self._dynamics.gravity(q)))
+            held = self.limited(self._dynamics.gravity(q))
+            if self.feedforward != "none":
+                # All that it gives at rest: what it gives to accelerate is no part of holding.
+                held = held - self._dynamics.gravity(target.q + np.zeros_like(q))
+            hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
         return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
 
@@ -218,14 +263,31 @@ class GPI(Controller):
             coefficients = self._law.coefficients(tuning, self.dt)
         v = self._law.output(e, state.law, coefficients)
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
+        if self.feedforward != "none":
+            asked = asked + self._ahead(target, np.zeros_like(q))
         tau = self.limited(asked)
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
         # The solver hands a zero torque back as it is: then nothing was cut.
-        law = self._law.update(e, v, None if missing is cut else missing, state.law, coefficients)
+        applied = None if missing is cut else missing
+        law = self._law.update(e, v, applied, state.law, coefficients, self._resting(e, target))
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
+
+    def _ahead(self, target: Target, zero: Array) -> Array:
+        """Return the torque of the nominal model at the reference, in the shape of `zero`."""
+        q, v, a = (part + zero for part in target)  # one reference may be for a whole batch
+        return self._dynamics.gravity(q) if self.feedforward == "gravity" else self._dynamics.inverse(q, v, a)
+
+    def _resting(self, e: Array, target: Target) -> Resting | None:
+        """Return what the integrators are given where the reference rests; None where it does not matter."""
+        if not self._rests:
+            return None
+        rests = np.where((target.v == 0.0) & (target.a == 0.0), 1.0, 0.0)
+        zone = rests * self.rest_dead_zone
+        beyond = e - np.minimum(np.maximum(e, -zone), zone)
+        return new(Resting, (beyond, 1.0 - rests * self._emptied))
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""

@@ -20,6 +20,18 @@ from armgpi.control.family import PRINTED, Member, partial_fractions
 from armgpi.control.gains import Tuning, betas
 
 
+class Resting(NamedTuple):
+    """What integrates less while the reference rests, so that friction does not make the arm hunt.
+
+    Attributes:
+        e: the error that the integrators are fed with [rad or m].
+        kept: share of every integrator but the first that is left after a sample [-].
+    """
+
+    e: Array
+    kept: Array
+
+
 class Realisation(ABC):
     """A discrete v = -C(s) e: elementwise, no branch on values.
 
@@ -41,8 +53,19 @@ class Realisation(ABC):
         """Return v [rad/s^2 or m/s^2] for the error `e` [rad or m]."""
 
     @abstractmethod
-    def update(self, e: Array, v: Array, a: Array | None, state: Any, c: Any) -> Any:
-        """Return the next state, after v was asked for and v + `a` applied (anti-windup); None means v."""
+    def update(
+        self, e: Array, v: Array, a: Array | None, state: Any, c: Any, resting: Resting | None = None
+    ) -> Any:
+        """Return the next state.
+
+        Args:
+            e: error [rad or m].
+            v: what was asked for [rad/s^2 or m/s^2].
+            a: v + a is what was applied (anti-windup); None means v.
+            state: the state before.
+            c: the coefficients.
+            resting: what the integrators are given instead of the error, for the bumpless realisation.
+        """
 
 
 #: What the states mean, and the coefficients.
@@ -161,14 +184,20 @@ class Bumpless(Realisation):
         v: Array = c.direct * e - state.lam - state.eta
         return v
 
-    def update(self, e: Array, v: Array, a: Array | None, state: Any, c: Any) -> Any:
+    def update(
+        self, e: Array, v: Array, a: Array | None, state: Any, c: Any, resting: Resting | None = None
+    ) -> Any:
         """Return the next state; see :meth:`Realisation.update`."""
         m, order = self.member.integrators, len(state)
         drive, leak, dt = c[1 : 1 + order], c[1 + order : -1 - m], c.dt
         chain, filters = state[:m], state[m:]
         eta = filters[0]
         kept = (leak[0] * eta, *[x - gain * eta for x, gain in zip(filters[1:], leak[1:], strict=True)])
-        chain = _fed(chain, chain, drive[:m], e, dt)
+        if resting is None:
+            chain = _fed(chain, chain, drive[:m], e, dt)
+        else:
+            left = (chain[0], *[resting.kept * x for x in chain[1:]])
+            chain = _fed(left, left, drive[:m], resting.e, dt)
         if a is not None:
             chain = [x - gain * a for x, gain in zip(chain, c[-m:], strict=True)]
         return new(self._state, (*chain, *_fed(kept, filters, drive[m:], e, dt)))
@@ -302,7 +331,13 @@ class Paper(Realisation):
         )
 
     def update(
-        self, e: Array, v: Array, a: Array | None, state: PaperState, c: _PaperCoefficients
+        self,
+        e: Array,
+        v: Array,
+        a: Array | None,
+        state: PaperState,
+        c: _PaperCoefficients,
+        resting: Resting | None = None,
     ) -> PaperState:
         """Return the next state, whose reconstructor (eq. 14) integrates what was applied."""
         int_e = state.int_e + c.half * e

@@ -320,7 +320,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
     ]
     start = {
         "hold": "The torque begins with the one that carries the arm's weight: release the brakes under it.",
-        "zero": "The torque begins at zero (an arm that rests on something).",
+        "zero": "The torque begins at zero, but for a feedforward (an arm that rests on something).",
     }.get(getattr(controller, "start", ""), "")
     action = {
         "hold": "at what carries the arm's weight at the last good configuration, within the limits",

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.gains import Tuning, betas
+from armgpi.control.gains import SLOWEST_DEFAULT, Tuning, betas, slow_default
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
 
@@ -47,7 +47,9 @@ def condition(subject: Subject) -> Iterator[Finding]:
     least, worst = float(eigenvalues[row, 0]), float((eigenvalues[:, -1] / eigenvalues[:, 0]).max())
     vector = np.linalg.eigh(subject.inertia[row])[1][:, 0]
     weak = f"joint {subject.robot.joint_names[int(np.argmax(np.abs(vector)))]!r}"
-    repair = "give it the inertia of its rotor times the gear ratio squared: with_armature, or `armature`"
+    repair = (
+        "give it the inertia of its rotor times the gear ratio squared: with_armature, or `rotor_inertia`"
+    )
     if worst > _CONDITION:
         message = f"D(q) has condition {worst:.3g}, as this joint moves very little inertia"
         yield Finding("warning", weak, message, worst, _CONDITION, repair)
@@ -115,14 +117,41 @@ def strong_friction(subject: Subject) -> Iterator[Finding]:
         yield Finding("warning", where, message, fastest, bound, repair)
 
 
-@check("armature", "no rotor inertia", "info")
+@check("armature", "no rotor inertia, and what that does to the loop", "info")
 def armature(subject: Subject) -> Iterator[Finding]:
-    """Find robots without rotor inertia."""
-    if not subject.robot.armature.any():
-        message = "no rotor inertia: URDFs have none, and real gears make light wrists heavier"
-        yield Finding(
-            "info", "joints", message, 0.0, repair="with_armature, or `armature` in the experiment file"
-        )
+    """Find joints without rotor inertia, and what plausible ones would do to the loop."""
+    if subject.robot.armature.any():
+        return
+    names = subject.robot.joint_names
+    typical = typical_rotor_inertia(subject)
+    whole, rotors = subject.inertia, np.diag(typical)
+    less = np.linalg.eigvals(np.linalg.solve(whole + rotors, whole)).real.min()
+    more = np.linalg.eigvals(np.linalg.solve(whole, whole + rotors)).real.max()
+    alone = np.array(
+        [1.0 / (1.0 + typical[j] * np.linalg.inv(whole)[:, j, j].max()) for j in range(len(names))]
+    )
+    each = ", ".join(f"{name} {value:.2g}" for name, value in zip(names, alone, strict=True))
+    message = (
+        "no rotor inertia: URDFs have none, and real gears make light wrists heavier. With half of each "
+        "joint's mean inertia in truth and none in the nominal model, the eigenvalues delta of D^-1 D-hat go "
+        f"down to {less:.2g} (by joint: {each}), the other way round up to {more:.2g}; GPI needs 0.36"
+    )
+    proposed = ",".join(f"{name}={value:.2g}" for name, value in zip(names, typical, strict=True))
+    yield Finding(
+        "info",
+        "joints",
+        message,
+        float(less),
+        0.36,
+        "give gear ratio squared times rotor from the data sheet, or values to try",
+        (Remedy("rotor_inertia", (), proposed),),
+    )
+
+
+def typical_rotor_inertia(subject: Subject) -> Array:
+    """Return a plausible rotor inertia of every joint: half of the mean inertia that it moves, shape (n,)."""
+    typical: Array = 0.5 * np.diagonal(subject.inertia, axis1=1, axis2=2).mean(axis=0)
+    return typical
 
 
 @check(
@@ -165,6 +194,13 @@ def _stiffness(subject: Subject, q: Array) -> Array:
         ahead, behind = subject.robot.dynamics.gravity(q + step), subject.robot.dynamics.gravity(q - step)
         columns.append((ahead - behind) / (2.0 * _STEP))
     return np.stack(columns, axis=-1)
+
+
+@check("bandwidth", "sample time and delay leave a default bandwidth below 15 rad/s", "warning")
+def bandwidth(subject: Subject) -> Iterator[Finding]:
+    """Find a default bandwidth at which no arm follows well."""
+    if said := slow_default(subject.dt, subject.delay * subject.dt):
+        yield Finding("warning", "loop", said, subject.omega, SLOWEST_DEFAULT, "sample faster")
 
 
 @check("encoder", "the default bandwidth costs more than 5 % of the torque per count", "warning", "info")

@@ -162,6 +162,9 @@ class Check(NamedTuple):
 #: Every check; several may have one kind.
 CHECKS: list[Check] = [
     Check("payload", "the motors do not hold the load given with `--payload` everywhere", ("warning",)),
+    Check(
+        "payload", "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5", ("warning",)
+    ),
     Check("cross-check", "yourdfpy reads another robot", ("error",)),
     Check("cross-check", "yourdfpy cannot read the file", ("warning",)),
 ]

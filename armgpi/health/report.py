@@ -27,6 +27,9 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
+#: A load that an arm is likely to carry, as a share of its mass, and the delta that it should leave.
+_PLAUSIBLE, _LEAST_DELTA = 0.05, 0.5
+
 
 @dataclass(frozen=True)
 class HealthReport:
@@ -73,6 +76,8 @@ def inspect(
     delay: int = 0,
     encoder_bits: int = 16,
     repair: str | Iterable[str] = (),
+    rotor_inertia: PerJoint | None = None,
+    friction: Mapping[str, PerJoint] | None = None,
 ) -> HealthReport:
     """Load a robot and report what its model is, what will bite, and what a controller will do with it.
 
@@ -87,6 +92,8 @@ def inspect(
         delay: samples by which measurements are late.
         encoder_bits: resolution of the position sensors.
         repair: names of repairs that may be made in the file.
+        rotor_inertia: seen at the joints [kg m^2 or kg].
+        friction: "viscous" and "coulomb" friction that replace the URDF's.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
@@ -117,6 +124,10 @@ def inspect(
     document = urdf.parse(urdf.read_file(path), str(path), asked)
     if effort is not None:
         robot = robot.with_limits(effort=effort)
+    if rotor_inertia is not None:
+        robot = robot.with_armature(rotor_inertia)
+    if friction is not None:
+        robot = robot.with_friction(**friction)
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject)).with_findings(findings.find(subject))
 
@@ -141,6 +152,15 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
+    plausible = _PLAUSIBLE * report.robot.total_mass
+    delta = 1.0 / (1.0 + plausible * most.mobility)
+    if delta < _LEAST_DELTA:
+        message = (
+            f"{plausible:.2g} kg at {report.robot.tip!r}, {100 * _PLAUSIBLE:g} % of the arm's mass, makes a "
+            f"nominal D(q) without it {delta:.2g} of the true one; GPI is stable above 0.36"
+        )
+        repair = "tell the controller of the load (payload range), and of the rotor inertia"
+        found.append(Finding("warning", "robot", message, delta, _LEAST_DELTA, repair, (), "payload"))
     facts = {
         "mass": mass,
         "frame": report.robot.tip,

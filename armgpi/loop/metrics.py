@@ -37,6 +37,8 @@ _PAPER: tuple[Table, ...] = ("terminal", "report", "reproduction")
 _RUNS: tuple[Table, ...] = ("terminal", "report", "zoo")
 #: Less than this is no more than rounding [rad, m, N m, N, s].
 ROUNDING = 1e-12
+#: Hunting is looked for in the last seconds, but in no more than this share of the horizon.
+_LAST, _SHARE = 1.2, 0.2
 
 
 @dataclass(frozen=True)
@@ -265,6 +267,28 @@ def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
     return below.where(below > above, above).clip(min=0.0)
 
 
+@metric("hunting", POSITION, "errors", long_name="range of the joint at rest", tables=("report",))
+def hunting_amplitude(rollout: xr.Dataset) -> xr.DataArray:
+    """Return how far the joint swings, peak to peak, in the last 1.2 s, a fifth of the horizon at most.
+
+    It is 0 where the reference moves in that time. A joint that still settles has a range as well, but swings
+    half a time or less.
+    """
+    swing = _at_rest(rollout)
+    return (swing.max("time") - swing.min("time")).fillna(0.0)
+
+
+@metric("hunting frequency", Unit(time=-1), "errors", long_name="frequency of the joint at rest", tables=())
+def hunting_frequency(rollout: xr.Dataset) -> xr.DataArray:
+    """Return how many times a second the joint swings up and down its range at rest; 0 if it stands still."""
+    swing = _at_rest(rollout)
+    amplitude = swing.max("time") - swing.min("time")
+    time = swing["time"].where(swing.notnull())
+    # One swing up and down is twice the range.
+    swings = abs(swing.diff("time")).sum("time") / (2.0 * amplitude)
+    return (swings / (time.max("time") - time.min("time"))).where(amplitude > ROUNDING, 0.0)
+
+
 def summary(rollout: xr.Dataset) -> xr.Dataset:
     """Return every metric in one dataset, dimensions ([rollout], joint).
 
@@ -272,6 +296,16 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
         RolloutError: when the rollout lacks a variable or has fewer than two samples.
     """
     return xr.Dataset({name: metric(rollout) for name, metric in declared().items()})
+
+
+def _at_rest(rollout: xr.Dataset) -> xr.DataArray:
+    """Return the error of the last seconds, NaN before that and where the reference moves then."""
+    e, time = error(rollout), rollout["time"]
+    end = time.where(e.notnull()).max("time")
+    last = time >= end - np.minimum(_LAST, _SHARE * (end - time[0])) - ROUNDING
+    reference = rollout["q_ref"].where(last)
+    moves = reference.max("time") - reference.min("time") > ROUNDING
+    return e.where(last & ~moves)
 
 
 def _integral(values: xr.DataArray) -> xr.DataArray:

@@ -1,4 +1,4 @@
-"""Robots made from robots: a payload, rotor inertia, scaled inertia, another gravity, other limits."""
+"""Robots made from robots: a payload, rotor inertia, friction, scaled inertia, gravity, limits."""
 
 from __future__ import annotations
 
@@ -98,6 +98,22 @@ class Edits(Frames):
         whole[self._own] = values
         model.armature = whole
         return self._changed({"armature": values.tolist()}, **parts_of(model, self.coupling))
+
+    def with_friction(self: _Same, viscous: PerJoint | None = None, coulomb: PerJoint | None = None) -> _Same:
+        """Return the robot with other joint friction; each a number, shape (n,), or name -> value.
+
+        Args:
+            viscous: viscous coefficients [N m s/rad or N s/m].
+            coulomb: Coulomb torques or forces [N m or N].
+        """
+        given = {"viscous": viscous, "coulomb": coulomb}
+        arrays = {
+            key: frozen(self._bounded(key, value, getattr(self.friction, key), 0.0, sys.float_info.max))
+            for key, value in given.items()
+            if value is not None
+        }
+        change = {"friction": {key: array.tolist() for key, array in arrays.items()}}
+        return self._changed(change, friction=self.friction._replace(**arrays))
 
     def scaled_inertia(self: _Same, factor: float) -> _Same:
         """Return the robot with every mass and inertia multiplied by one factor.

@@ -1,7 +1,7 @@
 """From a file to its XML: what can hang, fill the memory or is no URDF at all is refused here.
 
-The tree holds elements and attributes alone. A URDF has nothing of use in its text, and what is not kept
-cannot be large.
+The tree holds elements and attributes, and of text the numbers of drives. A URDF has no other text of use,
+and what is not kept cannot be large.
 """
 
 from __future__ import annotations
@@ -46,6 +46,11 @@ _BINARY = (
 )
 _HTML = "a web page (HTML): download the file itself, by the 'raw' link"
 _YAML = "YAML: if it is an experiment file, give it as that; else give a URDF"
+#: Names that files give to a rotor's inertia, and to the reduction of its gear.
+ROTOR_INERTIA = ("rotor_inertia", "motor_inertia", "motorInertia")
+GEAR_RATIO = ("gear_ratio", "mechanicalReduction", "mechanical_reduction")
+#: Elements whose text is kept.
+TEXT_OF = frozenset((*ROTOR_INERTIA, *GEAR_RATIO, "param"))
 #: How a text begins that is no XML -> what it is.
 _TEXTS = (
     (r"<!doctype\s+html|<html", _HTML),
@@ -164,6 +169,7 @@ def _elements(text: str, source: str) -> Element:
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     depth = count = 0
+    keeps_text = False
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
@@ -174,11 +180,18 @@ def _elements(text: str, source: str) -> Element:
             raise UrdfError(source, f"has more than {MAX_ELEMENTS} XML elements")
         if len(attributes) > MAX_ATTRIBUTES:
             raise UrdfError(source, f"has an element with more than {MAX_ATTRIBUTES} attributes")
+        nonlocal keeps_text
+        keeps_text = tag in TEXT_OF
         builder.start(tag, attributes)
+
+    def characters(text: str) -> None:
+        if keeps_text:
+            builder.data(text)
 
     def end(tag: str) -> None:
         nonlocal depth
-        depth -= 1
+        nonlocal keeps_text
+        depth, keeps_text = depth - 1, False
         builder.end(tag)
 
     def doctype(name: str, *_: object) -> None:
@@ -187,6 +200,7 @@ def _elements(text: str, source: str) -> Element:
         raise UrdfError(source, "has a document type declaration (DTD), which no URDF needs: remove it")
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = characters
     parser.StartDoctypeDeclHandler = doctype
     parser.Parse(text, True)
     root: Element = builder.close()

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
-from armgpi.robot import robots, tree, urdf, urdf_model
+from armgpi.robot import drives, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
@@ -130,6 +130,11 @@ class Robot(Edits):
         mimic: urdf_model.Mimic,
     ) -> Robot:
         built = urdf_model.build(document, lock, keep, mimic)
+        rotors = drives.rotor_inertias(document.root, document.source)
+        for joint in built.joints:
+            if joint.name in rotors:
+                model = built.model
+                model.armature[model.joints[model.getJointId(joint.name)].idx_v] = rotors[joint.name]
         limits = Limits(
             *(
                 np.array([getattr(j, k) for j in built.joints])

@@ -138,6 +138,14 @@ CONTROLLERS: dict[str, Callable[[], Any]] = {
     "scaled": lambda: gpi(ARM.scaled_inertia(1.2)),
     "own scales": lambda: gpi(RobotBatch([ARM.scaled_inertia(s) for s in (0.8, 0.9, 1.0, 1.1, 1.2)])),
     "roll-off, own poles": lambda: gpi(rolloff=1, rolloff_ratio=3.0 + OWN),
+    "gravity ahead, cut": lambda: gpi(feedforward="gravity", effort=[3.0, 2.0, 1.0]),
+    "model ahead, own robot": lambda: gpi(
+        RobotBatch([ARM, HEAVY, ARM.scaled_inertia(0.8), ARM, HEAVY]), feedforward="model"
+    ),
+    "model ahead, network, roll-off": lambda: gpi(gains=BSplineNetwork(), rolloff=1, feedforward="model"),
+    "quiet at rest, network": lambda: gpi(
+        gains=BSplineNetwork(), rolloff=1, rest_dead_zone=1e-4 * OWN, rest_leak=50.0 * EACH
+    ),
     "one integrator, second quadratic": lambda: gpi(
         integrators=1, second_ratio=2.0, second_zeta=0.8 + 0.1 * EACH
     ),

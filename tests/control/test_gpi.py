@@ -18,8 +18,10 @@ from strategies import State, robots_and_states
 from armgpi import (
     GPI,
     ArmgpiWarning,
+    Bezier,
     Delayed,
     FixedGains,
+    Friction,
     FullState,
     Hold,
     Measurement,
@@ -27,6 +29,7 @@ from armgpi import (
     Robot,
     Target,
     default_omega,
+    metrics,
     simulate,
 )
 from armgpi.errors import ArmgpiError, ArrayError, EffortError, ParameterError
@@ -148,10 +151,121 @@ def test_started_from_the_holding_torque_a_wrong_model_drops_a_fourth_of_that_fr
     assert (4.0 * start_drop(model, "hold") < start_drop(model, "zero")).all()
 
 
-def start_drop(model: Robot, start: str) -> Array:
+def start_drop(model: Robot, start: str, **options: Any) -> Array:
     """Return how far shoulder and elbow move when the brakes of the level arm open [rad]."""
-    controller = GPI(model, DT, FixedGains(20.0), start=start)
+    controller = GPI(model, DT, FixedGains(20.0), start=start, **options)
     return np.abs(simulate(RigidBodyPlant(ARM), controller, Hold(BRAKES), 1.0)["q"].values).max(axis=0)[1:]
+
+
+FEEDFORWARD = pytest.mark.parametrize("feedforward", ["none", "gravity", "model"])
+WAY = Bezier([0.0, 0.1, 0.0], [0.8, 0.6, -0.5], duration=1.0, t_start=0.1)
+
+
+@FEEDFORWARD
+@pytest.mark.parametrize("start", [BRAKES, BRAKES + 0.2])
+def test_every_feedforward_starts_with_the_torque_that_holds_the_arm(feedforward: str, start: Array) -> None:
+    controller = GPI(ARM, DT, feedforward=feedforward)
+    tau, _ = controller.step(
+        Measurement(start), still(start), controller.init(Measurement(start), still(start))
+    )
+    np.testing.assert_allclose(tau, ARM.gravity(start), rtol=0, atol=1e-14)
+    assert start_drop(ARM, "hold", feedforward=feedforward).max() < 1e-12  # [rad]
+
+
+def test_a_moving_reference_starts_with_the_torque_that_follows_it() -> None:
+    moving = Target(BRAKES, np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0]))
+    controller = GPI(ARM, DT, feedforward="model")
+    tau, _ = controller.step(Measurement(BRAKES), moving, controller.init(Measurement(BRAKES), moving))
+    np.testing.assert_allclose(tau, ARM.inverse_dynamics(*moving), rtol=0, atol=1e-14)
+
+
+def test_with_the_exact_model_only_the_hold_of_the_torque_is_left_of_the_error() -> None:
+    def peak(feedforward: str, dt: float) -> Array:
+        controller = GPI(ARM, dt, FixedGains(20.0), feedforward=feedforward)
+        return metrics.peak_error(simulate(RigidBodyPlant(ARM), controller, WAY, 1.5)).values
+
+    none, gravity, coarse, fine = (
+        peak(*case) for case in (("none", DT), ("gravity", DT), ("model", DT), ("model", 0.5 * DT))
+    )
+    assert (gravity < none).all()
+    assert (coarse < 0.01 * none).all()
+    # A torque that is held is half a sample late.
+    np.testing.assert_allclose(coarse, 2.0 * fine, rtol=0.05)
+
+
+def test_without_feedforward_the_bits_are_those_of_the_law_that_has_none() -> None:
+    way = BRAKES + 1e-3 * np.random.default_rng(0).normal(size=(50, 3))
+    moving = Target(BRAKES, np.full(3, 0.3), np.full(3, 2.0))
+    np.testing.assert_array_equal(
+        steps(GPI(ARM, DT, feedforward="none"), way, still(BRAKES)), steps(GPI(ARM, DT), way, moving)
+    )
+
+
+@FEEDFORWARD
+def test_cut_torque_winds_no_integrator_up(feedforward: str) -> None:
+    # The reference asks for more torque than there is, then stands still.
+    controller = GPI(ARM, DT, FixedGains(20.0), feedforward=feedforward, effort=[0.3, 3.4, 1.0])
+    rollout = simulate(RigidBodyPlant(ARM), controller, Bezier(BRAKES, BRAKES + 0.5, 0.2), 4.0)
+    assert (np.abs(rollout["tau"].values) == controller.effort).any()
+    assert (metrics.final_error(rollout) < 1e-6).all()
+    # While cut, the integrators follow what is applied less what the feedforward gives.
+    q = BRAKES
+    weak = GPI(ARM, DT, FixedGains(20.0), start="zero", feedforward=feedforward, effort=0.5)
+    state = weak.init(Measurement(q), still(q))
+    _, after = weak.step(Measurement(q), still(q), state)
+    given = ARM.gravity(q) if feedforward != "none" else np.zeros(3)
+    missing = np.linalg.solve(ARM.mass_matrix(q), np.clip(given, -0.5, 0.5) - given)
+    np.testing.assert_allclose(after.law.lam, -3.0 * 20.0 * DT * missing, rtol=1e-12, atol=1e-14)
+
+
+def test_at_rest_small_errors_are_not_integrated_and_all_but_the_first_integrator_empty() -> None:
+    rail, q = sled(), np.array([1e-3])
+    zone, leak = 4e-4, 50.0
+    resting = GPI(rail, DT, FixedGains(20.0), integrators=3, rest_dead_zone=zone, rest_leak=leak)
+    plain = GPI(rail, DT, FixedGains(20.0), integrators=3)
+    target = still(np.zeros(1))
+    state = plain.init(Measurement(q), target)
+    law = state.law._replace(lam=np.array([1.0]), chi=np.array([2.0]), psi=np.array([3.0]))
+    state = state._replace(law=law)
+
+    def after(controller: GPI, q: Array, target: Target = target) -> Any:
+        return controller.step(Measurement(q), target, state).state.law
+
+    kept = math.exp(-leak * DT)
+    inside = after(resting, 0.3 * q)
+    np.testing.assert_allclose(
+        [inside.psi, inside.chi], [[3.0 * kept], [(2.0 + 3.0 * DT) * kept]], rtol=1e-14
+    )
+    np.testing.assert_allclose(inside.lam, 1.0 + 2.0 * kept * DT, rtol=1e-14)
+    beyond, whole, none = after(resting, q), after(plain, q - zone), after(plain, 0.0 * q)
+    np.testing.assert_allclose(beyond.psi - 3.0 * kept, whole.psi - none.psi, rtol=1e-9)
+    np.testing.assert_array_equal(beyond.eta, after(plain, q).eta)  # the filter sees all of it
+    for moving in (target._replace(v=np.array([1e-9])), target._replace(a=np.array([-1e-9]))):
+        np.testing.assert_array_equal(after(resting, q, moving), after(plain, q, moving))
+
+
+def test_a_leak_at_rest_ends_hunting_by_coulomb_friction() -> None:
+    hold = np.array([0.0, 0.3, 0.3])
+    weight = np.abs(ARM.gravity(hold)).max()
+    plant = RigidBodyPlant(ARM.with_armature(0.05), friction=Friction(0.0, 0.1 * weight))
+    move = Bezier(hold - 0.3, hold, 0.8, t_start=0.2)
+
+    def run(leak: float) -> tuple[float, float]:
+        controller = GPI(ARM.with_armature(0.04), DT, FixedGains(20.0), rolloff=1, rest_leak=leak)
+        rollout = simulate(plant, controller, move, 5.0)
+        return float(metrics.hunting_amplitude(rollout).max()), float(metrics.final_error(rollout).max())
+
+    (hunts, far), (rests, near) = run(0.0), run(50.0)
+    assert hunts > 1e-3  # [rad]
+    assert rests < 0.1 * hunts
+    assert near < 0.5 * far
+
+
+def test_the_heaviest_load_is_what_the_feedforward_carries() -> None:
+    controller = GPI(ARM, DT, payload=(0.0, 0.05), feedforward="gravity", start="zero")
+    state = controller.init(Measurement(BRAKES), still(BRAKES))
+    tau, _ = controller.step(Measurement(BRAKES), still(BRAKES), state)
+    np.testing.assert_array_equal(tau, ARM.with_payload(ARM.tip, 0.05).gravity(BRAKES))
 
 
 def test_holding_torque_beyond_the_limit_is_held_at_the_limit() -> None:
@@ -163,9 +277,12 @@ def test_holding_torque_beyond_the_limit_is_held_at_the_limit() -> None:
 
 @pytest.mark.parametrize(("dt", "delay"), [(1e-3, 0.0), (1e-3, 2e-3), (5e-3, 0.0), (2e-2, 4e-2)])
 def test_without_gains_it_takes_the_default_bandwidth(dt: float, delay: float) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
         tuning = GPI(ARM, dt, delay=delay).gains.nominal()
+    omega = default_omega(dt, delay)
+    slow = [f"the default bandwidth is {omega:.3g} rad/s"] if omega < 15.0 else []
+    assert [str(each.message).partition(" at ")[0] for each in told] == slow  # and of nothing else
     np.testing.assert_array_equal(tuning.omega_c, default_omega(dt, delay))
 
 
@@ -232,6 +349,10 @@ def test_the_bumpless_lambda_settles_on_the_disturbance_acceleration() -> None:
         ({"rolloff": 3}, ParameterError, "rolloff"),
         ({"rolloff_ratio": [4.0, 0.0, 4.0]}, ArrayError, "rolloff_ratio.*q2"),
         ({"start": "cold"}, ParameterError, "start"),
+        ({"rest_leak": [1.0, -1.0, 1.0]}, ArrayError, "rest_leak.*q2"),
+        ({"rest_dead_zone": -1e-3}, ArrayError, "rest_dead_zone"),
+        ({"realisation": "paper", "rest_leak": 50.0}, ParameterError, "realisation"),
+        ({"feedforward": "friction"}, ParameterError, "feedforward"),
         ({"delay": -1.0}, ParameterError, "delay"),
         ({"delay": math.inf}, ParameterError, "delay"),
         ({"delay": None}, ParameterError, "delay"),

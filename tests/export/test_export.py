@@ -129,6 +129,9 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "three integrators, roll-off 2, network": lambda: GPI(
         paper_arm(), 1e-3, network(), integrators=3, rolloff=2, rolloff_ratio=8.0, second_ratio=1.5
     ),
+    "gravity ahead": lambda: GPI(paper_arm(), 1e-3, feedforward="gravity"),
+    "model ahead, network": lambda: GPI(paper_arm(), 1e-3, network(), feedforward="model"),
+    "quiet at rest": lambda: GPI(paper_arm(), 1e-3, rolloff=1, rest_dead_zone=1e-4, rest_leak=50.0),
     "from zero": lambda: GPI(paper_arm(), 1e-3, start="zero"),
     "wrong inertia": lambda: GPI(paper_arm().scaled_inertia(0.8), 1e-3),
     "pid": lambda: PIDInversion(paper_arm(), 1e-3),
