@@ -19,6 +19,7 @@ from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_ome
 from armgpi.config import schema
 from armgpi.config.drives import read as read_drives
 from armgpi.errors import ArmgpiError, ConfigError
+from armgpi.plants.plant import Wrapper
 
 ROOT = Path(__file__).parents[1]
 ARM = "robot: {name: anthropomorphic3}\n"
@@ -729,3 +730,14 @@ def test_a_bad_file_of_drives_is_named(tmp_path: Path, text: str, named: str) ->
         read_drives(path)
     with pytest.raises(ConfigError, match="nowhere"):
         read_drives(tmp_path / "nowhere.yaml")
+
+
+def test_a_sensor_that_is_defined_later_is_no_key_and_does_no_harm() -> None:
+    class Later(Wrapper):
+        config_name = "later"
+
+    wanted = {"robot": {"name": "anthropomorphic3"}, "plant": {"encoder_bits": 12}}
+    plant = config.build(config.check(wanted, config.Origin())).plant
+    assert [each["type"] for each in plant.describe()["io"]] == ["Saturated", "Encoder"]
+    with pytest.raises(ConfigError, match="later"):
+        config.check({**wanted, "plant": {"later": 1}}, config.Origin())

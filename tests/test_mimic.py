@@ -200,5 +200,5 @@ def test_a_mimic_that_cannot_be_is_refused(extra: str, said: str, how: Any) -> N
 
 
 def test_what_to_do_with_mimics_is_one_of_two() -> None:
-    with pytest.raises(ParameterError, match="'lock' or 'follow'"):
+    with pytest.raises(ParameterError, match="one of lock, follow"):
         Robot.load(Path("anthropomorphic3"), mimic="free")

@@ -230,7 +230,7 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
         friction = "urdf" if section.friction == "urdf" else None
         plant: Plant = RigidBodyPlant(real, torques, friction=friction, substeps=section.substeps)
     for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: item[1].order):
-        value = getattr(section, name)
+        value = getattr(section, name, None)  # a class made since then is no key
         given = None
         own = {key: each for key, each in parameters(wrapper).items() if each.in_file}
         if value is not None and value != wrapper.off:

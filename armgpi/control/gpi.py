@@ -204,6 +204,8 @@ class GPI(Controller):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
         super().__post_init__()
+        known = {"none": "inertia"}.get(self.feedforward, self.feedforward)
+        self.knows = known  # type: ignore[misc]  # of this one, not of the class
         member = Member(
             self.integrators, self.rolloff, self.rolloff_ratio, self.second_ratio, self.second_zeta
         )

@@ -165,7 +165,7 @@ def test_what_is_left_when_all_diverge_does_not_depend_on_how_many_samples_are_t
 
 
 @pytest.mark.parametrize(
-    "bad", [{"v0": [[0.0] * 3, [1e200] * 3]}, {"divergence": 1e-9}, {"v0": [[0.0] * 3, [1e9] * 3]}]
+    "bad", [{"v0": [[0.0] * 3, [1e30] * 3]}, {"divergence": 1e-9}, {"v0": [[0.0] * 3, [1e9] * 3]}]
 )
 def test_divergence_at_once(bad: Any) -> None:
     loop = (RigidBodyPlant(ARM), GPI(ARM, DT), Bezier([0.0, 0.1, 0.0], [0.2, 0.3, 0.1], 0.1), 0.02)

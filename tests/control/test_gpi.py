@@ -33,6 +33,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.errors import ArmgpiError, ArrayError, EffortError, ParameterError
+from armgpi.loop.provenance import Provenance
 from armgpi.plants.plant import Wrapper
 
 Array = npt.NDArray[np.float64]
@@ -371,3 +372,12 @@ def test_a_range_of_loads_beyond_what_a_roll_off_tolerates_is_warned_of() -> Non
     assert GPI(ARM, DT, payload=loads).payload.delta[1] > 4.0
     with pytest.warns(ArmgpiWarning, match="not stable"):
         GPI(ARM, DT, payload=loads, rolloff=1)
+
+
+@pytest.mark.parametrize(
+    ("feedforward", "knows"), [("none", "inertia"), ("gravity", "gravity"), ("model", "model")]
+)
+def test_what_it_knows_follows_its_feedforward(feedforward: str, knows: str) -> None:
+    rollout = simulate(RigidBodyPlant(ARM), GPI(ARM, DT, feedforward=feedforward), Hold(np.zeros(3)), 0.01)
+    assert Provenance.from_rollout(rollout).knows == knows
+    assert GPI.knows == "inertia"
