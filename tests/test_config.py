@@ -16,8 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_omega
-from armgpi.config import schema
-from armgpi.config.drives import read as read_drives
+from armgpi.config import drives, schema
 from armgpi.errors import ArmgpiError, ConfigError
 from armgpi.plants.plant import Wrapper
 
@@ -697,8 +696,10 @@ def test_drives_are_of_the_plant_and_of_the_nominal_model(tmp_path: Path) -> Non
     path.write_text(
         "q1: {gear_ratio: 100, motor_inertia: 2e-5, coulomb: 0.5}\nq2: {viscous: 0.25, motor_inertia: 0.1}\n"
     )
-    given = read_drives(path)
+    given = drives.read(path)
     assert given["friction"] == {"viscous": {"q2": 0.25}, "coulomb": {"q1": 0.5}}
+    assert drives.given(path, {"q3": 0.4})["rotor_inertia"] == {**given["rotor_inertia"], "q3": 0.4}
+    assert drives.given(path, 0.1)["rotor_inertia"] == 0.1
     wanted = {
         "robot": {"name": "anthropomorphic3", **given},
         "plant": {"rotor_inertia": {"q1": 0.3}, "friction": "urdf"},
@@ -727,9 +728,9 @@ def test_a_bad_file_of_drives_is_named(tmp_path: Path, text: str, named: str) ->
     path = tmp_path / "drives.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=named):
-        read_drives(path)
+        drives.read(path)
     with pytest.raises(ConfigError, match="nowhere"):
-        read_drives(tmp_path / "nowhere.yaml")
+        drives.read(tmp_path / "nowhere.yaml")
 
 
 def test_a_sensor_that_is_defined_later_is_no_key_and_does_no_harm() -> None:

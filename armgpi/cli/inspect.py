@@ -91,12 +91,10 @@ def inspect(
 
 def _drives(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
     """Return rotor inertia and friction as options and a file give them."""
-    from armgpi.config.drives import read
+    from armgpi.config.drives import given
 
-    found = {} if path is None else read(path)
-    if rotor_inertia:
-        found["rotor_inertia"] = per_joint(",".join(rotor_inertia), "--rotor-inertia")
-    return found
+    told = per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None
+    return given(path, told)
 
 
 def _folders(given: list[Path]) -> list[Path]:

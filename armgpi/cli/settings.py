@@ -9,8 +9,7 @@ from typing import Any
 from armgpi import config as configuration
 from armgpi.cli.declared import Option
 from armgpi.cli.parsing import locks, per_joint, refusal, split
-from armgpi.config import Loaded, Origin
-from armgpi.config.drives import read as read_drives
+from armgpi.config import Loaded, Origin, drives
 from armgpi.paper import scenarios
 
 
@@ -82,15 +81,12 @@ def _robot(over: _Overlay) -> None:
     over.take("mimic", "robot", "mimic")
     over.take("repair", "robot", "repair", read=split)
     over.take("effort", "robot", "effort", read=lambda texts: per_joint(",".join(texts), "--effort"))
-    if over.given("drives"):
-        for key, value in read_drives(over.options["drives"]).items():
-            over.put("--drives", value, "robot", key)
-    over.take(
-        "rotor_inertia",
-        "robot",
-        "rotor_inertia",
-        read=lambda texts: per_joint(",".join(texts), "--rotor-inertia"),
-    )
+    inertia = None
+    if over.given("rotor_inertia"):
+        inertia = per_joint(",".join(over.options["rotor_inertia"]), "--rotor-inertia")
+    for key, value in drives.given(over.options["drives"], inertia).items():
+        own = key == "rotor_inertia" and inertia is not None
+        over.put("--rotor-inertia" if own else "--drives", value, "robot", key)
 
 
 def _declared(over: _Overlay, option: Option, value: Any) -> None:

@@ -30,6 +30,14 @@ class Drive(Section):
     coulomb: NotNegative | None = None
 
 
+def given(path: Path | None, rotor_inertia: Any = None) -> dict[str, Any]:
+    """Return what a file of drives says, as :func:`read`, under a rotor inertia that was given besides."""
+    found = {} if path is None else read(path)
+    if isinstance(rotor_inertia, dict):
+        rotor_inertia = {**found.get("rotor_inertia", {}), **rotor_inertia}
+    return found if rotor_inertia is None else {**found, "rotor_inertia": rotor_inertia}
+
+
 def read(path: Path) -> dict[str, Any]:
     """Return what a file of drives (YAML or JSON: joint -> its drive) says, as keys of the section `robot`.
 

@@ -23,6 +23,9 @@ from armgpi.registry import Context
 from armgpi.robot.batch import check_robot
 from armgpi.robot.robot import Robot
 
+#: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
+_SMOOTH = 1e-2
+
 
 class GPIState(NamedTuple):
     """State of a GPI controller.
@@ -63,6 +66,7 @@ class GPI(Controller):
             none.
         frame: frame that carries the load; the robot's tip when not given.
         com: centre of mass of the load in that frame [m], shape (3,).
+        friction_feedforward: whether the nominal model's joint friction at the reference velocity is added.
         integrators: 1 to 3; the paper has 2.
         rolloff: poles beyond those that C(s) needs, 0 to 2; the paper has 0.
         rolloff_ratio: those poles over omega_c [-].
@@ -77,6 +81,8 @@ class GPI(Controller):
     measurement_type: ClassVar[type[Measurement]] = Measurement
     knows: ClassVar[str] = "inertia"
     derived: ClassVar[Mapping[str, str]] = {
+        "_viscous": "viscous friction of the nominal model [N m s/rad or N s/m]",
+        "_coulomb": "Coulomb friction of the nominal model [N m or N]",
         "_emptied": "share of an integrator that leaks out in a sample at rest [-]",
     }
 
@@ -102,6 +108,12 @@ class GPI(Controller):
         choices=("none", "gravity", "model"),
         structural=True,
         short="torque of the nominal model at the reference that is added",
+    )
+    friction_feedforward: bool = parameter(
+        "add the nominal model's joint friction at the reference velocity",
+        kind="flag",
+        default=False,
+        structural=True,
     )
     delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
     payload: Any = parameter(
@@ -219,6 +231,7 @@ class GPI(Controller):
         if self._rests and self.realisation != "bumpless":
             raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
         self._emptied = -np.expm1(-self.rest_leak * self.dt)
+        self._viscous, self._coulomb = self.robot.friction
         self._dynamics = self.robot.dynamics
         with np.errstate(all="ignore"):
             self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
@@ -265,7 +278,7 @@ class GPI(Controller):
             coefficients = self._law.coefficients(tuning, self.dt)
         v = self._law.output(e, state.law, coefficients)
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
-        if self.feedforward != "none":
+        if self.feedforward != "none" or self.friction_feedforward:
             asked = asked + self._ahead(target, np.zeros_like(q))
         tau = self.limited(asked)
         cut = tau - asked
@@ -280,7 +293,14 @@ class GPI(Controller):
     def _ahead(self, target: Target, zero: Array) -> Array:
         """Return the torque of the nominal model at the reference, in the shape of `zero`."""
         q, v, a = (part + zero for part in target)  # one reference may be for a whole batch
-        return self._dynamics.gravity(q) if self.feedforward == "gravity" else self._dynamics.inverse(q, v, a)
+        ahead = zero
+        if self.feedforward != "none":
+            known = self._dynamics
+            ahead = known.gravity(q) if self.feedforward == "gravity" else known.inverse(q, v, a)
+        if self.friction_feedforward:
+            # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
+            ahead = ahead + self._viscous * v + self._coulomb * (v / np.sqrt(v * v + _SMOOTH * _SMOOTH))
+        return ahead
 
     def _resting(self, e: Array, target: Target) -> Resting | None:
         """Return what the integrators are given where the reference rests; None where it does not matter."""

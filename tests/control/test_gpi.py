@@ -219,6 +219,27 @@ def test_cut_torque_winds_no_integrator_up(feedforward: str) -> None:
     np.testing.assert_allclose(after.law.lam, -3.0 * 20.0 * DT * missing, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("feedforward", ["none", "model"])
+def test_friction_that_is_known_is_asked_for_ahead(feedforward: str) -> None:
+    rough = ARM.with_friction(viscous=[0.1, 0.2, 0.3], coulomb=[0.2, 0.3, 0.1])
+
+    def asked(on: bool, v: Array) -> Array:
+        target = Target(BRAKES, v, np.zeros(3))
+        law = GPI(rough, DT, feedforward=feedforward, friction_feedforward=on)
+        return law.step(Measurement(BRAKES), target, law.init(Measurement(BRAKES), target)).tau
+
+    fast = np.array([2.0, -3.0, 1.0])
+    expected = rough.friction.viscous * fast + rough.friction.coulomb * np.sign(fast)
+    np.testing.assert_allclose(asked(True, fast) - asked(False, fast), expected, rtol=1e-4)
+    np.testing.assert_array_equal(asked(True, BRAKES), asked(False, BRAKES))
+    peaks = []
+    for on in (False, True):
+        law = GPI(rough, DT, FixedGains(20.0), feedforward=feedforward, friction_feedforward=on)
+        rollout = simulate(RigidBodyPlant(rough, friction="urdf"), law, WAY, 1.2)
+        peaks.append(metrics.rms(rollout).values)
+    assert (peaks[1] < peaks[0]).all()
+
+
 def test_at_rest_small_errors_are_not_integrated_and_all_but_the_first_integrator_empty() -> None:
     rail, q = sled(), np.array([1e-3])
     zone, leak = 4e-4, 50.0
