@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, health, robots, simulate
+from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, default_omega, health, robots, simulate
 from armgpi.cli.parsing import as_option
 from armgpi.errors import ArmgpiError, NameNotFound, Remedy, UrdfError
 from armgpi.health import findings
@@ -336,3 +336,32 @@ def test_a_new_check_is_one_function(report: Any, monkeypatch: pytest.MonkeyPatc
     assert hit.value == pytest.approx(0.2)
     assert "reach" in {each["kind"] for each in found.as_dict()["findings"]}
     assert "| `reach` | warning | an arm longer than 10 cm |" in findings.table()
+
+
+def test_a_likely_load_that_endangers_the_loop_is_said() -> None:
+    for name, lock in (("panda", ["panda_finger_joint1"]), ("panda", ()), ("ur5", ())):
+        report = health.with_payload(health.inspect(name, lock=lock), 0.0)
+        robot = report.robot
+        load = 0.05 * robot.total_mass
+        # The least eigenvalue of D^-1 D-hat at random configurations, which the search undercuts.
+        empty, loaded = (
+            arm.mass_matrix(robot.random_positions(200))
+            for arm in (robot, robot.with_payload(robot.tip, load))
+        )
+        sampled = float(np.linalg.eigvals(np.linalg.solve(loaded, empty)).real.min())
+        said = [f for f in report.findings if f.kind == "payload" and "5 %" in f.message]
+        delta = float(said[0].value) if said else 0.5
+        assert bool(said) >= (sampled < 0.5)
+        assert delta <= max(sampled, 0.5) + 1e-9
+        assert all(f.level == ("warning" if delta < 0.36 else "info") for f in said)
+
+
+def test_a_slow_default_bandwidth_and_missing_rotors_are_said() -> None:
+    slow = {f.kind: f for f in health.inspect("ur5", dt=4e-3, delay=2).findings}
+    assert (slow["bandwidth"].level, slow["bandwidth"].value) == ("warning", default_omega(4e-3, 8e-3))
+    assert "bandwidth" not in {f.kind for f in health.inspect("ur5").findings}
+    ((kind, _, proposed),) = slow["armature"].remedies
+    assert kind == "rotor_inertia"
+    values = dict(part.split("=") for part in str(proposed).split(","))
+    told = health.inspect("ur5", rotor_inertia={name: float(value) for name, value in values.items()})
+    assert "armature" not in {f.kind for f in told.findings}

@@ -389,6 +389,10 @@ CASES: dict[str, Case] = {
             "dt": DT,
             "gains": armgpi.FixedGains(20.0),
             "realisation": "bumpless",
+            "feedforward": "model",
+            "friction_feedforward": True,
+            "rest_dead_zone": 1e-3,
+            "rest_leak": 50.0,
             "start": "hold",
             "delay": 0.0,
             "integrators": 3,
@@ -484,6 +488,7 @@ CASES: dict[str, Case] = {
     "Robot.with_payload": Case(
         ARM.with_payload, {"frame": TIP, "mass": 0.1, "com": [0.0, 0.0, 0.0], "inertia": TENSOR}, dynamics
     ),
+    "Robot.with_friction": Case(ARM.with_friction, {"viscous": 0.1, "coulomb": 0.2}),
     "Robot.with_armature": Case(ARM.with_armature, {"armature": 0.1}, dynamics),
     "Robot.scaled_inertia": Case(ARM.scaled_inertia, {"factor": 0.8}, dynamics),
     "Robot.with_gravity": Case(ARM.with_gravity, {"gravity": [0.0, 0.0, -9.81]}, dynamics),

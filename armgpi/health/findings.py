@@ -163,7 +163,9 @@ class Check(NamedTuple):
 CHECKS: list[Check] = [
     Check("payload", "the motors do not hold the load given with `--payload` everywhere", ("warning",)),
     Check(
-        "payload", "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5", ("warning",)
+        "payload",
+        "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5, or 0.36 (warning)",
+        ("warning", "info"),
     ),
     Check("cross-check", "yourdfpy reads another robot", ("error",)),
     Check("cross-check", "yourdfpy cannot read the file", ("warning",)),

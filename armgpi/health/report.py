@@ -21,14 +21,15 @@ from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
-from armgpi.health.findings import LEVELS, Finding, Subject
+from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.robot import repairs, robots, urdf, urdf_model
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
-#: A load that an arm is likely to carry, as a share of its mass, and the delta that it should leave.
-_PLAUSIBLE, _LEAST_DELTA = 0.05, 0.5
+#: A load that an arm is likely to carry, as a share of its mass, the delta that it should leave, and the one
+#: below which GPI is unstable.
+_PLAUSIBLE, _LEAST_DELTA, _UNSTABLE_DELTA = 0.05, 0.5, 0.36
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,8 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
             f"nominal D(q) without it {delta:.2g} of the true one; GPI is stable above 0.36"
         )
         repair = "tell the controller of the load (payload range), and of the rotor inertia"
-        found.append(Finding("warning", "robot", message, delta, _LEAST_DELTA, repair, (), "payload"))
+        level: Level = "warning" if delta < _UNSTABLE_DELTA else "info"
+        found.append(Finding(level, "robot", message, delta, _LEAST_DELTA, repair, (), "payload"))
     facts = {
         "mass": mass,
         "frame": report.robot.tip,
