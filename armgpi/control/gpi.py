@@ -285,7 +285,7 @@ class GPI(Controller):
         missing = self._dynamics.inertia_solve(q, cut)
         # The solver hands a zero torque back as it is: then nothing was cut.
         applied = None if missing is cut else missing
-        law = self._law.update(e, v, applied, state.law, coefficients, self._resting(e, target))
+        law = self._law.update(e, v, applied, state.law, coefficients, *self._resting(e, target))
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
@@ -302,14 +302,14 @@ class GPI(Controller):
             ahead = ahead + self._viscous * v + self._coulomb * (v / np.sqrt(v * v + _SMOOTH * _SMOOTH))
         return ahead
 
-    def _resting(self, e: Array, target: Target) -> Resting | None:
-        """Return what the integrators are given where the reference rests; None where it does not matter."""
+    def _resting(self, e: Array, target: Target) -> tuple[Resting, ...]:
+        """Return what the integrators are given where the reference rests; nothing where that is the error."""
         if not self._rests:
-            return None
+            return ()
         rests = np.where((target.v == 0.0) & (target.a == 0.0), 1.0, 0.0)
         zone = rests * self.rest_dead_zone
         beyond = e - np.minimum(np.maximum(e, -zone), zone)
-        return new(Resting, (beyond, 1.0 - rests * self._emptied))
+        return (new(Resting, (beyond, 1.0 - rests * self._emptied)),)
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""
