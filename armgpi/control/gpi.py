@@ -101,20 +101,6 @@ class GPI(Controller):
         choices=("hold", "zero"),
         structural=True,
     )
-    feedforward: str = parameter(
-        "torque of the nominal model at the reference that is added; none is the paper",
-        kind="choice",
-        default="none",
-        choices=("none", "gravity", "model"),
-        structural=True,
-        short="torque of the nominal model at the reference that is added",
-    )
-    friction_feedforward: bool = parameter(
-        "add the nominal model's joint friction at the reference velocity",
-        kind="flag",
-        default=False,
-        structural=True,
-    )
     delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
     payload: Any = parameter(
         "loads that it must tolerate; its nominal model has the heaviest",
@@ -173,6 +159,20 @@ class GPI(Controller):
         slider=(0.3, 2.0),
     )
 
+    feedforward: str = parameter(
+        "torque of the nominal model at the reference that is added; none is the paper",
+        kind="choice",
+        default="none",
+        choices=("none", "gravity", "model"),
+        structural=True,
+        short="torque of the nominal model at the reference that is added",
+    )
+    friction_feedforward: bool = parameter(
+        "add the nominal model's joint friction at the reference velocity",
+        kind="flag",
+        default=False,
+        structural=True,
+    )
     rest_dead_zone: PerJoint = parameter(
         "error below which nothing is integrated while the reference rests",
         unit="rad or m",
@@ -303,7 +303,7 @@ class GPI(Controller):
         return ahead
 
     def _resting(self, e: Array, target: Target) -> tuple[Resting, ...]:
-        """Return what the integrators are given where the reference rests; nothing where that is the error."""
+        """Return what the integrators are given where the reference rests; nothing for the error."""
         if not self._rests:
             return ()
         rests = np.where((target.v == 0.0) & (target.a == 0.0), 1.0, 0.0)
