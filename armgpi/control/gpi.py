@@ -48,7 +48,7 @@ class GPI(Controller):
     It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.control.family`) have more or fewer integrators, and a roll-off.
-    What the nominal model knows of the way ahead can be added, tau = D(q) v + `feedforward`(q*, v*, a*).
+    What the nominal model knows of the way ahead can be added: ``tau = D(q) v + feedforward(q*, v*, a*)``.
 
     Attributes:
         robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
