@@ -62,7 +62,7 @@ def as_times(t: Any, infinite: bool = True) -> Any:
     """Return a time or times [s] as an array, symbols of generated code as they are.
 
     Raises:
-        ArrayError: when it is no number, NaN, or infinite where that is no time.
+        ArrayError: when it is not a number, NaN, or infinite where a time must be finite.
     """
     if hasattr(t, "__array_ufunc__") and not isinstance(t, np.ndarray | np.generic):
         return t
@@ -249,7 +249,7 @@ def check_number(
         open_: whether `lowest` itself is too small; what has to be above zero is at least `SMALLEST`.
 
     Raises:
-        ParameterError: when it is no number, not finite, outside, too large or too small.
+        ParameterError: when it is not a number, not finite, outside, too large or too small.
     """
     number = math.nan
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):

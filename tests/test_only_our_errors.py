@@ -415,6 +415,38 @@ CASES: dict[str, Case] = {
         {"robot": ARM, "dt": DT, "kp": 400.0, "ki": 500.0, "kd": 40.0, "effort": 3.0, "bias_robot": ARM},
         controlled,
     ),
+    **{
+        name: Case(
+            getattr(armgpi, name),
+            {"robot": ARM, "dt": DT, "effort": 3.0, "bias_robot": ARM, **own},
+            controlled,
+        )
+        for name, own in {
+            "PIDPositions": {"kp": 400.0, "ki": 500.0, "kd": 40.0, "velocity_bandwidth": 200.0},
+            "ADRC": {"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0, "order": 3},
+            "ComputedTorqueDOB": {"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0},
+            "SuperTwisting": {
+                **{"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0},
+                **{"slope": 100.0, "layer": 0.05},
+            },
+            "SlotineLi": {
+                **{"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0},
+                **{"adaptation": 0.25, "leak": 1.0, "layer": 0.05},
+            },
+        }.items()
+    },
+    "GainSchedule": Case(
+        lambda **a: gpi(gains=armgpi.GainSchedule(**a)),
+        {
+            "omega_c": (22.0, 60.0),
+            "zeta_c": 0.75,
+            "attack": 0.2,
+            "leak": 5.0,
+            "error_range": 1e-4,
+            "dead_zone": 2e-4,
+        },
+        controlled,
+    ),
     "default_omega": Case(armgpi.default_omega, {"dt": DT, "delay": 0.0, "highest": 30.0}),
     "Member": Case(
         Member,
@@ -432,6 +464,11 @@ CASES: dict[str, Case] = {
     # Infinite where no load bounds it.
     "largest_payload": Case(armgpi.largest_payload, LOADED, promised=True, slow=True),
     # Plants
+    "Reality": Case(
+        armgpi.Reality,
+        {name: each.default for name, each in parameters(armgpi.Reality).items()},
+        lambda made: {name: value for name, value in made.values().items() if name != "name"},
+    ),
     "RigidBodyPlant": Case(
         armgpi.RigidBodyPlant,
         {
@@ -639,7 +676,7 @@ CASES: dict[str, Case] = {
 PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
     *("ControlStep", "FullState", "Measurement", "Target", "Tuning"),
-    *("InverseSolution", "LargestPayload", "PayloadRange"),
+    *("Draw", "InverseSolution", "LargestPayload", "PayloadRange"),
     *("Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }
 #: What starts a process for every call.
@@ -650,6 +687,7 @@ DECLARED: dict[str, Any] = {
     "FixedGains in the printed law": armgpi.FixedGains,
     "BSplineNetwork in GPI": armgpi.BSplineNetwork,
     "signed network": armgpi.BSplineNetwork,
+    "GainSchedule": armgpi.GainSchedule,
 }
 #: Arguments that are left as they are: any value is a model, which is read in a process of its own, and any
 #: time makes as long a log.

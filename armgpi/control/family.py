@@ -83,7 +83,7 @@ class Member:
         Raises:
             ParameterError: for a number of integrators or a roll-off that is not in the family, or a ratio
                 that is not positive.
-            ArrayError: for a ratio that is no number.
+            ArrayError: for a ratio that is not a number.
         """
         self.integrators = check_whole(integrators, "integrators", 1, 3)
         # Up to 2 a stable loop implies a stable D (its Routh condition is the loop's first), above not.

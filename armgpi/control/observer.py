@@ -18,11 +18,10 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.gains import default_omega
-from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints
 
 #: Default bandwidths: of the controller over that of GPI, of the observer over that of the controller. The
 #: geometric mean of the five poles is then about the bandwidth of GPI, whose five are equal.
@@ -156,13 +155,12 @@ class ObserverController(Controller):
             ArrayError: for a bandwidth that is not positive or does not fit the joints.
             EffortError: when a joint has no torque.
         """
+        check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
         self.fill("omega_c", _SLOWER * default_omega(self.dt, self.delay) * np.ones(self.robot.n))
         self.fill("omega_o", _FASTER * self.omega_c)
         self.fill("bias_robot", self.robot)
-        if self.bias_robot.joint_names != self.robot.joint_names:
-            names = ", ".join(self.robot.joint_names)
-            raise ParameterError("bias_robot", self.bias_robot, f"a robot with the joints {names}")
+        check_same_joints(self.bias_robot, "bias_robot", self.robot)
         super().__post_init__()
         self._gains = observer_gains(self.omega_o, self.dt, self.observer_order)
 

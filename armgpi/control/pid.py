@@ -10,11 +10,10 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import Controller, ControlStep, FullState
-from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, check_robot
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints
 
 
 class PIDState(NamedTuple):
@@ -92,10 +91,7 @@ class PIDInversion(Controller):
         """
         check_robot(self.robot)
         self.fill("bias_robot", self.robot)
-        check_robot(self.bias_robot, "bias_robot")
-        if self.bias_robot.joint_names != self.robot.joint_names:
-            joints = ", ".join(self.robot.joint_names)
-            raise ParameterError("bias_robot", self.bias_robot, f"a robot with the joints {joints}")
+        check_same_joints(self.bias_robot, "bias_robot", self.robot)
         super().__post_init__()
         self._ki_dt = self.dt * self.ki
         self._kp_now = self.kp + 0.5 * self._ki_dt

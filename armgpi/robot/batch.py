@@ -81,3 +81,14 @@ def check_robot(robot: Any, name: str = "robot") -> None:
         ParameterError: when it is something else.
     """
     check_type(robot, name, AnyRobot, "a Robot or a RobotBatch")
+
+
+def check_same_joints(other: Any, name: str, robot: AnyRobot) -> None:
+    """Refuse what is not a robot with the joints of `robot`.
+
+    Raises:
+        ParameterError: when it is something else.
+    """
+    check_robot(other, name)
+    if other.joint_names != robot.joint_names:
+        raise ParameterError(name, other, f"a robot with the joints {', '.join(robot.joint_names)}")

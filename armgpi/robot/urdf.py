@@ -381,7 +381,7 @@ def _numbers(text: str, count: int, infinite: bool = False) -> tuple[float, ...]
 
 
 def _hint(text: str, count: int) -> str:
-    """Return what to write instead of a text that is no number."""
+    """Return what to write instead of a text that is not a number."""
     if len(_without_commas(text).split()) == count and "," in text:
         return "; separate numbers by spaces, not by commas"
     return "; write 1.5, not 1,5" if re.fullmatch(r"[\s\d.,+-]+", text) else xacro_hint(text)

@@ -30,7 +30,7 @@ _SHARES = {
     -1.0: "{} missing",
     -0.5: "a factor 2 is missing in {}",
     -2.0: "the sign of {}",
-    1.0: "a factor 1/2 is missing in {} (or it stands twice)",
+    1.0: "a factor 1/2 is missing in {} (or it is there twice)",
 }
 
 
