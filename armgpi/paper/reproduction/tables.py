@@ -95,9 +95,8 @@ def contenders(results: Sequence[tuple[str, xr.Dataset]]) -> list[Contender]:
         ends = describe_end(result)
         for row, name in enumerate(result["label"].values):
             if name not in figure_only:
-                measures = describe_measurement(
-                    *(str(result[key].values[row]) for key in ("measurement", "knows"))
-                )
+                told = [key for key in ("measurement", "knows") if key in result]
+                measures = describe_measurement(*(str(result[key].values[row]) for key in told))
                 scale = float(result["scale"].values[row])
                 own = {metric: table[row] for metric, table in values.items()}
                 found.append(Contender(str(name), sensors, scale, own, ends[row], measures))
