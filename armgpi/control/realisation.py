@@ -207,8 +207,8 @@ def _fed(
     kept: Sequence[Array], old: Sequence[Array], drive: Sequence[Array], e: Array, dt: Array
 ) -> list[Array]:
     """Return a chain's next states: what each kept, `dt` times the next one before, and of the error."""
-    raised = [x + dt * above for x, above in zip(kept, old[1:], strict=False)]
-    return [x + gain * e for x, gain in zip((*raised, kept[-1]), drive, strict=True)]
+    fed = [x + dt * above + gain * e for x, above, gain in zip(kept, old[1:], drive, strict=False)]
+    return [*fed, kept[-1] + drive[-1] * e]
 
 
 def _at_once(f: Sequence[Array], half: float) -> Array:
@@ -247,9 +247,10 @@ class _Filter(NamedTuple):
 def _filter(f: Sequence[Array], d: Sequence[Array], half: float) -> _Filter:
     """Return F(s) / D(s) by the trapezoidal rule as a chain in observer form."""
     shrunk = _at_once(d, half)
+    # A sum for each division: generated code would share a reciprocal, whose products round otherwise.
+    passed = _at_once(f, half) / (1.0 + shrunk)
+    decay = (1.0 - shrunk - _beyond(d, half)) / (1.0 + shrunk)
     scale = 1.0 + shrunk
-    passed = _at_once(f, half) / scale
-    decay = (1.0 - shrunk - _beyond(d, half)) / scale
     drive = (1.0 + decay) * passed + _beyond(f, half) / scale
     dt = 2.0 * half
     leaks = [dt * (x / scale) for x in _delta(d, half)[1:]]
