@@ -407,3 +407,23 @@ def test_one_integrator_without_roll_off_is_a_pid_with_a_filtered_derivative(tun
     above, below = filter_of(tuning, Member(1, 0))
     np.testing.assert_allclose(pid, np.polyval(above, s) / np.polyval(below, s), rtol=1e-12)
     assert kd > 0.0
+
+
+@settings(max_examples=50)
+@given(
+    st.floats(1.0, 100.0), st.floats(0.3, 2.0), st.floats(0.2, 5.0), st.integers(0, 2**32 - 1), st.booleans()
+)
+def test_the_printed_law_unrolled_has_the_bits_of_its_member(
+    omega: float, zeta: float, ratio: float, seed: int, saturated: bool
+) -> None:
+    unrolled, general = Bumpless(), Bumpless()
+    general._printed = False
+    tuning = Tuning(*(np.full(3, x) for x in (omega, zeta, ratio * omega)))
+    c, d = (law.coefficients(tuning, 1e-3) for law in (unrolled, general))
+    np.testing.assert_array_equal(np.broadcast_arrays(*c), np.broadcast_arrays(*d))
+    random = np.random.default_rng(seed)
+    e, *state = random.normal(size=(4, 3))
+    a = random.normal(size=3) if saturated else None
+    begun = unrolled.init(np.zeros(3), c)._replace(lam=state[0], chi=state[1], eta=state[2])
+    one, two = unrolled.update(e, e, a, begun, c), general.update(e, e, a, begun, d)
+    np.testing.assert_array_equal(one, two)
