@@ -103,7 +103,7 @@ def test_help_names_every_command_and_option_and_fits_80_columns(
 
 
 def test_without_a_command_the_help_is_shown(cli: Callable[..., Answer]) -> None:
-    assert "Commands:" in "".join(cli()[1:])
+    assert "Simulate:" in "".join(cli()[1:])
 
 
 def test_the_version_is_shown(cli: Callable[..., Answer]) -> None:
@@ -114,9 +114,14 @@ def test_the_version_is_shown(cli: Callable[..., Answer]) -> None:
 def test_robots_are_listed_with_what_to_know_of_them(cli: Callable[..., Answer]) -> None:
     code, out, err = cli("robots")
     assert (code, err) == (0, "")
+    assert [line.split()[0] for line in out.splitlines()] == list(names())
+    code, out, err = cli("robots", "--check")
+    assert (code, err) == (0, "")
     first = [line.split()[0] for line in out.splitlines() if line[0] != " "]
     assert first == ["name", *names()]
-    code, out, _ = cli("robots", "--json")
+    quick = json.loads(cli("robots", "--json").out)
+    assert tuple(row["name"] for row in quick) == names()
+    code, out, _ = cli("robots", "--check", "--json")
     rows = {row["name"]: row for row in json.loads(out)}
     assert code == 0
     assert tuple(rows) == names()
@@ -936,3 +941,26 @@ def test_a_mixture_of_two_runs_is_refused_by_the_file_that_differs(
     assert refused.code == 2
     assert f"{one / changed}: is not the file that {one / 'SHA256SUMS'} names" in refused.err
     assert not (tmp_path / "mixed.html").exists()
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".md", ".tex"])
+def test_a_table_of_metrics_is_written_in_the_format_of_its_name(
+    cli: Callable[..., Answer], tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"table{suffix}"
+    answer = cli("compare", ARM, *SHORT, "--json", "--table", path)
+    assert answer.code == 0
+    record, _ = json.loads(answer.out)
+    text = path.read_text(encoding="utf-8")
+    if suffix == ".csv":
+        rows = list(csv.DictReader(text.splitlines()))
+        assert [(row["controller"], row["joint"]) for row in rows[:2]] == [("gpi", "q1"), ("gpi", "q2")]
+        assert [float(row["ITAE [rad s²]"]) for row in rows[:3]] == record["metrics"]["itae"]
+    else:
+        cells = [line.strip("| \\").split(" | " if suffix == ".md" else " & ") for line in text.splitlines()]
+        q1 = next(row for row in cells if row[0] == "gpi")
+        assert float(q1[2]) == float(f"{record['metrics']['itae'][0]:.4g}")
+    code, _, err = cli("compare", ARM, *SHORT, "--table", tmp_path / "table.xlsx")
+    assert code == 2
+    assert "--table" in err
+    assert ".csv, .md, .tex" in err

@@ -122,6 +122,15 @@ def test_ros_package_path_and_package_dirs_are_searched(
     assert MeshFinder(urdf).find(name).path == (far / "palm.stl").resolve()
 
 
+def test_packages_of_ros_2_are_found(package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    palm = tmp_path / "install" / "hand" / "share" / "hand" / "palm.stl"
+    palm.parent.mkdir(parents=True)
+    palm.write_text("x")
+    (palm.parent / "package.xml").write_text(MANIFEST.format("hand"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path / 'install' / 'hand'}")
+    assert MeshFinder(package / "urdf" / "arm.urdf").find("package://hand/palm.stl").path == palm.resolve()
+
+
 def test_a_missing_mesh_names_every_path_that_was_tried(package: Path) -> None:
     found = MeshFinder(package / "urdf" / "arm.urdf").find("meshes/gone.stl")
     assert found.path is None

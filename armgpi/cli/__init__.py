@@ -10,22 +10,22 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from armgpi.cli import derive, doctor, experiment, export, inspect, paper, robots, validate, view, zoo
-from armgpi.cli.declared import Command
+from armgpi.cli.declared import DeclaredCommand
+from armgpi.cli.layout import Command, Commands
 from armgpi.cli.options import FLAG
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
 from armgpi.cli.terminal import say
 from armgpi.escape import shown
 
 
-class _Commands(TyperGroup):
+class _Commands(Commands):
     """The commands; what Click says of wrong options and arguments is shown as everything else is."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
@@ -54,24 +54,24 @@ app = typer.Typer(
     cls=_Commands,
     help="Torque control of any robot arm from its URDF and measured positions alone.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: it may speak of units in [brackets]
 )
 
-app.command(cls=Command)(experiment.run)
-app.command(cls=Command)(experiment.compare)
-app.command()(robots.robots)
-app.command()(inspect.inspect)
-app.command()(doctor.doctor)
-app.command()(zoo.zoo)
-app.command()(paper.reproduce)
-app.command()(paper.scenarios)
-app.command()(view.view)
-app.command()(view.report)
-app.command()(validate.validate)
-app.command()(derive.derive)
-app.command(cls=Command)(export.export)
+#: Group in --help -> its commands.
+_GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Simulate": (experiment.run, experiment.compare, zoo.zoo),
+    "Robots": (robots.robots, inspect.inspect, view.view),
+    "Results": (view.report,),
+    "Hand-derived dynamics": (validate.validate, derive.derive),
+    "Hardware": (export.export,),
+    "The paper": (paper.reproduce, paper.scenarios),
+    "Installation": (doctor.doctor,),
+}
+for _group, _functions in _GROUPS.items():
+    for _function in _functions:
+        _declares = _function in (experiment.run, experiment.compare, export.export)
+        app.command(cls=DeclaredCommand if _declares else Command, rich_help_panel=_group)(_function)
 
 
 def _show_version(wanted: bool) -> None:

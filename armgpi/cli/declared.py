@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import typer
-from typer.core import TyperCommand
 
 from armgpi import registry
+from armgpi.cli.layout import Command
 from armgpi.cli.parsing import per_joint, refusal
 
 #: Where a context keeps the options that were given.
@@ -83,7 +83,7 @@ class Option(NamedTuple):
         return _whole(numbers) if kind == "integer" else numbers
 
 
-class Command(TyperCommand):
+class DeclaredCommand(Command):
     """A command with an option for every declared parameter; they are looked for when they are needed."""
 
     def get_params(self, ctx: Any) -> list[Any]:
@@ -238,6 +238,7 @@ def _click_options(wanted: Iterable[Option]) -> list[Any]:
                 show_default=False,
                 expose_value=False,
                 callback=_keep,
+                rich_help_panel="Controllers" if each.owners else "Plant",
             ),
             annotation=str | None,
         )

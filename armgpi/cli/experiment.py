@@ -71,7 +71,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi import config as configuration
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
-    from armgpi.cli.tables import print_tables
+    from armgpi.cli.tables import check_table, print_tables, write_table
     from armgpi.config import experiment as experiments
     from armgpi.loop.rollout import Status
 
@@ -80,6 +80,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     _check_out(options, experiment)
     pictures.check(options)
+    check_table(options["table"])
     _note_early_end(experiment)
     _warn_of_weak_motors(experiment)
     if compare:
@@ -92,6 +93,8 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
         if options["out"] is not None:
             paths = experiments.save(result, experiment, options["out"])
+        if options["table"] is not None:
+            paths.append(write_table(experiment, records, options["table"]))
         paths += pictures.make(options, result, experiment)
     finally:
         if options["as_json"]:

@@ -6,8 +6,9 @@ import json
 import math
 import os
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -22,7 +23,12 @@ if TYPE_CHECKING:
     from armgpi.health.report import HealthReport
 
 _Robot = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
+    str,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
+        autocompletion=opt.robot_names,
+    ),
 ]
 _CrossCheck = Annotated[
     bool,
@@ -66,7 +72,7 @@ def inspect(
         None if not keep else split(keep),
         "lock" if mimic is None else mimic,  # type: ignore[arg-type]  # anything else is refused there
         None if not effort else per_joint(",".join(effort), "--effort"),
-        _folders(package_dir or []),
+        package_dir or [],
         1e-3 if dt is None else dt,
         0 if delay is None else delay,
         16 if encoder_bits is None else encoder_bits,
@@ -91,20 +97,12 @@ def inspect(
 
 def _drives(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
     """Return rotor inertia and friction as options and a file give them."""
+    if path is None and not rotor_inertia:
+        return {}
     from armgpi.config.drives import given
 
     told = per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None
     return given(path, told)
-
-
-def _folders(given: list[Path]) -> list[Path]:
-    """Return the package folders, refusing those that do not exist."""
-    from armgpi.cli.parsing import refusal
-
-    for folder in given:
-        if not os.path.isdir(folder):
-            raise refusal("--package-dir", f"there is no folder {str(folder)!r}")
-    return given
 
 
 def _show(report: HealthReport) -> None:
@@ -152,33 +150,32 @@ def _show(report: HealthReport) -> None:
 
 
 def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
-    """Print the table of joints, which is never narrower than its numbers."""
+    """Print the table of joints, in two parts where the terminal is too narrow for one."""
     from rich.measure import Measurement
+
+    def least(table: Any) -> int:
+        return Measurement.get(console, console.options, table).minimum
+
+    tables = [_joint_table(joints, _COLUMNS)]
+    if least(tables[0]) > console.width:
+        tables = [_joint_table(joints, _COLUMNS[:_LIMITS]), _joint_table(joints, _COLUMNS[_LIMITS:])]
+    console.width = max(console.width, *map(least, tables))
+    for table in tables:
+        console.print(table, soft_wrap=False)
+
+
+def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column]) -> Any:
+    """Return a table of joints with some columns."""
     from rich.table import Table
 
     table = Table()
     longest = max(len(shown(joint["name"])) for joint in joints)
     table.add_column("joint", overflow="fold", min_width=min(longest, 24))
-    table.add_column("type")
-    for heading in (
-        *("position\nrad, m", "speed\nrad/s, m/s", "effort\nN m, N", "to hold\nN m, N"),
-        *("inertia\nkg m², kg", "damping\nN m s, N s/m", "ω_c by\nencoder"),
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
+    for column in columns:
+        table.add_column(column.heading, justify="right", no_wrap=True)
     for joint in joints:
-        table.add_row(
-            shown(joint["name"]),
-            joint["type"],
-            f"{_number(joint['lower'])}..{_number(joint['upper'])}" if joint["type"] != "continuous" else "-",
-            _number(joint["velocity"]),
-            _number(joint["effort"]),
-            _number(joint["holding"]),
-            f"{_number(joint['inertia_least'])}..{_number(joint['inertia_most'])}",
-            _number(joint["damping"]),
-            _number(joint["omega_encoder"]),
-        )
-    console.width = max(console.width, Measurement.get(console, console.options, table).minimum)
-    console.print(table, soft_wrap=False)
+        table.add_row(shown(joint["name"]), *(column.text(joint) for column in columns))
+    return table
 
 
 def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
@@ -200,3 +197,39 @@ def _option(finding: Finding) -> str:
 def _number(value: float) -> str:
     """Return a number in three digits; a dash where there is none."""
     return f"{value:.3g}" if math.isfinite(value) else "-"
+
+
+class _Column(NamedTuple):
+    """A column of the table of joints: its heading, and what it says of one."""
+
+    heading: str
+    text: Callable[[dict[str, Any]], str]
+
+
+def _value(key: str) -> Callable[[dict[str, Any]], str]:
+    """Return what shows one number of a joint."""
+    return lambda joint: _number(joint[key])
+
+
+def _range(low: str, high: str) -> Callable[[dict[str, Any]], str]:
+    """Return what shows a range of a joint."""
+    return lambda joint: f"{_number(joint[low])}..{_number(joint[high])}"
+
+
+def _position(joint: dict[str, Any]) -> str:
+    """Return the range of a joint's positions."""
+    return "-" if joint["type"] == "continuous" else _range("lower", "upper")(joint)
+
+
+_COLUMNS = (
+    _Column("type", lambda joint: str(joint["type"])),
+    _Column("position\nrad, m", _position),
+    _Column("speed\nrad/s, m/s", _value("velocity")),
+    _Column("effort\nN m, N", _value("effort")),
+    _Column("to hold\nN m, N", lambda joint: _number(round(joint["holding"], 9))),
+    _Column("inertia\nkg m², kg", _range("inertia_least", "inertia_most")),
+    _Column("damping\nN m s, N s/m", _value("damping")),
+    _Column("ω_c by\nencoder", _value("omega_encoder")),
+)
+#: How many of them are limits: the first part of a table that is too wide.
+_LIMITS = 5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -11,12 +12,22 @@ import typer
 
 #: Flags take no value: nothing is shown for one.
 FLAG = ""
+
+
+def robot_names(begun: str) -> list[str]:
+    """Return the robots whose names begin so, for the completion of a shell."""
+    from armgpi.robot.robots import names
+
+    return [name for name in names() if name.startswith(begun)]
+
+
 RobotName = Annotated[
     str | None,
     typer.Argument(
         metavar="ROBOT",
         help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
         show_default=False,
+        autocompletion=robot_names,
     ),
 ]
 ConfigFile = Annotated[
@@ -91,10 +102,28 @@ Repair = Annotated[
         help="Repair to make in the URDF, as its refusal names it, or 'all'; may be repeated.",
     ),
 ]
+
+
+def _searched(folders: list[Path] | None) -> list[Path] | None:
+    """Have meshes looked for in folders, as in those of ROS_PACKAGE_PATH but before them."""
+    from armgpi.cli.parsing import refusal
+
+    for folder in folders or ():
+        if not os.path.isdir(folder):
+            raise refusal("--package-dir", f"there is no folder {str(folder)!r}")
+    known = os.environ.get("ROS_PACKAGE_PATH")
+    if folders:
+        os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(
+            [*map(os.path.abspath, folders), *filter(None, [known])]
+        )
+    return folders
+
+
 PackageDir = Annotated[
     list[Path] | None,
     typer.Option(
         "--package-dir",
+        callback=_searched,
         metavar="FOLDER",
         help="Folder of a package, or of packages, in which meshes are looked for; may be repeated.",
     ),
@@ -172,6 +201,11 @@ Backend = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", metavar=FLAG, help="Print JSON instead of tables.")]
 
+Table = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write the table of metrics: .csv, .md (Markdown) or .tex (LaTeX)."),
+]
+
 # Pictures of what was run.
 Plot = Annotated[
     Path | None,
@@ -220,6 +254,7 @@ def experiment(
     keep: Keep = None,
     mimic: Mimic = None,
     repair: Repair = None,
+    package_dir: PackageDir = None,
     effort: Effort = None,
     rotor_inertia: RotorInertia = None,
     drives: Drives = None,
@@ -237,6 +272,7 @@ def results(
     backend: Backend = "auto",
     out: Out = None,
     force: Force = False,
+    table: Table = None,
     plot: Plot = None,
     view: View = False,
     html: Html = None,

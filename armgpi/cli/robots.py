@@ -7,7 +7,9 @@ import math
 import os
 import sys
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import as_option
@@ -31,22 +33,47 @@ _REMARKS = {
 }
 
 
-def robots(as_json: opt.Json = False) -> None:
-    """List the robots that can be loaded by name, with what to know of them."""
+def robots(
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", metavar=opt.FLAG, help="Load each: joints, mass, reach, limits and remarks; seconds."
+        ),
+    ] = False,
+    as_json: opt.Json = False,
+) -> None:
+    """List the robots that can be loaded by name.
+
+    \b
+    armgpi robots
+    armgpi robots --check
+    """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, description_names, names
 
     found = names()
-    rows = [_row(name) for name in found]
+    rows = [_row(name) if check else _known(name) for name in found]
     if as_json:
         say(json.dumps(rows))
-    else:
+    elif check:
         _show(rows)
+    else:
+        for row in rows:
+            say("  ".join((row["name"].ljust(max(map(len, found))), *row["remarks"])).rstrip())
     if not set(EXAMPLE_ROBOT_DATA) & set(found):
         say("more come with: pip install 'armgpi[robots]'", err=True)
     described = description_names()
     if described:
         text = f"and {len(described)} names of robot_descriptions, fetched at first use: {described[0]}, ..."
         say(text, err=True)
+
+
+def _known(name: str) -> dict[str, Any]:
+    """Return what is known of a robot before it is loaded."""
+    from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, locate
+
+    known = EXAMPLE_ROBOT_DATA.get(name)
+    told = [] if known is None else [known.remark, "an arm of a larger robot" if known.keep else ""]
+    return {"name": name, "remarks": list(filter(None, told)), "source": str(locate(name)[0])}
 
 
 def _row(name: str) -> dict[str, Any]:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
+from armgpi import files
+from armgpi.cli.parsing import refusal
+from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.config import Experiment
 from armgpi.escape import shown
@@ -45,6 +51,70 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         left = f"; left its joint limits by up to {excess:.3g}" if excess > metrics.ROUNDING else ""
         measured = describe_measurement(record["measurement"], record["knows"])
         console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
+
+
+def check_table(path: Path | None) -> None:
+    """Refuse a file for a table that cannot be written: better before a long run than after it."""
+    if path is None:
+        return
+    if path.suffix not in _FORMATS:
+        raise refusal("--table", f"{path}: expected a name that ends in {', '.join(_FORMATS)}")
+    check_file(path, "--table")
+
+
+def write_table(experiment: Experiment, records: list[dict[str, Any]], path: Path) -> Path:
+    """Write all metrics of every controller and joint as a table in the format of a file's name."""
+    slides = bool(experiment.robot.prismatic.all())
+    chosen = tuple(metrics.declared().values())
+    heads = ["controller", "joint"]
+    for metric in chosen:
+        unit = metric.unit.symbol(slides)
+        heads.append(f"{metric.heading} [{unit}]" if unit else metric.heading)
+    rows = [
+        [
+            shown(record["label"]),
+            shown(joint),
+            *(_exact(record["metrics"][metric.name][index], path.suffix) for metric in chosen),
+        ]
+        for record in records
+        for index, joint in enumerate(record["joints"])
+    ]
+    return files.write(path, _FORMATS[path.suffix](heads, rows))
+
+
+def _exact(value: float | None, suffix: str) -> str:
+    """Return a number: all its digits for programs, four for readers."""
+    if value is None:
+        return ""
+    return repr(float(value)) if suffix == ".csv" else f"{value:.4g}"
+
+
+def _csv(heads: list[str], rows: list[list[str]]) -> str:
+    """Return a table as comma-separated values."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()
+
+
+def _markdown(heads: list[str], rows: list[list[str]]) -> str:
+    """Return a table as Markdown."""
+    rule = ["---"] * 2 + ["---:"] * (len(heads) - 2)
+    lines = [[cell.replace("|", "\\|") for cell in row] for row in (heads, rule, *rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _latex(heads: list[str], rows: list[list[str]]) -> str:
+    """Return a table as LaTeX."""
+    special: dict[str, str | int | None] = {sign: "\\" + sign for sign in "&%$#_{}"}
+    escapes = str.maketrans({**special, "\\": r"\textbackslash{}", "²": "$^2$"})
+    first, *rest = (" & ".join(cell.translate(escapes) for cell in row) + r" \\" for row in (heads, *rows))
+    columns = "ll" + "r" * (len(heads) - 2)
+    rule = r"\hline"
+    lines = (f"\\begin{{tabular}}{{{columns}}}", rule, first, rule, *rest, rule, r"\end{tabular}", "")
+    return "\n".join(lines)
+
+
+_FORMATS = {".csv": _csv, ".md": _markdown, ".tex": _latex}
 
 
 def _table(

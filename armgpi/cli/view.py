@@ -44,6 +44,7 @@ def view(
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
     repair: opt.Repair = None,
+    package_dir: opt.PackageDir = None,
     robot: opt.RobotOf = None,
     frame: opt.Frame = None,
     port: opt.Port = None,
@@ -72,6 +73,7 @@ def report(
     output: _Output = Path("report.html"),
     title: _Title = None,
     robot: opt.RobotOf = None,
+    package_dir: opt.PackageDir = None,
     frame: opt.Frame = None,
 ) -> None:
     """Write tables, plots, animation and data of rollouts as one HTML file that needs no network.

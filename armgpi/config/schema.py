@@ -118,7 +118,8 @@ SECTIONS: dict[str, type[BaseModel]] = {}
 class Section(BaseModel):
     """A part of the file; unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    # Built when the first file is read: sections within others would be built again with each of those.
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 def _box_shape(value: Any) -> str:

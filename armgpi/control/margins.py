@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from armgpi.control.family import PRINTED, Member, transfer_function
 from armgpi.control.gains import Tuning
@@ -176,6 +175,8 @@ def sector(loop: Loop, lowest: float = 1.0, sigma: float = 0.0) -> Interval:
 
 def widest_sector(loop: Loop, sigma: float = 0.0) -> Interval:
     """Return the interval of :func:`sector` with the largest ratio of its ends."""
+    from scipy.optimize import minimize_scalar  # here: few ask for it, and it is slow to import
+
     frozen = gain_interval(loop, sigma)
     tried = np.linspace(math.log(max(frozen.lower, 1e-3)), math.log(min(frozen.upper, 1e3)), 66)
 

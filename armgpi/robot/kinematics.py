@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from armgpi.arrays import (
     SMALLEST,
@@ -501,6 +500,8 @@ class _Goal(NamedTuple):
     def turn(self, pose: Pose) -> Array:
         """Return the turn from a pose to the goal as axis times angle [rad], shape (k, 3)."""
         if self.rotation is not None:
+            from scipy.spatial.transform import Rotation  # here: it takes longer to import than Pinocchio
+
             turn = self.rotation @ pose.rotation.swapaxes(-1, -2)
             return np.asarray(Rotation.from_matrix(turn).as_rotvec()).reshape(-1, 3)
         if self.direction is not None:

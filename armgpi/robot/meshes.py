@@ -65,7 +65,7 @@ class MeshFinder:
     """Finds the files that a URDF names.
 
     Names are looked for in this order: in the folders the user gave, from the URDF's folder up through
-    its parents, in the folders of ROS_PACKAGE_PATH.
+    its parents, in the folders of ROS_PACKAGE_PATH, in those of AMENT_PREFIX_PATH (ROS 2: `share` of each).
 
     Attributes:
         folder: the URDF's own folder, None when it came as text.
@@ -148,7 +148,10 @@ class MeshFinder:
         close that it is the robot's by the usual layout: not ``package://user/.ssh/key``.
         """
         above = [] if self.folder is None else [self.folder, *list(self.folder.parents)[:_PARENTS]]
-        ros = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
+        ros = [
+            *_folders_of("ROS_PACKAGE_PATH"),
+            *(path / "share" for path in _folders_of("AMENT_PREFIX_PATH")),
+        ]
         home = _real(Path.home()) if os.path.isdir(os.path.expanduser("~")) else Path("/")
         near = {folder for folder in above[:3] if not home.is_relative_to(folder)}
         given = {*self.package_dirs, *ros}
@@ -249,6 +252,11 @@ def _picture_names(path: Path) -> list[str]:
         raise ArmgpiError(f"{path}: cannot be read: {error.strerror or error}") from None
     # In <surface>, <init_from> names an image of the file itself; a picture's file has a dot or a slash.
     return [name for name in names if "." in name or "/" in name or "\\" in name]
+
+
+def _folders_of(variable: str) -> list[Path]:
+    """Return the folders that an environment variable lists."""
+    return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
 def _real(path: Path) -> Path:
