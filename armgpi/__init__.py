@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from armgpi.control.schedule import GainSchedule as GainSchedule
     from armgpi.control.slotineli import SlotineLi as SlotineLi
     from armgpi.control.supertwisting import SuperTwisting as SuperTwisting
+    from armgpi.control.weights import Weights as Weights
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
     from armgpi.export.controller import ExportedController as ExportedController
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
     from armgpi.loop.rollout import load as load
     from armgpi.loop.rollout import save as save
     from armgpi.loop.simulation import simulate as simulate
+    from armgpi.loop.weights import learned_weights as learned_weights
+    from armgpi.loop.weights import load_weights as load_weights
+    from armgpi.loop.weights import save_weights as save_weights
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.loads import Load as Load
@@ -99,6 +103,7 @@ _NAMES = {
     "control.network": ("BSplineNetwork",),
     "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
     "control.pid": ("PIDInversion",),
+    "control.weights": ("Weights",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
     "export.controller": ("ExportedController",),
     "export.faults": ("Faults",),
@@ -121,6 +126,7 @@ _NAMES = {
     "loop.rollout": ("Status", "load", "save"),
     "loop.closed_loop": ("ClosedLoop",),
     "loop.simulation": ("simulate",),
+    "loop.weights": ("learned_weights", "load_weights", "save_weights"),
     "validation.check": ("validate",),
     "validation.derivation": ("Derivation", "derive"),
     "validation.report": ("DynamicsReport",),

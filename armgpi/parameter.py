@@ -35,7 +35,7 @@ from armgpi.arrays import (
     positive,
     sizes,
 )
-from armgpi.errors import ArrayError, ParameterError, shown
+from armgpi.errors import ArrayError, NameNotFound, ParameterError, shown
 
 
 class _Required(Enum):
@@ -43,7 +43,8 @@ class _Required(Enum):
 
 
 #: What a parameter's value is. A range is two numbers. A box is (lower, upper), or one value that does not
-#: vary. A group has parameters of its own below it; a variant is one of the named classes below a base class.
+#: vary. A table has a list of numbers for each joint, or one for all. A group has parameters of its own below
+#: it; a variant is one of the named classes below a base class.
 Kind = Literal[
     "number",
     "integer",
@@ -56,6 +57,7 @@ Kind = Literal[
     "numbers",
     "times",
     "points",
+    "table",
     "group",
     "variant",
 ]
@@ -179,7 +181,7 @@ class Parameter:
     @property
     def numeric(self) -> bool:
         """Whether its values are numbers with a unit."""
-        return self.kind in ("number", "box", "range", "vector", "numbers")
+        return self.kind in ("number", "box", "range", "vector", "numbers", "table")
 
     def inside(self, values: Array) -> Any:
         """Tell which values of an array are within the bounds, and whole where they have to be."""
@@ -208,8 +210,8 @@ class Parameter:
             raise ParameterError(self.name, value, f"one of {', '.join(self.choices)}")
         if self.kind == "flag" and not isinstance(value, bool):
             raise ParameterError(self.name, value, "True or False")
-        if self.kind == "box":
-            return self._box(value, joint_names)
+        if self.kind in ("box", "table"):
+            return (self._box if self.kind == "box" else self._table)(value, joint_names)
         if self.kind == "range":
             return self._range(value)
         if self.kind in ("vector", "numbers"):
@@ -250,6 +252,29 @@ class Parameter:
         if self.kind == "vector" and array.shape != (3,):
             raise ArrayError(self.name, f"expected three numbers, got shape {array.shape}")
         return array
+
+    def _table(self, value: Any, joint_names: Sequence[str] | None) -> Any:
+        """Return a list of numbers for each joint, (n, k) or (batch, n, k) once the joints are known."""
+        if isinstance(value, Mapping):
+            if joint_names is None:
+                return value
+            for joint in value:
+                if joint not in joint_names:
+                    raise NameNotFound("joint", joint, joint_names)
+            if missing := [joint for joint in joint_names if joint not in value]:
+                raise ArrayError(self.name, f"needs values for {', '.join(missing)} as well")
+            value = [value[joint] for joint in joint_names]
+        array = as_sized_array(value, self.name)
+        if array.ndim not in (1, 2, 3) or not array.size:
+            raise ArrayError(self.name, f"expected a list of numbers, or one per joint, got {array.shape}")
+        if joint_names is None:
+            return array
+        n = len(joint_names)
+        if array.ndim > 1 and array.shape[-2] != n:
+            raise ArrayError(
+                self.name, f"expected {n} lists ({', '.join(joint_names)}), got {array.shape[-2]}"
+            )
+        return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-2], n, array.shape[-1])))
 
     def _range(self, value: Any) -> tuple[float, float]:
         """Return the two ends of a range."""
@@ -408,4 +433,6 @@ def plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, tuple):
         return [plain(item) for item in value]
-    return value
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    return value.values() if isinstance(value, Parametrised) else value

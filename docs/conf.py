@@ -54,6 +54,7 @@ def _row(key, each):
         "numbers": "a list of numbers",
         "range": f"`[lowest, highest]`, {_replace(each, unit='').bounds}",
         "points": "a list of points",
+        "table": "a list of numbers for all joints, a list of those with one per joint, or joint: list",
         "group": "a mapping",
     }.get(each.kind, _replace(each, unit="").bounds)
     values = {"box": "box, ", "times": "one or several, "}.get(each.kind, "") + values
@@ -61,7 +62,12 @@ def _row(key, each):
     if not default:
         default = "required" if each.default is _REQUIRED else f"{_plain(each.default)}"
     unit = f" [{each.unit}]" if each.unit else ""
-    cells = (f"`{key}`", f"{each.text}{unit}", f"{'per joint, ' if each.per_joint else ''}{values}", default)
+    cells = (
+        f"`{key}`",
+        f"{each.text}{unit}",
+        f"{'per joint, ' if each.per_joint and each.kind != 'table' else ''}{values}",
+        default,
+    )
     return tuple(cell.replace("|", "\\|") for cell in cells)
 
 

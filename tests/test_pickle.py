@@ -24,7 +24,7 @@ MOVE = armgpi.Bezier(START, START + 0.2, duration=0.3)
 CONTROLLERS: dict[str, armgpi.Controller] = {
     "GPI": armgpi.GPI(ARM, DT),
     "paper": armgpi.GPI(ARM, DT, realisation="paper", gains=FixedGains(20.0)),
-    "network": armgpi.GPI(ARM, DT, gains=armgpi.BSplineNetwork()),
+    "network": armgpi.GPI(ARM, DT, gains=armgpi.BSplineNetwork(weights={"omega_c": [1.0, 2.0, 3.0, 4.0]})),
     "PID": armgpi.PIDInversion(ARM, DT),
     "batch": armgpi.GPI(armgpi.RobotBatch([ARM, ARM.scaled_inertia(1.2)]), DT),
 }

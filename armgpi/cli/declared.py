@@ -120,6 +120,8 @@ def options() -> tuple[Option, ...]:
             if facts["kind"] == "group":
                 below = _fields(classes, facts["group"])
                 facts["members"] = [name for name, part in below.items() if part["kind"] == "number"]
+                if not facts["members"]:  # tables: for files alone
+                    continue
             owners = (*(found[key].owners if key in found else ()), owner)
             found[key] = Option(_flag(key), key, owners, facts)
     return tuple(found.values())

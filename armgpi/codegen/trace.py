@@ -27,6 +27,7 @@ from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.splines import BSplineBasis
+from armgpi.control.weights import Weights
 from armgpi.plants.loads import Load
 from armgpi.plants.rigid_body import LoadTable
 from armgpi.references.reference import Reference, Target
@@ -39,8 +40,8 @@ _PLAIN = (
     *(str, bytes, int, float, complex, type(None), type, range, slice, frozenset, Enum, np.generic, np.ufunc),
     *(np.dtype, types.FunctionType, types.BuiltinFunctionType, types.ModuleType),
 )
-#: The same, and what takes symbols as it takes numbers.
-_AS_IT_IS = (BSplineBasis, Arm, *_PLAIN)
+#: The same, what takes symbols as it takes numbers, and what the networks keep in arrays of joints as well.
+_AS_IT_IS = (BSplineBasis, Weights, Arm, *_PLAIN)
 #: Folders of what generates code: no place in a user's law.
 _GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export"))
 #: References of more operations than this are worked out by NumPy, as a table: compilers take long over them,

@@ -336,6 +336,9 @@ def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default
             low, high = (end.tolist() for end in ends)
             raise place.error(f"expected lower <= upper, got {low} above {high}")
         return tuple(ends)
+    if declared.kind == "table":
+        with place.error_context():
+            return declared.checked(value, robot.joint_names)
     return _per_joint(value, robot, place, default) if declared.per_joint else value
 
 

@@ -122,6 +122,22 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
+def table(element: Any) -> Any:
+    """Return the type of a list of such elements for all joints, or one per joint."""
+    return Annotated[
+        Annotated[list[element], Tag("list")]
+        | Annotated[list[list[element]], Tag("table")]
+        | Annotated[dict[str, list[element]], Tag("mapping")],
+        Discriminator(_table_shape),
+    ]
+
+
+def _table_shape(value: Any) -> str:
+    """Tell how a table is given: one list, one per joint, or by the joints' names."""
+    nested = isinstance(value, list | tuple) and bool(value) and isinstance(value[0], list | tuple)
+    return "mapping" if isinstance(value, dict) else "table" if nested else "list"
+
+
 def _box_shape(value: Any) -> str:
     """Tell how a box is given: by its two ends, or as one value that does not adapt."""
     ends = isinstance(value, dict) and {"lower", "upper"} & set(value)
@@ -163,6 +179,7 @@ def annotation(declared: Parameter) -> Any:
     element: Any = Annotated[number, Field(**finite)]
     kinds: dict[str, Callable[[Any], Any]] = {
         "box": box,
+        "table": table,
         "range": lambda item: Annotated[list[item], Field(min_length=2, max_length=2)],  # type: ignore[valid-type]
         "vector": lambda _: Vector,
         "numbers": lambda _: list[Number],
@@ -399,4 +416,4 @@ SECTIONS |= {
     "reference": ReferenceSection,
 }
 #: Steps of pydantic's locations that are tags and no keys.
-TAGS = {"number", "list", "mapping", "[key]", "box", *KINDS, *registered(Load), *registered(Path)}
+TAGS = {"number", "list", "table", "mapping", "[key]", "box", *KINDS, *registered(Load), *registered(Path)}

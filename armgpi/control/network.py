@@ -8,11 +8,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput
+from armgpi.arrays import Array, PerJointInput, check_type
 from armgpi.control.controller import batches, common_batch
 from armgpi.control.gains import Gains, GainStep, Tuning
 from armgpi.control.splines import BSplineBasis
-from armgpi.errors import ArrayError, ParameterError
+from armgpi.control.weights import Weights
+from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.registry import Context
 
@@ -46,12 +47,13 @@ class BSplineNetwork(Gains):
 
     The activations a are B-spline functions of the tracking error and of its filtered derivative, both
     clipped to a range. The weights w start at zero, so a network that does not learn is
-    :class:`FixedGains`. The functions are even in their inputs: by default two of third order for each.
+    :class:`FixedGains`; or they start at `weights`, which a search found. The functions are even in their
+    inputs: by default two of third order for each.
 
     ``learning="magnitude"``: the weights follow w += l e_n a / (a a) (eq. 23). The aim of a parameter rises
     from the lower to the upper end of its box as the size of the error passes a dead zone; e_n is what y is
-    short of the aim, less a leak that forgets. So a gain rises fast while the error is large and falls back
-    slowly when it is not.
+    short of the aim, less a leak that forgets, back to the initial weights. So a gain rises fast while the
+    error is large and falls back slowly when it is not.
     Outputs are projected onto the box, and omega_c moves no faster than rate omega_c^2 per second, which
     is what one quadratic Lyapunov function can certify. While the torque is saturated, or a measurement is
     NaN, nothing is learned.
@@ -74,6 +76,7 @@ class BSplineNetwork(Gains):
         "_per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
         "_per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
         "_leak": "share that is forgotten in a sample [-]",
+        "_initial": "initial weights of the basis functions [rad/s or -]",
     }
 
     omega_c: Box = parameter(
@@ -194,6 +197,13 @@ class BSplineNetwork(Gains):
     order: int = parameter(
         "order of the basis functions", kind="integer", default=3, least=1, structural=True
     )
+    weights: Any = parameter(
+        "initial weights of the basis functions, to which the leak returns",
+        kind="group",
+        group=Weights,
+        default=None,
+        none="zero",
+    )
 
     def __post_init__(self) -> None:
         """Check what does not depend on the joints, and make the basis functions.
@@ -221,6 +231,12 @@ class BSplineNetwork(Gains):
         else:
             raise ArrayError("knots", f"expected knots symmetric about 0, got {self.basis.knots}")
         self.size = 2 * ((self.basis.size + 1) // 2)
+        if isinstance(self.weights, Mapping):
+            unknown = sorted(set(map(str, self.weights)) - set(Tuning._fields))
+            if unknown:
+                raise NameNotFound("parameter of a network", unknown[0], Tuning._fields)
+            self.keep("weights", Weights(**self.weights))
+        check_type(self.weights, "weights", Weights | None, "Weights, or a mapping of tuning parameters")
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> BSplineNetwork:
         """Return the networks as arrays over the joints.
@@ -237,11 +253,18 @@ class BSplineNetwork(Gains):
         ready = object.__new__(BSplineNetwork)
         ready.__dict__.update(self.__dict__)
         ready.check_parameters(joint_names)
+        if self.weights is not None:
+            ready.keep("weights", Weights(**vars(self.weights)))
+            ready.weights.check_parameters(joint_names)
         ready._derive(dt)
         return ready
 
     def _derive(self, dt: float) -> None:
-        """Work out what `step` needs."""
+        """Work out what `step` needs.
+
+        Raises:
+            ArrayError: when there are weights for what does not adapt, or not one for each basis function.
+        """
         boxes: dict[str, Any] = {"omega_c": self.omega_c, "zeta_c": self.zeta_c}
         boxes["p_c"] = self.omega_c if self.p_c is None else self.p_c
         self.boxes: Mapping[str, tuple[Array, Array]] = boxes
@@ -258,7 +281,24 @@ class BSplineNetwork(Gains):
         self._dt = dt
         # Share forgotten in a sample; what learns nothing forgets nothing.
         self._leak = np.where(self.learning_rate > 0.0, self.leak * dt, 0.0)
-        self.batch = common_batch(*batches(self))
+        given = {} if self.weights is None else vars(self.weights)
+        self._initial = tuple(self._weights_of(name, given.get(name)) for name in self._adapted)
+        for name, weights in given.items():
+            if weights is not None and name not in self._adapted:
+                raise ArrayError("weights", f"{name} does not adapt: give it a box, or no weights")
+        first = (part[0] for part in self._initial if part is not None)
+        self.batch = common_batch(*batches(self), *first)
+
+    def _weights_of(self, name: str, weights: Array | None) -> tuple[Array, ...] | None:
+        """Return the initial weights of a parameter, one array (n,) or (batch, n) for each basis function."""
+        if weights is None:
+            return None
+        if weights.shape[-1] != self.size:
+            raise ArrayError(
+                "weights",
+                f"expected {self.size} numbers for {name}, one each, got {weights.shape[-1]}",
+            )
+        return tuple(np.ascontiguousarray(part) for part in np.moveaxis(weights, -1, 0))
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
@@ -271,15 +311,39 @@ class BSplineNetwork(Gains):
         }
 
     def nominal(self) -> Tuning:
-        """Return the tuning where the error is small: the lower ends of the boxes."""
-        return self._lower
+        """Return the tuning where the error is small: the lower ends of the boxes, and what weights add."""
+        if self.weights is None:
+            return self._lower
+        zero = np.zeros_like(self._lower.omega_c)
+        return self._first(self.activations(zero, zero), zero)
 
     def init(self, e: Array) -> NetworkState:
         """Return the state before the first sample, nothing learned; see :meth:`Gains.init`."""
         zero = np.zeros_like(e)
-        weights = ((zero,) * self.size,) * len(self._adapted)
+        weights = tuple(
+            (zero,) * self.size if initial is None else tuple(zero + w for w in initial)
+            for initial in self._initial
+        )
         activations = self.activations(e, zero)
-        return NetworkState(weights, activations, e, Tuning(*(zero + low for low in self._lower)))
+        return NetworkState(weights, activations, e, self._first(activations, zero))
+
+    def _first(self, a: Sequence[Array], zero: Array) -> Tuning:
+        """Return the tuning that the initial weights give at some activations, in the shape of `zero`."""
+        tuning = {name: zero + low for name, low in self._lower._asdict().items()}
+        for name, initial in zip(self._adapted, self._initial, strict=True):
+            if initial is not None:
+                tuning[name] = self._projected(name, tuning[name] + _dot(a, initial))
+        if self.p_c is None:
+            tuning["p_c"] = tuning["omega_c"]
+        return Tuning(**tuning)
+
+    def _projected(self, name: str, output: Array) -> Array:
+        """Return the output of a network, inside its box where the rule has one."""
+        if self.learning == "signed":
+            return output
+        low, high = getattr(self._lower, name), getattr(self._upper, name)
+        inside: Array = np.minimum(np.maximum(output, low), high)
+        return inside
 
     def step(self, e: Array, learn: Array, state: NetworkState) -> GainStep:
         """Return the tuning for the tracking error `e`; see :meth:`Gains.step`."""
@@ -294,18 +358,19 @@ class BSplineNetwork(Gains):
         if magnitude:
             size = np.minimum(np.maximum(np.abs(e) - self.dead_zone, 0.0) * self._per_error, 1.0)
         tuning, weights = {}, []
-        for name, old in zip(self._adapted, state.weights, strict=True):
+        for name, old, initial in zip(self._adapted, state.weights, self._initial, strict=True):
             low, high = getattr(self._lower, name), getattr(self._upper, name)
             raised = _dot(a, old)
             if magnitude:
                 short = np.maximum((high - low) * size - raised, 0.0)
-                change = learn * (self.learning_rate * short - self._leak * raised)
+                learned = raised if initial is None else raised - _dot(a, initial)
+                change = learn * (self.learning_rate * short - self._leak * learned)
             else:
                 change = learn * (self.learning_rate * e)
             gain = change / power  # eq. 23
             weights.append(tuple([w + gain * x for w, x in zip(old, a, strict=True)]))
             output = low + (raised + change)  # eq. 22 with the new weights: a a cancels
-            tuning[name] = np.minimum(np.maximum(output, low), high) if magnitude else output
+            tuning[name] = self._projected(name, output)
         whole = self._limited(tuning, state.tuning)
         return GainStep(whole, NetworkState(tuple(weights), a, filtered, whole))
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,10 +24,15 @@ from armgpi import (
     Robot,
     Saturated,
     Waypoints,
+    Weights,
+    config,
+    learned_weights,
+    load_weights,
     metrics,
+    save_weights,
     simulate,
 )
-from armgpi.errors import ArmgpiError, ArrayError, ParameterError
+from armgpi.errors import ArmgpiError, ArrayError, ParameterError, RolloutError
 from armgpi.plants.loads import paper_disturbances
 
 ARM = Robot.load("anthropomorphic3")
@@ -207,3 +214,118 @@ def test_knots_of_linspace_are_symmetric_but_for_rounding(count: int) -> None:
     knots = BSplineNetwork(knots=np.linspace(-2.0, 2.0, count), order=4).basis.knots
     np.testing.assert_array_equal(knots, -knots[::-1])
     np.testing.assert_allclose(knots, np.linspace(-2.0, 2.0, count), rtol=0.0, atol=1e-15)
+
+
+# Initial weights: what a search found off line (section 4 of the paper).
+
+WEIGHTS = np.array([[3.0, 9.0, 1.0, 20.0], [0.0, 15.0, 2.0, 8.0], [5.0, 5.0, 30.0, 4.0]])
+
+
+@pytest.mark.parametrize("learning", ["magnitude", "signed"])
+def test_weights_of_zero_are_none_bit_by_bit(learning: str) -> None:
+    e = np.sin(np.arange(80.0)) * np.linspace(0.0, 1e-3, 80)
+    plain = run(BSplineNetwork(learning=learning, zeta_c=(0.6, 1.0)), e)
+    zeros = run(BSplineNetwork(learning=learning, zeta_c=(0.6, 1.0), weights={"omega_c": np.zeros(4)}), e)
+    np.testing.assert_array_equal(plain, zeros)
+
+
+def test_weights_that_do_not_learn_are_a_map_of_error_and_derivative() -> None:
+    network = BSplineNetwork((20.0, 60.0), learning_rate=0.0, weights={"omega_c": WEIGHTS[0]})
+    e = np.sin(np.arange(60.0)) * 3e-4
+    ready = network.prepare(NAMES, DT)
+    filtered, expected = e[0], []
+    for value in e:
+        slope = 60.0 * (value - filtered)
+        filtered += DT * slope
+        a = [x[0] for x in ready.activations(np.array([value]), np.array([slope]))]
+        expected.append(np.clip(20.0 + np.dot(a, WEIGHTS[0]), 20.0, 60.0))
+    np.testing.assert_allclose(omegas(network, e), expected, rtol=1e-13)
+    a = [x[0] for x in ready.activations(np.zeros(1), np.zeros(1))]
+    assert ready.nominal().omega_c == pytest.approx(20.0 + np.dot(a, WEIGHTS[0]))
+
+
+def test_the_leak_returns_to_the_initial_weights() -> None:
+    network = BSplineNetwork((20.0, 60.0), leak=50.0, weights={"omega_c": WEIGHTS[1]})
+    late = omegas(network, np.concatenate([np.full(50, 1e-2), np.zeros(2000)]))
+    rest = network.prepare(NAMES, DT).nominal().omega_c[0]
+    assert late[49] > rest + 8.0
+    assert late[-1] == pytest.approx(rest, abs=1e-6)
+
+
+def test_weights_at_rest_change_no_torque() -> None:
+    """Bumpless: whatever gains the weights give, an arm that is held stays where it is."""
+    q = np.array([0.2, 0.4, -0.3])
+    plain, given = (
+        simulate(RigidBodyPlant(ARM), GPI(ARM, DT, BSplineNetwork(weights=weights)), Hold(q), 0.3)
+        for weights in (None, {"omega_c": WEIGHTS})
+    )
+    np.testing.assert_allclose(given["tau"], plain["tau"], atol=1e-9)
+    np.testing.assert_allclose(given["q"], np.tile(q, (len(given["time"]), 1)), atol=1e-9)
+
+
+def test_weights_of_a_batch_are_those_of_its_rollouts_by_generated_code_too() -> None:
+    random = np.random.default_rng(1)
+    weights = random.uniform(-5.0, 20.0, (4, 3, 4))
+    reference = Waypoints([np.zeros(3), np.array([0.4, 0.3, -0.2])], durations=0.3)
+    plant = Encoder(RigidBodyPlant(ARM), 24)
+
+    def made(given: np.ndarray, backend: str = "numpy") -> Any:
+        gpi = GPI(ARM, DT, BSplineNetwork((20.0, 60.0), error_range=1e-3, weights={"omega_c": given}))
+        return simulate(plant, gpi, reference, 0.4, signals=True, backend=backend)
+
+    batch, compiled = made(weights), made(weights, "compiled")
+    np.testing.assert_allclose(compiled["omega_c"], batch["omega_c"], rtol=1e-6)
+    for row in range(4):
+        np.testing.assert_array_equal(made(weights[row])["omega_c"], batch["omega_c"][row])
+    learned = learned_weights(batch)
+    assert learned.omega_c.shape == weights.shape
+    assert not np.array_equal(learned.omega_c, weights)
+
+
+def test_weights_are_kept_in_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "weights.nc"
+    save_weights(Weights(omega_c=WEIGHTS, zeta_c=[0.1, 0.0, 0.2, 0.3]), path, ARM.joint_names)
+    found = load_weights(path, ARM.joint_names)
+    np.testing.assert_array_equal(found.omega_c, WEIGHTS)
+    assert found.zeta_c.shape == (3, 4)
+    assert found.p_c is None
+    with pytest.raises(ArrayError, match="q1, q2, q3"):
+        load_weights(path, ("a", "b", "c"))
+    (tmp_path / "no.nc").write_bytes(b"no")
+    for bad in ("no.nc", "missing.nc"):
+        with pytest.raises(RolloutError, match=bad):
+            load_weights(tmp_path / bad, ARM.joint_names)
+    with pytest.raises(RolloutError, match="signals=True"):
+        learned_weights(simulate(RigidBodyPlant(ARM), GPI(ARM, DT), Hold(np.zeros(3)), 0.01))
+
+
+def test_weights_are_a_section_of_an_experiment_file() -> None:
+    by_joint = {name: row.tolist() for name, row in zip(ARM.joint_names, WEIGHTS, strict=True)}
+    for values in (by_joint, WEIGHTS.tolist(), WEIGHTS[0].tolist()):
+        section = {"type": "network", "weights": {"omega": values}}
+        wanted = {"robot": {"name": "anthropomorphic3"}, "controllers": [section]}
+        built = config.build(config.check(wanted, config.Origin("here")))
+        (made,) = built.controllers.values()
+        assert isinstance(made, GPI)
+        assert isinstance(made.gains, BSplineNetwork)
+        expected = np.tile(WEIGHTS[0], (3, 1)) if values == WEIGHTS[0].tolist() else WEIGHTS
+        np.testing.assert_array_equal(made.gains.weights.omega_c, expected)
+        assert yaml.safe_load(config.dump(built.config))["controllers"][0]["weights"]["omega"] == values
+
+
+@pytest.mark.parametrize(
+    ("weights", "named"),
+    [
+        ({"omega_c": [1.0, 2.0]}, "4 numbers"),
+        ({"omega_c": np.zeros((2, 4))}, "3 lists"),
+        ({"zeta_c": np.zeros(4)}, "does not adapt"),
+        ({"omega": np.zeros(4)}, "omega_c"),
+        ({"omega_c": [1.0, math.nan, 0.0, 0.0]}, "NaN|finite|nan"),
+        ({"omega_c": {"q1": [0.0] * 4}}, "q2, q3"),
+        ({"omega_c": {"q9": [0.0] * 4}}, "q9"),
+        (3.0, "Weights"),
+    ],
+)
+def test_bad_weights_are_named(weights: Any, named: str) -> None:
+    with pytest.raises(ArmgpiError, match=named):
+        GPI(ARM, DT, BSplineNetwork(weights=weights))

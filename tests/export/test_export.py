@@ -120,6 +120,9 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "fixed gains": lambda: GPI(paper_arm(), 1e-3),
     "paper realisation": lambda: GPI(paper_arm(), 1e-3, FixedGains(18.0, 0.8, 12.0), "paper"),
     "network": lambda: GPI(paper_arm(), 1e-3, network()),
+    "network, weights": lambda: GPI(
+        paper_arm(), 1e-3, network(weights={"omega_c": [[3.0, 9.0, 1.0, 20.0]] * 2 + [[0.0, 5.0, 2.0, 8.0]]})
+    ),
     "network to the letter": lambda: GPI(paper_arm(), 1e-3, network(learning="signed", learning_rate=0.01)),
     "every parameter adapts": lambda: GPI(
         paper_arm(), 1e-3, BSplineNetwork((20.0, 30.0), (0.7, 1.0), (10.0, 30.0))

@@ -1,0 +1,100 @@
+"""Weights of networks as files: what one run or search found, another begins with."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from os import PathLike
+
+import h5netcdf
+import numpy as np
+import xarray as xr
+from xarray.backends import H5NetCDFStore
+
+from armgpi import files
+from armgpi.arrays import check_path, check_type
+from armgpi.control.gains import Tuning
+from armgpi.control.weights import Weights
+from armgpi.errors import ArrayError, RolloutError
+
+_FORMAT = "armgpi_weights"
+
+
+def save_weights(weights: Weights, path: str | PathLike[str], joint_names: Sequence[str]) -> None:
+    """Write weights as NetCDF, dimensions (joint, basis); the file appears whole or not at all.
+
+    Args:
+        weights: for a single rollout.
+        path: of the file.
+        joint_names: names of the n joints.
+
+    Raises:
+        RolloutError: when the file cannot be written.
+        ArrayError: when the weights do not fit the joints, or are for a batch.
+        ParameterError: when an argument is not as it should be.
+    """
+    check_type(weights, "weights", Weights, "Weights")
+    made = Weights(**vars(weights))
+    made.check_parameters(joint_names)
+    given = {name: values for name, values in vars(made).items() if values is not None}
+    if any(values.ndim != 2 for values in given.values()):
+        raise ArrayError("weights", "expected those of a single rollout, got a batch")
+    variables = {name: (("joint", f"basis_of_{name}"), values) for name, values in given.items()}
+    dataset = xr.Dataset(variables, coords={"joint": list(joint_names)}, attrs={_FORMAT: 1})
+    content = io.BytesIO()
+    with h5netcdf.File(content, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file))
+    files.write(check_path(path, "path"), content.getvalue())
+
+
+def load_weights(path: str | PathLike[str], joint_names: Sequence[str]) -> Weights:
+    """Read weights that :func:`save_weights` wrote.
+
+    Args:
+        path: of the file.
+        joint_names: names of the n joints that they are for.
+
+    Raises:
+        RolloutError: when the file is missing, broken, or holds something else.
+        ArrayError: when they are for other joints, or not finite.
+        ParameterError: when `path` is no path.
+    """
+    source = check_path(path, "path")
+    if not source.is_file():
+        raise RolloutError(f"{source}: there is no such file")
+    try:
+        with xr.open_dataset(source, engine="h5netcdf") as lazy:
+            found = lazy.load()
+    except Exception as error:  # h5py has no one kind of error for a damaged file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
+    if _FORMAT not in found.attrs or not set(found.data_vars) <= set(Tuning._fields):
+        raise RolloutError(f"{source}: holds no weights of networks")
+    joints = [str(name) for name in found["joint"].values] if "joint" in found else []
+    if joints != list(joint_names):
+        wanted = ", ".join(joint_names)
+        raise ArrayError(str(source), f"has weights for {', '.join(joints)}, not for {wanted}")
+    made = Weights(**{str(name): values.values for name, values in found.data_vars.items()})
+    made.check_parameters(joint_names)
+    return made
+
+
+def learned_weights(rollout: xr.Dataset) -> Weights:
+    """Return what networks had learned at the end of a rollout, as weights to begin another one with.
+
+    Args:
+        rollout: recorded with ``signals=True``, dimensions ([rollout], time, joint).
+
+    Raises:
+        RolloutError: when it has no weights.
+    """
+    check_type(rollout, "rollout", xr.Dataset, "a rollout, as simulate returns it")
+    found = {}
+    for name in Tuning._fields:
+        signals = [key for key in map(str, rollout.data_vars) if key.startswith(f"{name}_weight_")]
+        if signals:
+            ordered = sorted(signals, key=lambda key: int(key.rpartition("_")[2]))
+            found[name] = np.stack([rollout[key].isel(time=-1).values for key in ordered], axis=-1)
+    if not found:
+        raise RolloutError("the rollout has no weights: simulate networks with signals=True")
+    return Weights(**found)
