@@ -1,0 +1,247 @@
+"""The numbers of an arm that a certificate rests on, found by a search over configurations and loads.
+
+In the metric of D(q) the matrix D^-1 D^ is self-adjoint, so one joint's loop with a gain delta in an interval
+stands for all joints. What motion and gravity add to it are norms in the same metric. Each number belongs to
+a box of configurations, to loads and to speeds (:class:`Setting`). The maxima over loads are at the two
+ends: every quantity below is a ratio of expressions that are linear in the load.
+
+A search finds values that are too small at most, so :func:`searched` adds a share to what it found. What
+proves numbers takes a :class:`Setting` too, and returns :class:`Numbers` whose status is "proved".
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.robot.robot import Robot
+
+#: Configurations that are drawn at first; the best of them, neighbours of each, and how often.
+_DRAWN, _BEST, _NEAR, _ROUNDS = 600, 8, 10, 6
+#: Share that is added to what a search found.
+MARGIN = 0.03
+#: Directions of motion that are tried: all corners of the speeds up to so many.
+_CORNERS = 64
+#: Step of the derivatives [rad or m].
+_STEP = 1e-2
+_Function = Callable[["Setting", Robot, "Points"], Array]
+
+
+class Setting(NamedTuple):
+    """What the numbers are taken over.
+
+    Attributes:
+        arms: the true arm with the lightest and with the heaviest load; one where they are the same.
+        nominal: the controller's model.
+        lower: lower end of the reference's configurations [rad or m], shape (n,).
+        upper: upper end [rad or m], shape (n,).
+        radius: how far the arm is from its reference at most [rad or m], shape (n,).
+        speed: largest speed of each joint [rad/s or m/s], shape (n,).
+        feedforward: "none", "gravity" or "model".
+    """
+
+    arms: tuple[Robot, ...]
+    nominal: Robot
+    lower: Array
+    upper: Array
+    radius: Array
+    speed: Array
+    feedforward: str
+
+
+class Number(NamedTuple):
+    """A bound on a number of the arm.
+
+    Attributes:
+        value: the bound.
+        status: "proved" or "searched".
+    """
+
+    value: float
+    status: str = "searched"
+
+
+class Numbers(NamedTuple):
+    """The numbers of an arm.
+
+    Attributes:
+        delta_low: at most the least eigenvalue of D^-1 D^ [-].
+        delta_high: at least the largest one [-].
+        sigma: largest ``|eigenvalue|`` of D^-1 dD/dt [1/s].
+        kappa_v: largest norm of D^-1/2 C D^-1/2 [1/s].
+        kappa_e: largest norm of D^-1/2 d(G - D^ v*)/dq D^-1/2, the stiffness of gravity [1/s^2].
+        kappa_g: the same of dG/dq alone, for the time between two samples [1/s^2].
+        inverse: largest diagonal elements of D^-1, one for each joint [1/(kg m^2) or 1/kg].
+    """
+
+    delta_low: Number
+    delta_high: Number
+    sigma: Number
+    kappa_v: Number
+    kappa_e: Number
+    kappa_g: Number
+    inverse: tuple[Number, ...]
+
+
+class Points(NamedTuple):
+    """Where a number is evaluated: three configurations near each other, each of shape (k, n).
+
+    Attributes:
+        star: the reference.
+        q: the arm, which gives the metric.
+        between: between the two, where a gradient is taken.
+    """
+
+    star: Array
+    q: Array
+    between: Array
+
+
+def searched(setting: Setting, seed: int = 0) -> Numbers:
+    """Return the numbers of an arm, each searched over configurations and at both ends of the loads.
+
+    Args:
+        setting: what they are taken over.
+        seed: of the configurations that are drawn.
+    """
+    more = 1.0 + MARGIN
+    joints = range(setting.nominal.n)
+    low = -largest(setting, lambda *at: -_deltas(*at)[:, 0], seed)
+    high = largest(setting, lambda *at: _deltas(*at)[:, -1], seed)
+    return Numbers(
+        delta_low=Number(1.0 + more * (low - 1.0) if low < 1.0 else 1.0 + (low - 1.0) / more),
+        delta_high=Number(1.0 + more * (high - 1.0) if high > 1.0 else 1.0 + (high - 1.0) / more),
+        sigma=Number(more * largest(setting, _sigma, seed)),
+        kappa_v=Number(more * largest(setting, _coriolis, seed)),
+        kappa_e=Number(more * largest(setting, _stiffness, seed)),
+        kappa_g=Number(more * largest(setting, _gravity, seed)),
+        inverse=tuple(Number(more * largest(setting, _inverse(j), seed)) for j in joints),
+    )
+
+
+def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
+    """Return the largest value of a function of a true arm and :class:`Points` that a search finds.
+
+    Args:
+        setting: the arms and where they are.
+        function: (setting, arm, points) -> values (k,).
+        seed: of the points that are drawn.
+    """
+    rng = np.random.default_rng(seed)
+    n = setting.nominal.n
+    width = np.concatenate([setting.upper - setting.lower, np.full(2 * n, 2.0)])
+    low = np.concatenate([setting.lower, np.full(2 * n, -1.0)])
+
+    def values(z: Array) -> Array:
+        at = points(setting, z)
+        return np.asarray(np.max([function(setting, arm, at) for arm in setting.arms], axis=0))
+
+    z = low + width * rng.random((_DRAWN, 3 * n))
+    # Extremes are often at the ends of the box and of the distance to the reference.
+    ends = rng.random(z.shape) < np.concatenate([np.full(n, 0.1), np.full(2 * n, 0.7)])
+    z = np.where(ends, low + width * np.rint((z - low) / width), z)
+    found = values(z)
+    for closer in range(_ROUNDS):
+        best = np.argsort(-found)[:_BEST]
+        z, found = z[best], found[best]
+        near = np.repeat(z, _NEAR, axis=0)
+        near = near + 0.2 * 0.5**closer * width * rng.standard_normal(near.shape)
+        near = np.clip(near, low, low + width)
+        z = np.concatenate([z, near])
+        found = np.concatenate([found, values(near)])
+    return float(found.max())
+
+
+def points(setting: Setting, z: Array) -> Points:
+    """Return the configurations that coordinates (k, 3 n) stand for: q*, and two offsets in -1..1."""
+    star, first, second = np.split(z, 3, axis=1)
+    return Points(star, star + setting.radius * first, star + setting.radius * second)
+
+
+def slopes(function: Callable[[Array], Array], q: Array) -> Array:
+    """Return the derivatives of a function of configurations, shape (k, n, ...); error 1e-8 of its size."""
+    k, n = q.shape
+    steps = _STEP * np.array([1.0, -1.0, 2.0, -2.0])
+    moved = q[:, None, None] + steps[:, None] * np.eye(n)[:, None]
+    values = function(moved.reshape(-1, n))
+    values = values.reshape(k, n, 4, *values.shape[1:])
+    near, far = values[:, :, 0] - values[:, :, 1], values[:, :, 2] - values[:, :, 3]
+    return np.asarray((8.0 * near - far) / (12.0 * _STEP))
+
+
+def roots(D: Array) -> Array:
+    """Return L^-1 of D = L L^T, shape (k, n, n): L^-1 X L^-T has the norms of D^-1/2 X D^-1/2."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(D)))
+
+
+def corners(bound: Array) -> Array:
+    """Return the corners of a box of vectors, one of each pair of opposites; some of very many."""
+    n = len(bound)
+    if n <= 8:
+        signs = np.array([(1.0, *rest) for rest in itertools.product((1.0, -1.0), repeat=n - 1)])
+    else:
+        signs = np.sign(np.random.default_rng(0).standard_normal((2 * _CORNERS, n)))
+    return signs * bound
+
+
+def resting(setting: Setting, arm: Robot, star: Array) -> Array:
+    """Return v* [rad/s^2], which the controller asks for where the arm rests at q*; shape (k, n)."""
+    held = arm.gravity(star)
+    if setting.feedforward != "none":
+        held = held - setting.nominal.gravity(star)
+    return np.asarray(setting.nominal.inertia_solve(star, held))
+
+
+def _norms(X: Array) -> Array:
+    """Return the largest singular values of matrices (..., n, n)."""
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(X.swapaxes(-1, -2) @ X)[..., -1], 0.0)))
+
+
+def _in_metric(arm: Robot, q: Array, X: Array) -> Array:
+    """Return D^-1/2 X D^-1/2 but for a rotation; X of shape (k, n, n) or (k, m, n, n)."""
+    inverse = roots(arm.mass_matrix(q))
+    inverse = inverse[:, None] if X.ndim == 4 else inverse
+    return np.asarray(inverse @ X @ inverse.swapaxes(-1, -2))
+
+
+def _deltas(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the eigenvalues of D^-1 D^, shape (k, n)."""
+    return np.asarray(np.linalg.eigvalsh(_in_metric(arm, at.q, setting.nominal.mass_matrix(at.q))))
+
+
+def _sigma(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the largest rate of the metric; convex in the speeds, so largest at a corner of them."""
+    rates = np.einsum("kiab,ci->kcab", slopes(arm.mass_matrix, at.q), corners(setting.speed))
+    return np.asarray(np.abs(np.linalg.eigvalsh(_in_metric(arm, at.q, rates))).max(axis=(1, 2)))
+
+
+def _coriolis(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the norm of Christoffel's C(q, v), at a corner of the speeds."""
+    slope, v = slopes(arm.mass_matrix, at.q), corners(setting.speed)
+    along = np.einsum("kiab,ci->kcab", slope, v)
+    across = np.einsum("kjia,ca->kcij", slope, v)  # dD_ia/dq_j v_a
+    C = 0.5 * (along + across - across.swapaxes(-1, -2))
+    return np.asarray(_norms(_in_metric(arm, at.q, C)).max(axis=1))
+
+
+def _stiffness(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the norm of d(G - D^ v*)/dq, the metric at q, the gradient in between, v* at q*."""
+    v, n = resting(setting, arm, at.star), arm.n
+    slope = slopes(arm.gravity, at.between)
+    v = np.repeat(v, 4 * n, axis=0)
+    slope = slope - slopes(lambda q: setting.nominal.inertia_times(q, v), at.between)
+    return _norms(_in_metric(arm, at.q, slope.swapaxes(1, 2)))
+
+
+def _gravity(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the norm of dG/dq."""
+    return _norms(_in_metric(arm, at.q, slopes(arm.gravity, at.between).swapaxes(1, 2)))
+
+
+def _inverse(joint: int) -> _Function:
+    """Return the function that gives an element of the diagonal of D^-1."""
+    return lambda setting, arm, at: np.linalg.inv(arm.mass_matrix(at.q))[:, joint, joint]

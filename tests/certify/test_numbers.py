@@ -1,0 +1,59 @@
+"""The numbers of an arm against its own equations: nothing that is drawn may exceed them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.certify.numbers import Setting, searched, slopes
+
+
+def setting(speed: float = 0.5) -> Setting:
+    arm = armgpi.Robot.load("anthropomorphic3")
+    nominal = arm.with_payload(arm.tip, 0.25)
+    return Setting(
+        (arm, nominal), nominal, -np.ones(3), np.ones(3), np.full(3, 0.02), np.full(3, speed), "none"
+    )
+
+
+def test_no_motion_exceeds_the_numbers() -> None:
+    given = setting()
+    numbers = searched(given)
+    rng = np.random.default_rng(3)
+    arm, nominal = given.arms
+    for _ in range(200):
+        q, v = rng.uniform(-1.0, 1.0, 3), rng.uniform(-0.5, 0.5, 3)
+        D = arm.mass_matrix(q)
+        root = np.linalg.inv(np.linalg.cholesky(D))
+        # The rate of the metric along the motion, by differences.
+        rate = (arm.mass_matrix(q + 1e-6 * v) - arm.mass_matrix(q - 1e-6 * v)) / 2e-6
+        assert np.abs(np.linalg.eigvalsh(root @ rate @ root.T)).max() <= numbers.sigma.value
+        # Coriolis torques by inverse dynamics: at most kappa_v in the metric.
+        coriolis = arm.nonlinear_effects(q, v) - arm.gravity(q)
+        assert np.linalg.norm(root @ coriolis) <= numbers.kappa_v.value * np.sqrt(v @ D @ v) + 1e-12
+        # The torque that is missing at q when the law holds the arm at q*: at most kappa_e times the error.
+        star = q + rng.uniform(-0.02, 0.02, 3)
+        missing = arm.gravity(q) - nominal.inertia_times(q, nominal.inertia_solve(star, arm.gravity(star)))
+        e = q - star
+        assert np.linalg.norm(root @ missing) <= numbers.kappa_e.value * np.sqrt(e @ D @ e)
+        delta = np.linalg.eigvals(np.linalg.solve(D, nominal.mass_matrix(q))).real
+        assert numbers.delta_low.value <= delta.min() + 1e-9
+        assert delta.max() <= numbers.delta_high.value
+        assert (np.diagonal(np.linalg.inv(D)) <= [each.value for each in numbers.inverse]).all()
+
+
+def test_speed_scales_what_depends_on_it() -> None:
+    slow, fast = searched(setting(0.2)), searched(setting(0.4))
+    assert fast.sigma.value == pytest.approx(2.0 * slow.sigma.value, rel=1e-9)
+    assert fast.kappa_v.value == pytest.approx(2.0 * slow.kappa_v.value, rel=1e-9)
+    assert fast.kappa_e == slow.kappa_e
+
+
+def test_slopes_are_derivatives() -> None:
+    q = np.array([[0.3, -0.7], [1.0, 2.0]])
+    found = slopes(lambda x: np.sin(x) * x[:, ::-1], q)
+    expected = np.empty((2, 2, 2))
+    expected[:, 0, 0], expected[:, 0, 1] = np.cos(q[:, 0]) * q[:, 1], np.sin(q[:, 1])
+    expected[:, 1, 1], expected[:, 1, 0] = np.cos(q[:, 1]) * q[:, 0], np.sin(q[:, 0])
+    np.testing.assert_allclose(found, expected, atol=1e-7)
