@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from armgpi.plants.loads import Ramp as Ramp
     from armgpi.plants.loads import Sine as Sine
     from armgpi.plants.loads import Step as Step
+    from armgpi.plants.mujoco import MuJoCoPlant as MuJoCoPlant
     from armgpi.plants.plant import Plant as Plant
     from armgpi.plants.plant import Wrapper as Wrapper
     from armgpi.plants.reality import Draw as Draw
@@ -111,6 +112,7 @@ _NAMES = {
     "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
+    "plants.mujoco": ("MuJoCoPlant",),
     "plants.plant": ("Plant", "Wrapper"),
     "plants.reality": ("Draw", "Reality"),
     "plants.rigid_body": ("RigidBodyPlant",),

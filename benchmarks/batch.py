@@ -91,7 +91,7 @@ def main() -> None:
     )
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:
-            print(f"\n{label} is not installed and so not in the tables: pip install 'armgpi[bench]'.")
+            print(f"\n{label} is not installed and so not in the tables: pip install 'armgpi[mujoco]'.")
     page.write()
 
 

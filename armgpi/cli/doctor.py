@@ -19,7 +19,7 @@ from armgpi.cli.terminal import say
 _EXTRAS = {
     "viz": (("matplotlib", "matplotlib"), ("meshcat", "meshcat")),
     "check": (("yourdfpy", "yourdfpy"),),
-    "bench": (("mujoco", "mujoco"),),
+    "mujoco": (("mujoco", "mujoco"),),
     "compiled": (("casadi", "casadi"),),
 }
 _NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "pydantic", "typer", "rich", "PyYAML")

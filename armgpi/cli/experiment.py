@@ -86,7 +86,9 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     if compare:
         result = experiments.compare(experiment, backend=backend)
     else:
-        label = next(iter(experiment.controllers))
+        label, *others = experiment.runs
+        if others:
+            raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
         result = experiments.join({label: experiments.run(experiment, label, backend=backend)})
     records = experiments.records(result)
     paths: list[Path] = []

@@ -150,6 +150,14 @@ Drives = Annotated[
         help="YAML or JSON: joint -> gear_ratio, motor_inertia, viscous, coulomb, in place of the URDF's.",
     ),
 ]
+PlantEngine = Annotated[
+    str | None,
+    typer.Option(
+        "--plant",
+        metavar="NAME",
+        help="Simulator: 'armgpi' (default), 'mujoco' (a second one, of its own), or for compare 'both'.",
+    ),
+]
 InertiaScale = Annotated[
     float | None,
     typer.Option(
@@ -259,6 +267,7 @@ def experiment(
     rotor_inertia: RotorInertia = None,
     drives: Drives = None,
     inertia_scale: InertiaScale = None,
+    plant: PlantEngine = None,
     payload: Payload = None,
     friction: Friction = None,
     dt: SampleTime = None,

@@ -53,6 +53,7 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
         data = config.model_dump(exclude_unset=True)
     over = _Overlay(options, data)
     _robot(over)
+    over.take("plant", "plant", "engine")
     over.take("payload", "plant", "payload", "mass")
     over.take("friction", "plant", "friction", read=lambda wanted: "urdf" if wanted else "none")
     over.take("dt", "sample_time")

@@ -28,8 +28,8 @@ from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.splines import BSplineBasis
 from armgpi.control.weights import Weights
+from armgpi.plants.arm import LoadTable
 from armgpi.plants.loads import Load
-from armgpi.plants.rigid_body import LoadTable
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.dynamics import Dynamics, ScaledDynamics

@@ -18,6 +18,7 @@ from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.loads import Load
+from armgpi.plants.mujoco import MuJoCoPlant
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.reality import Reality, together
 from armgpi.plants.rigid_body import RigidBodyPlant
@@ -31,6 +32,8 @@ from armgpi.registry import Context, registered, subclasses
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
+#: Simulators, in the order in which both are run.
+ENGINES = ("armgpi", "mujoco")
 #: Most samples of a run: a day at 10 kHz.
 _MAX_SAMPLES = 10**9
 #: Share of the velocity limits that a move without a duration uses, and its acceleration [rad/s^2].
@@ -87,6 +90,7 @@ class Experiment(NamedTuple):
         reference: where to.
         t_final: how long [s].
         config: what they were made from, with every default filled in.
+        plants: simulator -> what moves in it; more than `plant` where there are two of them.
     """
 
     robot: Robot
@@ -95,6 +99,16 @@ class Experiment(NamedTuple):
     reference: Reference
     t_final: float
     config: ExperimentConfig
+    plants: dict[str, Plant]
+
+    @property
+    def runs(self) -> dict[str, tuple[Plant, Controller]]:
+        """Label -> what is run: every controller on every plant."""
+        return {
+            label if len(self.plants) == 1 else f"{label} ({engine})": (plant, controller)
+            for label, controller in self.controllers.items()
+            for engine, plant in self.plants.items()
+        }
 
 
 def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
@@ -107,9 +121,12 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     robot = _robot(config.robot, top.at("robot"))
     if config.reality is None:
         context = _context(config, robot, top)
-        plant = _plant(config, context, top.at("plant"))
+        engine = config.plant.engine
+        engines = ENGINES if engine == "both" else (engine,)
+        plants = {each: _plant(config, context, top.at("plant"), each) for each in engines}
     else:
-        config, context, plant = _drawn(config, robot, top)
+        config, context, drawn = _drawn(config, robot, top)
+        plants = {ENGINES[0]: drawn}
     controllers: dict[str, Controller] = {}
     sections: list[Any] = []
     for index, section in enumerate(config.controllers):
@@ -137,7 +154,9 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             f"{_MAX_SAMPLES:.0e} samples of {config.sample_time:g} s) in a run, got {t_final:g} s"
         )
     filled = {"controllers": sections, "reference": moves, "t_final": t_final}
-    return Experiment(robot, plant, controllers, reference, t_final, config.model_copy(update=filled))
+    config = config.model_copy(update=filled)
+    plant = next(iter(plants.values()))
+    return Experiment(robot, plant, controllers, reference, t_final, config, plants)
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:
@@ -209,8 +228,8 @@ def _drawn(config: ExperimentConfig, robot: Robot, top: _Place) -> tuple[Experim
     return config, context, found.plant
 
 
-def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
-    """Return the plant with its loads, sensors and actuators."""
+def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: str) -> Plant:
+    """Return the plant in a simulator, with its loads, sensors and actuators."""
     section, robot = config.plant, context.robot
     real = robot
     if section.payload is not None:
@@ -226,9 +245,7 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
         with here.error_context():
             kind = registered(Load)[item.type]
             torques += kind.configured(_given(item, parameters(kind), robot, here, {}, 0.0), context)
-    with place.error_context():
-        friction = "urdf" if section.friction == "urdf" else None
-        plant: Plant = RigidBodyPlant(real, torques, friction=friction, substeps=section.substeps)
+    plant = _arm(section, real, torques, place, engine)
     for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: item[1].order):
         value = getattr(section, name, None)  # a class made since then is no key
         given = None
@@ -243,6 +260,27 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place) -> Plant:
         with place.at(name).error_context():
             plant = wrapper.configured(plant, given, context)
     return plant
+
+
+def _arm(section: PlantSection, real: Robot, loads: list[Load], place: _Place, engine: str) -> Plant:
+    """Return the arm in a simulator."""
+    friction = "urdf" if section.friction == "urdf" else None
+    if engine == "mujoco":
+        with place.at("engine").error_context():
+            return MuJoCoPlant(
+                real,
+                loads,
+                friction,
+                section.substeps,
+                section.integrator or "rk4",
+                stops=section.stops,
+                contacts=section.contacts,
+            )
+    for key in ("integrator", "stops", "contacts"):
+        if section.engine == engine and getattr(section, key):
+            raise place.at(key).error("requires engine: mujoco, or both")
+    with place.error_context():
+        return RigidBodyPlant(real, loads, friction=friction, substeps=section.substeps)
 
 
 def controller(section: Any, context: Context) -> Controller:

@@ -30,13 +30,13 @@ def run(
 
     Args:
         experiment: from :func:`armgpi.config.build`.
-        label: which controller.
+        label: which one of ``experiment.runs``: a controller, or one of several plants with it.
         progress: as for :func:`armgpi.simulate`.
         backend: likewise; "auto" takes generated code where that is faster.
     """
-    controller = experiment.controllers[label]
+    plant, controller = experiment.runs[label]
     return simulate(
-        experiment.plant,
+        plant,
         controller,
         experiment.reference,
         experiment.t_final,
@@ -48,14 +48,14 @@ def run(
 
 
 def compare(experiment: Experiment, progress: bool | None = None, backend: str = "auto") -> xr.Dataset:
-    """Run all controllers of an experiment on the same plant and reference.
+    """Run all controllers of an experiment on the same reference and plant, or in two simulators.
 
     Returns:
         One dataset with a rollout per controller; coordinates ``label`` and ``measurement`` (what it
         measured). Ctrl-C ends it after the rollout it stopped.
     """
     runs: dict[str, xr.Dataset] = {}
-    for label in experiment.controllers:
+    for label in experiment.runs:
         runs[label] = run(experiment, label, progress, backend)
         if (runs[label]["status"] == Status.INTERRUPTED).any():
             break

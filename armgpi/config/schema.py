@@ -279,6 +279,10 @@ class PlantSection(Section):
         friction: "urdf" for the URDF's friction coefficients, "none".
         loads: disturbance torques.
         substeps: integration steps per sample.
+        engine: which simulator: "armgpi" (by Pinocchio), "mujoco", or "both", one after the other.
+        integrator: MuJoCo's: "rk4" (when not given), "euler", "implicit" or "implicitfast".
+        stops: whether joints have stops at their limits, in MuJoCo.
+        contacts: whether links touch each other, in MuJoCo.
     """
 
     payload: PayloadSection | None = None
@@ -286,6 +290,10 @@ class PlantSection(Section):
     friction: Literal["urdf", "none"] = "none"
     loads: list[LoadSection] = []
     substeps: Whole = Field(default=1, ge=1, le=1000)
+    engine: Literal["armgpi", "mujoco", "both"] = "armgpi"
+    integrator: Literal["rk4", "euler", "implicit", "implicitfast"] | None = None
+    stops: StrictBool = False
+    contacts: StrictBool = False
 
 
 def _wrapper(name: str, cls: type[Wrapper]) -> tuple[Any, Any]:

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number, check_whole, new, not_negative, per_joint
-from armgpi.control.controller import FullState, common_batch
-from armgpi.errors import ArrayError, ParameterError
+from armgpi.arrays import Array, check_number, new
+from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
-from armgpi.plants.plant import Plant, PlantState
-from armgpi.robot.batch import AnyRobot, check_robot
+from armgpi.plants.plant import PlantState
+from armgpi.robot.batch import AnyRobot
 from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction: 1e-9 of it is left after 16 for all of 12,000 random arms.
 _NEWTON_STEPS = 16
-#: More integration steps per sample than any plant needs.
-_MOST_SUBSTEPS = 10_000
 
 
 class _StepSizes(NamedTuple):
@@ -38,7 +34,7 @@ def _step_sizes(h: float) -> _StepSizes:
     return _StepSizes(*map(np.array, (h, 0.5 * h, h / 6.0, h * h / 6.0)))
 
 
-class RigidBodyPlant(Plant):
+class RigidBodyPlant(Arm):
     """An arm by Pinocchio: D(q) a + C(q, v) v + G(q) = tau - tau_d - friction.
 
     The torque is held over the sample. Without friction each substep is one classical Runge-Kutta step
@@ -73,21 +69,10 @@ class RigidBodyPlant(Plant):
             ParameterError: for bad friction, substeps or stick velocity.
             ArrayError: when a load or coefficient does not fit the joints.
         """
-        check_robot(robot)
-        self.robot = robot
-        self.loads = tuple(loads) if isinstance(loads, Sequence) else (loads,)
-        self.substeps = check_whole(substeps, "substeps", 1, _MOST_SUBSTEPS)
+        super().__init__(robot, loads, friction, substeps)
         self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
-        self.friction = self._friction(friction)
         self._sticks = self.friction is not None and bool(self.friction.coulomb.any())
-        loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
-        self.batch = common_batch(robot.batch, *(self.friction or ()), *loads_now)
-        self._table = LoadTable(self, self.substeps) if self.loads else None
         self._substep = self._without_friction if self.friction is None else self._with_friction
-
-    def init(self, q: Array, v: Array) -> PlantState:
-        """Return the state at time 0; see :meth:`Plant.init`."""
-        return PlantState(0, q, v, np.zeros_like(q))
 
     def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
         """Return the state after `tau` was held for `dt`; see :meth:`Plant.step`."""
@@ -99,40 +84,6 @@ class RigidBodyPlant(Plant):
                 begin, middle, end = (tau - load for load in self._table.at(k, i, dt))
             q, v = self._substep(q, v, begin, middle, end, h)
         return new(PlantState, (k + 1, q, v, tau))
-
-    def measure(self, state: PlantState) -> FullState:
-        """Return the true positions and velocities."""
-        return new(FullState, (state.q, state.v))
-
-    def true_state(self, state: PlantState) -> PlantState:
-        """Return the state itself."""
-        return state
-
-    def disturbance(self, t: Array) -> Array | None:
-        """Return the sum of the loads; see :meth:`Plant.disturbance`."""
-        if not self.loads:
-            return None
-        rank = max(1, max(len(load.shape) for load in self.loads))
-        times = np.asarray(t, dtype=np.float64).reshape((-1,) + (1,) * rank)
-        total = sum((load.torque(times) for load in self.loads), np.zeros((1,) * rank + (self.robot.n,)))
-        return np.asarray(total)
-
-    def describe(self) -> dict[str, Any]:
-        """Return the parameters as plain data."""
-        friction = self.friction
-        return {
-            "plant": type(self).__name__,
-            "robot": self.robot.provenance,
-            "loads": [load.describe() for load in self.loads],
-            "friction": None
-            if friction is None
-            else {name: value.tolist() for name, value in friction._asdict().items()},
-            "substeps": self.substeps,
-        }
-
-    def __repr__(self) -> str:
-        """Return a one-line description."""
-        return f"RigidBodyPlant({self.robot!r}, {len(self.loads)} loads)"
 
     def _without_friction(
         self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
@@ -170,68 +121,6 @@ class RigidBodyPlant(Plant):
         steps = _NEWTON_STEPS if self._sticks else 0
         new = _after_friction(inertia, v_free, h, self.friction, self.stick_velocity, steps)
         return q_free + 0.5 * h * (new - v_free), new
-
-    def _friction(self, friction: str | Friction | None) -> Friction | None:
-        """Return the friction coefficients, None when there is no friction."""
-        if friction is None:
-            return None
-        if isinstance(friction, str):
-            if friction != "urdf":
-                raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
-            return self.robot.friction
-        if not isinstance(friction, tuple) or len(friction) != 2:
-            raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
-        names = self.robot.joint_names
-        return Friction(
-            *(
-                per_joint(value, name, names, "zero or positive", not_negative)
-                for value, name in zip(friction, Friction._fields, strict=True)
-            )
-        )
-
-    def _check_load(self, load: Load) -> tuple[int, ...]:
-        """Return the shape of a load, refusing one that does not fit the joints."""
-        if not isinstance(load, Load):
-            raise ParameterError("loads", load, "loads such as Step, Ramp, Sine or Pulse")
-        shape = load.shape
-        if len(shape) > 2 or (shape and shape[-1] not in (1, self.robot.n)):
-            raise ArrayError("loads", f"{load}: expected one torque per joint ({self.robot.n}), got {shape}")
-        return shape
-
-
-class LoadTable:
-    """Disturbance torques at the stage times, worked out for a stretch of samples at once.
-
-    A load depends on time alone, so evaluating it at every Runge-Kutta stage would repeat itself.
-
-    Attributes:
-        plant: whose loads they are.
-        substeps: Runge-Kutta steps per sample.
-    """
-
-    _SAMPLES = 256
-    #: Shares of a substep. The end lies just before it, so that a load which sets in there is not felt yet.
-    STAGES = np.array([0.0, 0.5, 1.0 - 1e-9])
-
-    def __init__(self, plant: Plant, substeps: int) -> None:
-        """Keep the loads of a plant."""
-        self.plant = plant
-        self.substeps = substeps
-        self._first = -1
-        self._dt = math.nan
-        self._rows: Array = np.empty(0)
-
-    def at(self, k: int, substep: int, dt: float) -> tuple[Array, Array, Array]:
-        """Return the torque at the beginning, middle and end of a substep of sample `k`."""
-        first = k - k % self._SAMPLES
-        if first != self._first or dt != self._dt:
-            substeps = np.arange(self.substeps * self._SAMPLES)[:, None]
-            times = dt * (first + (substeps + self.STAGES) / self.substeps)
-            rows = self.plant.disturbance(times.ravel())
-            assert rows is not None
-            self._first, self._dt, self._rows = first, dt, rows
-        i = 3 * (self.substeps * (k - first) + substep)
-        return self._rows[i], self._rows[i + 1], self._rows[i + 2]
 
 
 def _after_friction(

@@ -31,6 +31,7 @@ class Edits(Frames):
     """
 
     _provenance: Mapping[str, Any]
+    _xml: str
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -55,6 +55,7 @@ class Robot(Edits):
         provenance: Mapping[str, Any],
         coupling: urdf_model.Coupling | None = None,
         joint_names: Sequence[str] | None = None,
+        xml: str = "",
     ) -> None:
         """Take over a `pin.Model` with nq = nv; users call :meth:`load` or :meth:`from_xml`."""
         frames: dict[str, int] = {}
@@ -70,6 +71,7 @@ class Robot(Edits):
             friction=Friction(*map(frozen, friction)),
             coupling=coupling,
             _provenance=copy.deepcopy(dict(provenance)),
+            _xml=xml,
             _frames=frames,
             **parts_of(model, coupling),
         )
@@ -167,6 +169,7 @@ class Robot(Edits):
             provenance,
             built.coupling,
             [j.name for j in joints],
+            built.xml,
         )
         configurations = np.vstack([robot.middle(), robot.random_positions(_SAMPLES)])
         check_inertia(robot, configurations, document.source)

@@ -56,6 +56,7 @@ class Built(NamedTuple):
         locked: value of every locked joint [rad or m].
         coupling: how the coordinates follow from fewer free ones; None when all of them are free.
         repairs: the repairs that were made, in the file and in the tree with these joints locked.
+        xml: the URDF that Pinocchio was given, written anew: locked joints are fixed, shapes left out.
     """
 
     model: Any
@@ -63,6 +64,7 @@ class Built(NamedTuple):
     locked: Mapping[str, float]
     coupling: Coupling | None = None
     repairs: tuple[Repair, ...] = ()
+    xml: str = ""
 
 
 def build(
@@ -95,7 +97,8 @@ def build(
     links = [_checked(link, repairs) if link.name in moved else link for link in urdf.links.values()]
     if not any(urdf.links[name].mass > 0.0 for name in moved):
         _refuse_shapes_alone(urdf, moved)
-    model = _pinocchio_model(_written(urdf, links, locked), urdf.source)
+    xml = _written(urdf, links, locked)
+    model = _pinocchio_model(xml, urdf.source)
     joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
     if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
         raise UrdfError(
@@ -103,7 +106,7 @@ def build(
             f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
         )
     coupling = _coupling(urdf, joints) if mimic == "follow" else None
-    return Built(model, joints, locked, coupling, tuple(repairs.made))
+    return Built(model, joints, locked, coupling, tuple(repairs.made), xml)
 
 
 def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, float]) -> None:

@@ -1,0 +1,158 @@
+"""What plants of an arm have in common: which arm it is, its loads and its friction, checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array, check_whole, new, not_negative, per_joint
+from armgpi.control.controller import FullState, common_batch
+from armgpi.errors import ArrayError, ParameterError
+from armgpi.plants.loads import Load
+from armgpi.plants.plant import Plant, PlantState
+from armgpi.robot.batch import AnyRobot, check_robot
+from armgpi.robot.equations import Friction
+
+#: More integration steps per sample than any plant needs.
+_MOST_SUBSTEPS = 10_000
+
+
+class Arm(Plant):
+    """An arm under torque, loads and friction, without sensors; a subclass integrates it.
+
+    Attributes:
+        loads: disturbance torques.
+        friction: joint friction, or None.
+        substeps: integration steps per sample.
+    """
+
+    def __init__(
+        self,
+        robot: AnyRobot,
+        loads: Sequence[Load] | Load = (),
+        friction: str | Friction | None = None,
+        substeps: int = 1,
+    ) -> None:
+        """Check and keep what the plants have in common.
+
+        Args:
+            robot: the arm that it really is.
+            loads: disturbance torques, each (n,) or (batch, n).
+            friction: "urdf", ``Friction(viscous, coulomb)`` or None.
+            substeps: integration steps per sample, 1 to 10,000.
+
+        Raises:
+            ParameterError: for bad friction or substeps.
+            ArrayError: when a load or coefficient does not fit the joints.
+        """
+        check_robot(robot)
+        self.robot = robot
+        self.loads = tuple(loads) if isinstance(loads, Sequence) else (loads,)
+        self.substeps = check_whole(substeps, "substeps", 1, _MOST_SUBSTEPS)
+        self.friction = self._friction(friction)
+        loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
+        self.batch = common_batch(robot.batch, *(self.friction or ()), *loads_now)
+        self._table = LoadTable(self, self.substeps) if self.loads else None
+
+    def init(self, q: Array, v: Array) -> PlantState:
+        """Return the state at time 0; see :meth:`Plant.init`."""
+        return PlantState(0, q, v, np.zeros_like(q))
+
+    def measure(self, state: PlantState) -> FullState:
+        """Return the true positions and velocities."""
+        return new(FullState, (state.q, state.v))
+
+    def true_state(self, state: PlantState) -> PlantState:
+        """Return the state itself."""
+        return state
+
+    def disturbance(self, t: Array) -> Array | None:
+        """Return the sum of the loads; see :meth:`Plant.disturbance`."""
+        if not self.loads:
+            return None
+        rank = max(1, max(len(load.shape) for load in self.loads))
+        times = np.asarray(t, dtype=np.float64).reshape((-1,) + (1,) * rank)
+        total = sum((load.torque(times) for load in self.loads), np.zeros((1,) * rank + (self.robot.n,)))
+        return np.asarray(total)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        friction = self.friction
+        return {
+            "plant": type(self).__name__,
+            "robot": self.robot.provenance,
+            "loads": [load.describe() for load in self.loads],
+            "friction": None
+            if friction is None
+            else {name: value.tolist() for name, value in friction._asdict().items()},
+            "substeps": self.substeps,
+        }
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"{type(self).__name__}({self.robot!r}, {len(self.loads)} loads)"
+
+    def _friction(self, friction: str | Friction | None) -> Friction | None:
+        """Return the friction coefficients, None when there is no friction."""
+        if friction is None:
+            return None
+        if isinstance(friction, str):
+            if friction != "urdf":
+                raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
+            return self.robot.friction
+        if not isinstance(friction, tuple) or len(friction) != 2:
+            raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
+        names = self.robot.joint_names
+        return Friction(
+            *(
+                per_joint(value, name, names, "zero or positive", not_negative)
+                for value, name in zip(friction, Friction._fields, strict=True)
+            )
+        )
+
+    def _check_load(self, load: Load) -> tuple[int, ...]:
+        """Return the shape of a load, refusing one that does not fit the joints."""
+        if not isinstance(load, Load):
+            raise ParameterError("loads", load, "loads such as Step, Ramp, Sine or Pulse")
+        shape = load.shape
+        if len(shape) > 2 or (shape and shape[-1] not in (1, self.robot.n)):
+            raise ArrayError("loads", f"{load}: expected one torque per joint ({self.robot.n}), got {shape}")
+        return shape
+
+
+class LoadTable:
+    """Disturbance torques at the stage times, worked out for a stretch of samples at once.
+
+    A load depends on time alone, so evaluating it at every Runge-Kutta stage would repeat itself.
+
+    Attributes:
+        plant: whose loads they are.
+        substeps: Runge-Kutta steps per sample.
+    """
+
+    _SAMPLES = 256
+    #: Shares of a substep. The end lies just before it, so that a load which sets in there is not felt yet.
+    STAGES = np.array([0.0, 0.5, 1.0 - 1e-9])
+
+    def __init__(self, plant: Plant, substeps: int) -> None:
+        """Keep the loads of a plant."""
+        self.plant = plant
+        self.substeps = substeps
+        self._first = -1
+        self._dt = math.nan
+        self._rows: Array = np.empty(0)
+
+    def at(self, k: int, substep: int, dt: float) -> tuple[Array, Array, Array]:
+        """Return the torque at the beginning, middle and end of a substep of sample `k`."""
+        first = k - k % self._SAMPLES
+        if first != self._first or dt != self._dt:
+            substeps = np.arange(self.substeps * self._SAMPLES)[:, None]
+            times = dt * (first + (substeps + self.STAGES) / self.substeps)
+            rows = self.plant.disturbance(times.ravel())
+            assert rows is not None
+            self._first, self._dt, self._rows = first, dt, rows
+        i = 3 * (self.substeps * (k - first) + substep)
+        return self._rows[i], self._rows[i + 1], self._rows[i + 2]
