@@ -480,6 +480,20 @@ CASES: dict[str, Case] = {
         },
         moved,
     ),
+    "MuJoCoPlant": Case(
+        armgpi.MuJoCoPlant,
+        {
+            "robot": ARM,
+            "loads": [armgpi.Step(0.1)],
+            "friction": "urdf",
+            "substeps": 1,
+            "integrator": "rk4",
+            "stops": False,
+            "contacts": False,
+            "package_dirs": (),
+        },
+        moved,
+    ),
     "Friction": Case(
         lambda **a: armgpi.RigidBodyPlant(ARM, friction=armgpi.Friction(**a)),
         {"viscous": 0.1, "coulomb": [0.1, 0.0, 0.2]},

@@ -16,8 +16,8 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
-from armgpi.arrays import Array, check_choice, check_type, new
-from armgpi.errors import BackendError, UrdfError
+from armgpi.arrays import Array, check_choice, check_path, check_type, is_listing, new
+from armgpi.errors import BackendError, ParameterError, UrdfError
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import PlantState
@@ -69,7 +69,7 @@ class MuJoCoPlant(Arm):
         *,
         stops: bool = False,
         contacts: bool = False,
-        package_dirs: Iterable[str | PathLike[str]] = (),
+        package_dirs: Sequence[str | PathLike[str]] = (),
     ) -> None:
         """Compile the robot.
 
@@ -93,9 +93,12 @@ class MuJoCoPlant(Arm):
         check_type(stops, "stops", bool, "True or False")
         check_type(contacts, "contacts", bool, "True or False")
         self.integrator, self.stops, self.contacts = integrator, stops, contacts
+        if not is_listing(package_dirs):
+            raise ParameterError("package_dirs", package_dirs, "a list of folders")
+        folders = [check_path(folder, "package_dirs") for folder in package_dirs]
         rows = max([1, *(len(each) for each in self.friction or () if each.ndim == 2)])
         robots = [robot] * rows if isinstance(robot, Robot) else robot.robots
-        made = {id(each): _Compiled(each, self, package_dirs) for each in robots}  # each of them once
+        made = {id(each): _Compiled(each, self, folders) for each in robots}  # each of them once
         compiled = [made[id(each)] for each in robots]
         self.models = [self._finished(each, row) for row, each in enumerate(compiled)]
         self.differences = tuple(dict.fromkeys((*compiled[0].differences, *self._differences())))
@@ -157,7 +160,7 @@ class _Compiled:
         differences: what had to be done otherwise.
     """
 
-    def __init__(self, robot: Robot, plant: MuJoCoPlant, package_dirs: Iterable[Any]) -> None:
+    def __init__(self, robot: Robot, plant: MuJoCoPlant, package_dirs: Iterable[Path]) -> None:
         """Compile a robot for a plant."""
         mujoco = _mujoco()
         self.robot, self.source = robot, str(robot.provenance["source"])
@@ -428,7 +431,7 @@ def _round(link: Element) -> bool:
     return True
 
 
-def _add_shapes(root: Element, robot: Robot, package_dirs: Iterable[Any]) -> dict[str, bytes]:
+def _add_shapes(root: Element, robot: Robot, package_dirs: Iterable[Path]) -> dict[str, bytes]:
     """Put the URDF's collision shapes to the links, and return the meshes that they name.
 
     Raises:
