@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from armgpi.control.gains import FixedGains as FixedGains
     from armgpi.control.gains import Gains as Gains
     from armgpi.control.gains import Tuning as Tuning
-    from armgpi.control.gains import default_omega as default_omega
     from armgpi.control.gpi import GPI as GPI
+    from armgpi.control.margins import default_omega as default_omega
     from armgpi.control.network import BSplineNetwork as BSplineNetwork
     from armgpi.control.payload import LargestPayload as LargestPayload
     from armgpi.control.payload import PayloadRange as PayloadRange
@@ -99,7 +99,8 @@ _NAMES = {
     "control.slotineli": ("SlotineLi",),
     "control.supertwisting": ("SuperTwisting",),
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
-    "control.gains": ("FixedGains", "Gains", "Tuning", "default_omega"),
+    "control.gains": ("FixedGains", "Gains", "Tuning"),
+    "control.margins": ("default_omega",),
     "control.gpi": ("GPI",),
     "control.network": ("BSplineNetwork",),
     "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),

@@ -97,6 +97,11 @@ class Member:
         """Whether the two quadratics are one and the same."""
         return self.second_ratio is None and self.second_zeta is None
 
+    @property
+    def printed(self) -> bool:
+        """Whether it is the law of the paper."""
+        return self.integrators == 2 and self.rolloff == 0 and self.equal
+
 
 #: The law of the paper.
 PRINTED = Member()

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
-from armgpi.arrays import Array, check_number
+from armgpi.arrays import Array
 from armgpi.control.controller import common_batch
 from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.registry import Context
-
-#: Share of the delay margin that the default bandwidth uses: omega_c (1.5 dt + delay) = 0.1.
-_DEFAULT_PHASE = 0.1
 
 
 class Tuning(NamedTuple):
@@ -233,40 +229,3 @@ class FixedGains(Gains):
     def nominal(self) -> Tuning:
         """Return the fixed tuning."""
         return self._tuning
-
-
-#: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
-SLOWEST_DEFAULT = 15.0
-
-
-def slow_default(dt: float, delay: float) -> str:
-    """Return what to say of a default bandwidth below :data:`SLOWEST_DEFAULT`; empty for a faster one."""
-    omega = default_omega(dt, delay)
-    if omega >= SLOWEST_DEFAULT:
-        return ""
-    return (
-        f"the default bandwidth is {omega:.3g} rad/s at a sample time of {dt:g} s and delay of {delay:g} s, "
-        f"and below {SLOWEST_DEFAULT:g} an arm follows badly"
-    )
-
-
-def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0) -> float:
-    """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
-
-    A hold of dt and the computation take 1.5 dt, transport takes `delay`; the law tolerates 0.356 / omega_c
-    of them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. The cap keeps encoder
-    steps from becoming torque noise.
-
-    Args:
-        dt: sample time [s].
-        delay: transport delay in the loop [s].
-        highest: cap [rad/s]; infinite for none.
-
-    Raises:
-        ParameterError: when a number is out of its range.
-    """
-    dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
-    delay = check_number(delay, "delay", "zero or positive [s]")
-    if not (isinstance(highest, float) and highest == math.inf):
-        highest = check_number(highest, "highest", "positive [rad/s]", open_=True)
-    return min(_DEFAULT_PHASE / (1.5 * dt + delay), highest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -12,17 +13,18 @@ import numpy as np
 from armgpi.arrays import Array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.family import Member
-from armgpi.control.gains import FixedGains, Gains, default_omega, slow_default
-from armgpi.control.margins import delay_margins
+from armgpi.control.gains import FixedGains, Gains
+from armgpi.control.margins import default_omega, delay_margins, slow_default
 from armgpi.control.payload import LoadRange, PayloadRange
 from armgpi.control.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.errors import ArmgpiWarning, ParameterError
-from armgpi.parameter import PerJoint, Vector, parameter, with_parameters
+from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import check_robot
-from armgpi.robot.robot import Robot
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints
 
+#: What chooses the member of the family, in the order of :class:`armgpi.control.family.Member`.
+_MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
 
@@ -76,6 +78,7 @@ class GPI(Controller):
             `rest_leak` it keeps friction and encoder counts from making the arm hunt.
         rest_leak: rate at which every integrator but the first empties while the reference rests [1/s]; some
             50 end hunting, 0 is the paper.
+        bias_robot: the robot that the feedforward is of; `robot` when not given.
     """
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
@@ -189,6 +192,7 @@ class GPI(Controller):
         per_joint=True,
         slider=(0.0, 100.0),
     )
+    bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         """Check the parameters and work out what `step` needs of them.
@@ -202,15 +206,17 @@ class GPI(Controller):
         check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
         given: Any = self.gains
+        member = _member(vars(self))
         if self.payload is not None:
-            self.keep("payload", self._found())
+            self.keep("payload", self._found(member))
             self.keep("robot", self.payload.nominal)
         elif self.frame is not None:
             raise ParameterError("frame", self.frame, "left out where there is no payload")
+        self.fill("bias_robot", self.robot)
+        check_same_joints(self.bias_robot, "bias_robot", self.robot)
         if given is None:
-            omega_c = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
-            given = FixedGains(omega_c)
-            if self.payload is None and (said := slow_default(self.dt, self.delay)):
+            given = FixedGains(self._default_omega(member))
+            if self.payload is None and (said := slow_default(self.dt, self.delay, member)):
                 warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=3)
         if not isinstance(given, Gains):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
@@ -218,21 +224,18 @@ class GPI(Controller):
         super().__post_init__()
         known = {"none": "inertia"}.get(self.feedforward, self.feedforward)
         self.knows = known  # type: ignore[misc]  # of this one, not of the class
-        member = Member(
-            self.integrators, self.rolloff, self.rolloff_ratio, self.second_ratio, self.second_zeta
-        )
         self._law = REALISATIONS[self.realisation]
         if self.realisation == "bumpless":
             self._law = Bumpless(member)
-        elif member.integrators != 2 or member.rolloff or not member.equal:
+        elif not member.printed:
             expected = "bumpless for what is not the law of the paper"
             raise ParameterError("realisation", self.realisation, expected)
         self._rests = bool(self.rest_dead_zone.any() or self.rest_leak.any())
         if self._rests and self.realisation != "bumpless":
             raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
         self._emptied = -np.expm1(-self.rest_leak * self.dt)
-        self._viscous, self._coulomb = self.robot.friction
-        self._dynamics = self.robot.dynamics
+        self._viscous, self._coulomb = self.bias_robot.friction
+        self._dynamics, self._bias = self.robot.dynamics, self.bias_robot.dynamics
         with np.errstate(all="ignore"):
             self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
         if not all(np.isfinite(x).all() for x in self._nominal):
@@ -242,17 +245,19 @@ class GPI(Controller):
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
         """Return the context with the bandwidth that sample time, delay and loads allow."""
-        payload = given.get("payload")
-        omega_c = default_omega(context.dt, context.delay)
+        payload, member = given.get("payload"), _member(given)
+        omega_c = default_omega(context.dt, context.delay, member=member)
         if payload is not None:
             with context.error_context("payload"):
-                omega_c = payload.found(context.robot, context.dt, context.delay).omega_c
+                omega_c = payload.found(context.robot, context.dt, context.delay, member=member).omega_c
         return context._replace(omega_c=omega_c)
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> GPI:
         """Return the controller; see :meth:`Controller.configured`."""
-        return cls(context.nominal, context.dt, delay=context.delay, **given)
+        # A scaled inertia varies D alone, as in the paper: the feedforward is of the robot as it is known.
+        known: Any = None if given.get("feedforward", "none") == "none" else context.robot
+        return cls(context.nominal, context.dt, delay=context.delay, bias_robot=known, **given)
 
     def init(self, measurement: Measurement, target: Target) -> GPIState:
         """Return the state before the first sample; see :meth:`Controller.init`."""
@@ -260,10 +265,10 @@ class GPI(Controller):
         e = q - target.q
         hold = np.zeros_like(e)
         if self.start == "hold":
-            held = self.limited(self._dynamics.gravity(q))
+            held = self.limited(self._bias.gravity(q))
             if self.feedforward != "none":
                 # All that it gives at rest: what it gives to accelerate is no part of holding.
-                held = held - self._dynamics.gravity(target.q + np.zeros_like(q))
+                held = held - self._bias.gravity(target.q + np.zeros_like(q))
             hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
         return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
@@ -295,7 +300,7 @@ class GPI(Controller):
         q, v, a = (part + zero for part in target)  # one reference may be for a whole batch
         ahead = zero
         if self.feedforward != "none":
-            known = self._dynamics
+            known = self._bias
             ahead = known.gravity(q) if self.feedforward == "gravity" else known.inverse(q, v, a)
         if self.friction_feedforward:
             # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
@@ -323,20 +328,28 @@ class GPI(Controller):
         told["gains"] = {"type": type(self.gains).__name__, **self.gains.describe()}
         if self.payload is not None:  # its nominal model is the robot
             told["payload"] = {
-                key: value for key, value in self.payload._asdict().items() if key != "nominal"
+                key: plain(value) for key, value in self.payload._asdict().items() if key != "nominal"
             }
         return told
 
-    def _found(self) -> PayloadRange:
+    def _default_omega(self, member: Member) -> float | Array:
+        """Return the bandwidth that sample time, delay and loads allow."""
+        if self.payload is None:
+            return default_omega(self.dt, self.delay, member=member)
+        omega_c: float | Array = self.payload.omega_c
+        return omega_c
+
+    def _found(self, member: Member) -> PayloadRange:
         """Return the range of loads; who brings gains of their own chooses how slow they are."""
-        if not isinstance(self.robot, Robot):
-            raise ParameterError("robot", self.robot, "a single Robot where there is a payload")
         loads = self.payload
         if not isinstance(loads, LoadRange):
             if not isinstance(loads, tuple | list) or len(loads) != 2:
                 raise ParameterError("payload", loads, "two masses [kg], the lightest and the heaviest")
             loads = LoadRange(loads[0], heaviest=loads[1], frame=self.frame, com=self.com)
-        return loads.found(self.robot, self.dt, self.delay, slowest=None if self.gains is None else 1e-9)
+        given: Any = self.gains
+        if given is not None:
+            return loads.found(self.robot, self.dt, self.delay, 1e-9)
+        return loads.found(self.robot, self.dt, self.delay, member=member)
 
     def _warn_of_delay(self, member: Member) -> None:
         """Warn when hold and transport take more than the loop's delay margin."""
@@ -355,7 +368,7 @@ class GPI(Controller):
             )
         elif spent > margin:
             fastest = float(np.max(nominal.omega_c))
-            enough = default_omega(self.dt, self.delay) if self.payload is None else self.payload.omega_c
+            enough = float(np.min(self._default_omega(member)))
             warnings.warn(
                 f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of "
                 f"{self.delay:g} s: the loop tolerates a delay of {margin:.3g} s, hold and transport take "
@@ -364,3 +377,8 @@ class GPI(Controller):
                 ArmgpiWarning,
                 stacklevel=3,
             )
+
+
+def _member(given: Mapping[str, Any]) -> Member:
+    """Return the member of the family that the parameters of a controller choose."""
+    return Member(**{name: given[name] for name in _MEMBER if name in given})

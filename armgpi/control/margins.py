@@ -12,10 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.arrays import check_number
 from armgpi.control.family import PRINTED, Member, transfer_function
 from armgpi.control.gains import Tuning
 from armgpi.control.realisation import Bumpless
 
+#: omega_c (1.5 dt + delay) of the printed law at its default bandwidth, and the 0.356 that it tolerates.
+_DEFAULT_PHASE, PRINTED_PHASE = 0.1, 0.3564136508074215
+#: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
+SLOWEST_DEFAULT = 15.0
 #: Real numbers; NumPy makes no difference between its floats in what it does to polynomials.
 Array = npt.NDArray[Any]
 
@@ -71,6 +76,18 @@ def open_loop(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> L
     return _loop(_coefficients(tuning, member).ravel(), member, delta)
 
 
+def loops(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> list[Loop]:
+    """Return the open loops of all joints, each of those that are alike once.
+
+    Args:
+        tuning: arrays that broadcast.
+        member: of the family.
+        delta: factor by which the nominal inertia is too large [-].
+    """
+    rows = _coefficients(tuning, member)
+    return [_loop(row, member, delta) for row in np.unique(rows.reshape(-1, rows.shape[-1]), axis=0)]
+
+
 def crossovers(loop: Loop) -> Array:
     """Return the frequencies where ``|L| = 1`` [rad/s]."""
     return loop.omega * np.sqrt(_positive(np.polysub(_square(loop.denominator), _square(loop.numerator))))
@@ -113,6 +130,54 @@ def _delay_margins(rows: Array, member: Member, delta: float) -> Array:
         except ValueError:  # no crossover is found, or roots of polynomials that are not finite
             margins.append(math.nan)
     return np.array(margins)[np.ravel(back)].reshape(rows.shape[:-1])
+
+
+def tolerated_phase(member: Member = PRINTED, delta: float = 1.0) -> float:
+    """Return omega_c times delay [-] that the slowest joint of a member tolerates; zero where it is unstable.
+
+    Args:
+        member: of the family, with zeta_c = 1 and p_c = omega_c.
+        delta: factor by which the nominal inertia is too large.
+    """
+    one = np.ones(1)
+    return float(np.min(delay_margins(Tuning(one, one, one), member, delta)))
+
+
+def slow_default(dt: float, delay: float, member: Member = PRINTED) -> str:
+    """Return what to say of a default bandwidth below :data:`SLOWEST_DEFAULT`; empty for a faster one."""
+    omega = default_omega(dt, delay, member=member)
+    if omega >= SLOWEST_DEFAULT:
+        return ""
+    return (
+        f"the default bandwidth is {omega:.3g} rad/s at a sample time of {dt:g} s and delay of {delay:g} s, "
+        f"and below {SLOWEST_DEFAULT:g} an arm follows badly"
+    )
+
+
+def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0, member: Member = PRINTED) -> float:
+    """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
+
+    A hold of dt and the computation take 1.5 dt, transport takes `delay`; the printed law tolerates 0.356 /
+    omega_c of them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. Of what another
+    member tolerates it uses the same share. The cap keeps encoder steps from becoming torque noise.
+
+    Args:
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        highest: cap [rad/s]; infinite for none.
+        member: of the family.
+
+    Raises:
+        ParameterError: when a number is out of its range.
+    """
+    dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
+    delay = check_number(delay, "delay", "zero or positive [s]")
+    if not (isinstance(highest, float) and highest == math.inf):
+        highest = check_number(highest, "highest", "positive [rad/s]", open_=True)
+    phase = _DEFAULT_PHASE
+    if not member.printed:
+        phase *= tolerated_phase(member) / PRINTED_PHASE
+    return min(phase / (1.5 * dt + delay), highest)
 
 
 def peak_sensitivity(loop: Loop) -> float:

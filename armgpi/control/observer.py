@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import Controller, ControlStep, Measurement
-from armgpi.control.gains import default_omega
+from armgpi.control.margins import default_omega
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context

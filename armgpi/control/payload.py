@@ -13,20 +13,25 @@ the mobility of the point [1/kg], says what every mass does.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
-from armgpi.control.gains import default_omega
+from armgpi.control.family import PRINTED, Member
+from armgpi.control.gains import Tuning
+from armgpi.control.margins import PRINTED_PHASE, default_omega, gain_interval, loops, tolerated_phase
 from armgpi.errors import ParameterError, PayloadError
 from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
+from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
 #: Least delta that the law tolerates for zeta_c = 1, p_c = omega_c (docs, theory: a wrong inertia matrix).
 LEAST_DELTA = 0.36
-#: delta omega_c (1.5 dt + delay) at the lightest load; the loop tolerates 0.36 (delta = 1) to 0.40 (more).
+#: delta omega_c (1.5 dt + delay) at the lightest load; the printed law tolerates 0.36 (delta = 1) to 0.40
+#: (more). Of what another member tolerates the same share is used.
 _PHASE = 0.3
 #: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
 _SLOWEST = 15.0
@@ -46,9 +51,10 @@ class PayloadRange(NamedTuple):
         heaviest: heaviest load [kg].
         frame: frame that carries it.
         com: its centre of mass in that frame [m], shape (3,).
-        nominal: the nominal model for the controller, the robot with the heaviest load.
+        nominal: the nominal model for the controller, the robot with the heaviest load; a batch of them where
+            the robot is one.
         delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations checked.
-        omega_c: bandwidth that serves the range [rad/s].
+        omega_c: bandwidth that serves the range [rad/s]; of a batch of robots (batch, n).
     """
 
     lightest: float
@@ -80,12 +86,30 @@ class LoadRange(Parametrised):
         "centre of mass in that frame", unit="m", kind="vector", default=(0.0, 0.0, 0.0), kw_only=True
     )
 
-    def found(self, robot: Robot, dt: float, delay: float, slowest: float | None = None) -> PayloadRange:
-        """Return nominal model and bandwidth for them; see :func:`payload_range`."""
+    def found(
+        self,
+        robot: AnyRobot,
+        dt: float,
+        delay: float,
+        slowest: float | None = None,
+        member: Member = PRINTED,
+    ) -> PayloadRange:
+        """Return nominal model and bandwidth for them; see :func:`payload_range`.
+
+        Of a batch every robot is given its own bandwidth, and `delta` is the widest of all.
+        """
         least = _SLOWEST if slowest is None else slowest
-        return payload_range(
-            robot, self.lightest, self.heaviest, self.frame, self.com, dt=dt, delay=delay, slowest=least
-        )
+        loads = (self.lightest, self.heaviest, self.frame, self.com)
+        each = [
+            payload_range(one, *loads, dt=dt, delay=delay, slowest=least, member=member)
+            for one in (robot.robots if isinstance(robot, RobotBatch) else (robot,))
+        ]
+        if robot.batch is None:
+            return each[0]
+        nominal: Any = RobotBatch([one.nominal for one in each])
+        omega_c: Any = np.array([[one.omega_c] * robot.n for one in each])
+        delta = (1.0, max(one.delta[1] for one in each))
+        return each[0]._replace(nominal=nominal, delta=delta, omega_c=omega_c)
 
 
 class LargestPayload(NamedTuple):
@@ -118,12 +142,14 @@ def payload_range(
     dt: float = 1e-3,
     delay: float = 0.0,
     slowest: float = _SLOWEST,
+    member: Member = PRINTED,
 ) -> PayloadRange:
     """Return the nominal model and the bandwidth of a GPI controller for loads in a range.
 
     The mobility is taken at 512 configurations inside the joint limits and around the worst of them. The
     bandwidth is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5
-    dt + delay) is at most 0.3, where the loop tolerates 0.36 or more.
+    dt + delay) is at most 0.3, where the printed law tolerates 0.36 or more. Another member uses the same
+    share of its delay margin at that delta; one with a roll-off has none beyond a delta of 2 to 5.
 
     Args:
         robot: the arm without load.
@@ -134,6 +160,7 @@ def payload_range(
         dt: sample time [s].
         delay: transport delay in the loop [s].
         slowest: least bandwidth that is of use [rad/s].
+        member: of the family of laws.
 
     Raises:
         PayloadError: when no bandwidth serves the range; it carries the ranges that would do.
@@ -143,15 +170,15 @@ def payload_range(
     _check_robot(robot)
     lightest = check_number(lightest, "lightest", "zero or positive [kg]")
     heaviest = check_number(heaviest, "heaviest", f"at least the lightest load, {lightest:g} kg", lightest)
-    fastest = default_omega(dt, delay)
+    fastest = default_omega(dt, delay, member=member)
     slowest = min(check_number(slowest, "slowest", "positive [rad/s]", open_=True), fastest)
     frame = robot.tip if frame is None else frame
     nominal = robot.with_payload(frame, heaviest, com)
     mobility = _mobility(robot.with_payload(frame, lightest, com), frame, com)
     delta = 1.0 + (heaviest - lightest) * mobility
-    omega_c = _PHASE / (delta * _late(dt, delay))
+    omega_c = _phase(member, delta) / _late(dt, delay)
     if omega_c < slowest:
-        most = _PHASE / (slowest * _late(dt, delay))
+        most = _most_delta(member, slowest * _late(dt, delay))
         # Loaded, the mobility is w = mobility / delta, and the arm less x has delta = 1 / (1 - x w).
         heaviest_too = lightest + (most - 1.0) / mobility
         lightest_too = heaviest - (1.0 - 1.0 / most) * delta / mobility
@@ -168,6 +195,7 @@ def largest_payload(
     *,
     dt: float = 1e-3,
     delay: float = 0.0,
+    member: Member = PRINTED,
 ) -> LargestPayload:
     """Return the heaviest loads that an arm tolerates, with default gains and by its motors.
 
@@ -177,6 +205,7 @@ def largest_payload(
         com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
         dt: sample time [s].
         delay: transport delay in the loop [s].
+        member: of the family of laws.
 
     Raises:
         NameNotFound: when there is no such frame.
@@ -185,10 +214,10 @@ def largest_payload(
     _check_robot(robot)
     frame = robot.tip if frame is None else frame
     mobility = _mobility(robot, frame, com)
-    most = _PHASE / (default_omega(dt, delay) * _late(dt, delay))
+    most = _most_delta(member, default_omega(dt, delay, member=member) * _late(dt, delay))
     return LargestPayload(
         nominal=_over(most - 1.0, mobility),
-        unknown=_over(1.0 / LEAST_DELTA - 1.0, mobility),
+        unknown=_over(1.0 / least_delta(member) - 1.0, mobility),
         effort=_holdable(robot, frame, com),
         mobility=mobility,
     )
@@ -198,6 +227,31 @@ def _check_robot(robot: Robot) -> None:
     """Refuse anything but one robot."""
     if not isinstance(robot, Robot):
         raise ParameterError("robot", robot, "a single Robot")
+
+
+def least_delta(member: Member = PRINTED) -> float:
+    """Return the least delta that a member tolerates for zeta_c = 1 and p_c = omega_c, of its worst joint."""
+    if member.printed:
+        return LEAST_DELTA
+    one = np.ones(1)
+    return max(gain_interval(loop).lower for loop in loops(Tuning(one, one, one), member))
+
+
+def _phase(member: Member, delta: float) -> float:
+    """Return omega_c (1.5 dt + delay) that may be used at the lightest load, which has `delta`."""
+    if member.printed:
+        return _PHASE / delta
+    return _PHASE / PRINTED_PHASE * tolerated_phase(member, delta)
+
+
+def _most_delta(member: Member, phase: float) -> float:
+    """Return the largest delta at which :func:`_phase` is at least `phase`."""
+    if member.printed:
+        return _PHASE / phase
+    high = 2.0
+    while _phase(member, high) > phase:
+        high *= 2.0
+    return float(brentq(lambda delta: _phase(member, delta) - phase, 1.0, high, xtol=1e-6))
 
 
 def _late(dt: float, delay: float) -> float:

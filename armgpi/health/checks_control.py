@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.gains import SLOWEST_DEFAULT, Tuning, betas, slow_default
+from armgpi.control.gains import Tuning, betas
+from armgpi.control.margins import SLOWEST_DEFAULT, slow_default
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
 

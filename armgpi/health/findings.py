@@ -22,7 +22,7 @@ import numpy as np
 
 from armgpi import registry
 from armgpi.arrays import Array
-from armgpi.control.gains import default_omega
+from armgpi.control.margins import default_omega
 from armgpi.errors import Remedy
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armgpi import FixedGains, Tuning, default_omega
+from armgpi.control.family import PRINTED, Member
 from armgpi.control.gains import betas
 from armgpi.control.margins import delay_margins
 from armgpi.errors import ArrayError, ParameterError
@@ -115,6 +116,18 @@ def test_the_default_bandwidth_falls_with_sample_time_and_delay_up_to_its_cap() 
     assert default_omega(1e-4) == default_omega(1e-5)  # a cap
     assert default_omega(1e-4, highest=25.0) == 25.0
     assert default_omega(1e-4, highest=1e3) == pytest.approx(0.1 / 1.5e-4)
+
+
+@pytest.mark.parametrize("member", [Member(1, 0), Member(2, 1), Member(2, 1, 2.0), Member(3, 2)])
+def test_the_default_bandwidth_of_a_member_leaves_the_same_share_of_its_margin(member: Member) -> None:
+    for dt, delay in ((4e-3, 0.0), (2e-3, 6e-3)):
+        shares = []
+        for each in (PRINTED, member):
+            omega = np.array(default_omega(dt, delay, math.inf, each))
+            shares.append(
+                (1.5 * dt + delay) / float(delay_margins(Tuning(omega, np.array(1.0), omega), each))
+            )
+        assert shares[0] == pytest.approx(shares[1], rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -27,14 +27,17 @@ from armgpi import (
     Measurement,
     RigidBodyPlant,
     Robot,
+    RobotBatch,
     Target,
+    config,
     default_omega,
     metrics,
     simulate,
 )
-from armgpi.errors import ArmgpiError, ArrayError, EffortError, ParameterError
+from armgpi.errors import ArmgpiError, ArrayError, EffortError, ParameterError, PayloadError
 from armgpi.loop.provenance import Provenance
 from armgpi.plants.plant import Wrapper
+from armgpi.registry import Context
 
 Array = npt.NDArray[np.float64]
 
@@ -388,11 +391,35 @@ def test_a_bad_parameter_is_named(options: dict[str, Any], error: type[ArmgpiErr
         GPI(**{"robot": ARM, "dt": DT, **options})
 
 
-def test_a_range_of_loads_beyond_what_a_roll_off_tolerates_is_warned_of() -> None:
+def test_a_range_of_loads_beyond_what_a_roll_off_tolerates_is_refused_or_warned_of() -> None:
     loads = (0.0, 3.0)  # without them the nominal inertia is more than four times the true one
     assert GPI(ARM, DT, payload=loads).payload.delta[1] > 4.0
-    with pytest.warns(ArmgpiWarning, match="not stable"):
+    with pytest.raises(PayloadError, match="no bandwidth serves"):
         GPI(ARM, DT, payload=loads, rolloff=1)
+    with pytest.warns(ArmgpiWarning, match="not stable"):
+        GPI(ARM, DT, FixedGains(20.0), payload=loads, rolloff=1)
+
+
+def test_a_batch_of_robots_has_a_range_of_loads_each() -> None:
+    arms = [ARM, ARM.scaled_inertia(1.5)]
+    both = GPI(RobotBatch(arms), DT, delay=DT, payload=(0.0, 0.3), rolloff=1)
+    for row, arm in enumerate(arms):
+        alone = GPI(arm, DT, delay=DT, payload=(0.0, 0.3), rolloff=1)
+        np.testing.assert_array_equal(both.gains.nominal().omega_c[row], alone.gains.nominal().omega_c)
+        q = np.array([0.3, -0.2, 0.4])
+        np.testing.assert_allclose(
+            both.robot.mass_matrix(np.stack([q, q]))[row], alone.robot.mass_matrix(q), rtol=1e-12
+        )
+    assert both.payload.delta[1] == pytest.approx(GPI(ARM, DT, payload=(0.0, 0.3)).payload.delta[1])
+
+
+def test_a_scaled_inertia_leaves_the_feedforward_as_the_robot_is_known() -> None:
+    q = np.array([0.3, -0.2, 0.4])
+    context = Context(ARM, DT, nominal=ARM, bits=None)
+    known = config.controller({"type": "gpi", "feedforward": "model", "inertia_scale": 0.8}, context)
+    state = known.init(Measurement(q), still(q))
+    assert not np.any(state.law.lam)  # nothing is left to hold: the feedforward is exact
+    np.testing.assert_allclose(known.step(Measurement(q), still(q), state).tau, ARM.gravity(q), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

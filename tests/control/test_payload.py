@@ -27,8 +27,9 @@ from armgpi import (
     payload_range,
     simulate,
 )
+from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
-from armgpi.control.margins import delay_margins
+from armgpi.control.margins import delay_margins, gain_interval, open_loop
 from armgpi.control.payload import LEAST_DELTA
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError, PayloadError
 
@@ -120,6 +121,21 @@ def test_a_range_is_served_or_refused_with_ranges_that_are(robot: Robot, heavies
     payload_range(robot, heaviest - 0.98 * (heaviest - refused.lightest), heaviest, dt=dt)
 
 
+@pytest.mark.parametrize("member", [Member(1, 0), Member(2, 1), Member(2, 1, 8.0)])
+def test_a_range_knows_what_a_member_tolerates(member: Member) -> None:
+    heaviest = largest_payload(ARM, delay=1e-3, member=member).nominal
+    found = payload_range(ARM, 0.0, heaviest, delay=1e-3, member=member)
+    assert found.omega_c == pytest.approx(default_omega(1e-3, 1e-3, member=member), rel=1e-4)
+    tuning = Tuning(*map(np.array, (found.omega_c, 1.0, found.omega_c)))
+    assert float(delay_margins(tuning, member, found.delta[1])) > 2.5e-3  # computation, hold and transport
+    with pytest.raises(PayloadError) as refused:
+        payload_range(ARM, 0.0, 20.0 * heaviest, delay=1e-3, member=member)
+    assert payload_range(ARM, 0.0, refused.value.heaviest * (1.0 - 1e-4), delay=1e-3, member=member)
+    unknown = largest_payload(ARM, member=member)
+    least = gain_interval(open_loop(Tuning(*map(np.array, (1.0, 1.0, 1.0))), member)).lower
+    assert 1.0 / (1.0 + unknown.unknown * unknown.mobility) == pytest.approx(least)
+
+
 def test_a_larger_inertia_leaves_less_delay() -> None:
     tuning = Tuning(*map(np.array, (20.0, 1.0, 20.0)))
     margins = np.array([delay_margins(tuning, delta=delta) for delta in (1.0, 3.0, 10.0, 100.0)])
@@ -200,7 +216,6 @@ def test_no_bandwidth_for_a_range_is_said_with_what_would_do() -> None:
         (lambda: payload_range(RobotBatch([ARM]), 0.0, 0.5), ParameterError, "a single Robot"),
         (lambda: largest_payload(RobotBatch([ARM])), ParameterError, "a single Robot"),
         (lambda: GPI(ARM, 1e-3, payload=0.5), ParameterError, "payload must be two masses"),
-        (lambda: GPI(RobotBatch([ARM]), 1e-3, payload=(0.0, 0.5)), ParameterError, "a single Robot"),
         (lambda: GPI(ARM, 1e-3, frame="tool"), ParameterError, "frame must be left out"),
         (lambda: GPI(ARM, -1.0, payload=(0.0, 0.5)), ParameterError, "dt"),
     ],
