@@ -435,6 +435,16 @@ def test_json_is_all_there_is_on_stdout(cli: Callable[..., Answer], tmp_path: Pa
     assert json.loads((tmp_path / "metrics.json").read_text()) == [record]
 
 
+def test_a_load_is_at_the_hand_of_an_arm_whose_fingers_move(cli: Callable[..., Answer]) -> None:
+    # At the tip of a finger of 15 g it would be lost within 1.9 s.
+    answer = cli("run", "panda", "--payload", 0.25, "--t-final", 2.5, "--json")
+    assert answer.code == 0
+    (record,) = json.loads(answer.out)
+    assert max(record["metrics"]["peak_error"]) < 0.01
+    assert "the load is at 'panda_hand_tcp'" in answer.err
+    assert "--lock panda_finger_joint1" in answer.err
+
+
 def test_a_folder_makes_the_rollout_again_bit_by_bit(cli: Callable[..., Answer], tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     options = ("--encoder-bits", 12, "--delay", 1, "--payload", 0.3, "--seed", 3, "--inertia-scale", 1.1)

@@ -82,6 +82,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     pictures.check(options)
     check_table(options["table"])
     _note_early_end(experiment)
+    _note_gripper(experiment)
     _warn_of_weak_motors(experiment)
     if compare:
         result = experiments.compare(experiment, backend=backend)
@@ -134,6 +135,14 @@ def _note_early_end(experiment: Experiment) -> None:
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
         say(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
+
+
+def _note_gripper(experiment: Experiment) -> None:
+    """Say where the load is when the arm's gripper moves as well."""
+    load, robot = experiment.config.plant.payload, experiment.robot
+    if load is not None and load.frame is None and (fingers := robot.provenance.get("grippers")):
+        lock = " ".join(f"--lock {name}" for name in fingers)
+        say(f"note: the load is at {robot.tip!r}, before the gripper, which moves: {lock} locks it", err=True)
 
 
 def _warn_of_weak_motors(experiment: Experiment) -> None:

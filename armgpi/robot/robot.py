@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
-from armgpi.robot import drives, robots, tree, urdf, urdf_model
+from armgpi.robot import drives, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
@@ -158,6 +158,8 @@ class Robot(Edits):
         }
         if built.coupling is not None:
             provenance["mimic"] = "follow"
+        if fingers := [x for g in grippers.find(document, built.locked) for x in g.joints]:
+            provenance["grippers"] = fingers
         if built.repairs:
             provenance["repairs"] = [made._asdict() for made in built.repairs]
         robot = cls(
@@ -182,9 +184,14 @@ class Robot(Edits):
 
     @property
     def tip(self) -> str:
-        """Name of the link at the end, the one farthest from the last joint over fixed joints."""
+        """Name of the link at the end, the one farthest from the last joint over fixed joints.
+
+        A gripper is no part of the arm: of one whose joints move it is the link that carries them.
+        """
         model = self._model
-        last = max(range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
+        fingers = self._provenance.get("grippers", ())
+        arm = [j for j in range(1, model.njoints) if model.names[j] not in fingers]
+        last = max(arm or range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
         locked = self._provenance["locked"]
         depth: dict[int, float] = {}  # frames on the last joint -> fixed joints up to it; parents come first
         tip, farthest = 0, -math.inf
