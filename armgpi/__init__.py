@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from armgpi.export.files import export_controller as export_controller
     from armgpi.loop import metrics as metrics
     from armgpi.loop.closed_loop import ClosedLoop as ClosedLoop
+    from armgpi.loop.prepared import PreparedLoop as PreparedLoop
+    from armgpi.loop.prepared import prepare as prepare
     from armgpi.loop.rollout import Status as Status
     from armgpi.loop.rollout import load as load
     from armgpi.loop.rollout import save as save
@@ -128,6 +130,7 @@ _NAMES = {
     "robot.robot": ("Robot",),
     "loop.rollout": ("Status", "load", "save"),
     "loop.closed_loop": ("ClosedLoop",),
+    "loop.prepared": ("PreparedLoop", "prepare"),
     "loop.simulation": ("simulate",),
     "loop.weights": ("learned_weights", "load_weights", "save_weights"),
     "validation.check": ("validate",),

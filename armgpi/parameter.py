@@ -18,7 +18,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from typing_extensions import dataclass_transform
@@ -48,6 +48,7 @@ class _Required(Enum):
 Kind = Literal[
     "number",
     "integer",
+    "seed",
     "choice",
     "flag",
     "text",
@@ -64,6 +65,7 @@ Kind = Literal[
 #: Default of a parameter that must be given.
 REQUIRED: Any = _Required.REQUIRED
 
+_Same = TypeVar("_Same", bound="Parametrised")
 _Class = TypeVar("_Class", bound=type)
 
 if TYPE_CHECKING:
@@ -147,7 +149,7 @@ class Parameter:
     @property
     def bounds(self) -> str:
         """What its values have to be, in words, with their unit."""
-        if self.kind == "integer":
+        if self.kind in ("integer", "seed"):
             limit = (
                 f"from {self.least:g} to {self.most:g}" if self.most < math.inf else f"{self.least:g} or more"
             )
@@ -206,24 +208,37 @@ class Parameter:
             return None
         if self.unlimited and isinstance(value, float) and value == math.inf:
             return math.inf
+        kinds: Mapping[str, Callable[[Any], Any]] = {
+            "box": lambda x: self._box(x, joint_names),
+            "table": lambda x: self._table(x, joint_names),
+            "range": self._range,
+            "vector": self._numbers,
+            "numbers": self._numbers,
+            "seed": lambda x: _seeds(x, self),
+            "number": lambda x: self._per_joint(x, joint_names) if self.per_joint else self._number(x),
+        }
+        kinds = {**kinds, "integer": kinds["number"]}
+        return kinds.get(self.kind, self._word)(value)
+
+    def _word(self, value: Any) -> Any:
+        """Return a choice, a flag or text; parts are checked by themselves."""
         if self.kind == "choice" and not (isinstance(value, str) and value in self.choices):
             raise ParameterError(self.name, value, f"one of {', '.join(self.choices)}")
         if self.kind == "flag" and not isinstance(value, bool):
             raise ParameterError(self.name, value, "True or False")
-        if self.kind in ("box", "table"):
-            return (self._box if self.kind == "box" else self._table)(value, joint_names)
-        if self.kind == "range":
-            return self._range(value)
-        if self.kind in ("vector", "numbers"):
-            return self._numbers(value)
         if self.kind == "text" and not isinstance(value, str):
             raise ParameterError(self.name, value, "text")
-        if self.kind in ("number", "integer"):
-            return self._per_joint(value, joint_names) if self.per_joint else self._number(value)
         return value
 
-    def _number(self, value: Any) -> float | int:
-        """Return a single number."""
+    @property
+    def varies(self) -> bool:
+        """Whether it may differ by rollout: it is a number, and does not decide the form of the code."""
+        return self.kind in ("number", "integer", "seed", "box", "table") and not self.structural
+
+    def _number(self, value: Any) -> Any:
+        """Return a single number, or a column of them, one for each rollout."""
+        if isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == 1 and self.varies:
+            return self._per_joint(value, None)
         if self.kind == "integer":
             return check_whole(value, self.name, int(self.least), int(min(self.most, 2**63 - 1)))
         number = check_number(value, self.name, self.bounds, self.least, self.most, open_=self.above)
@@ -288,10 +303,25 @@ class Parameter:
         ends = value if isinstance(value, tuple) else (value, value)
         if len(ends) != 2:
             raise ParameterError(self.name, value, "a number or (lower, upper)")
+        if ends[0] is ends[1]:  # one value, which does not vary
+            return (self._per_joint(ends[0], joint_names),) * 2
         low, high = (self._per_joint(end, joint_names) for end in ends)
         if np.any(low > high):
             raise ArrayError(self.name, f"expected lower <= upper, got {low.tolist()} above {high.tolist()}")
         return low, high
+
+
+def _seeds(value: Any, declared: Parameter) -> Any:
+    """Return a seed, or those of all rollouts (batch, 1): any whole numbers, which count modulo 2^64."""
+    if not is_listing(value):
+        return check_whole(value, declared.name, int(declared.least))
+    try:
+        seeds = np.asarray(value)
+    except ValueError:  # a ragged list
+        seeds = np.empty(0)
+    if seeds.shape not in ((seeds.size,), (seeds.size, 1)) or not seeds.size or seeds.dtype.kind not in "iu":
+        raise ParameterError(declared.name, value, "a whole number, or one for each rollout")
+    return seeds.astype(np.uint64).reshape(-1, 1)
 
 
 def parameter(text: str, *, default: Any = REQUIRED, kw_only: bool = False, **facts: Any) -> Any:
@@ -327,7 +357,32 @@ def with_parameters(cls: _Class) -> _Class:
 
 
 class Parametrised:
-    """Something that is defined by parameters, which are checked when it is made and do not change."""
+    """Something that is defined by parameters, which are checked when it is made and do not change.
+
+    Attributes:
+        remade: whether it is another one with other values (:meth:`with_values`): no need to warn again.
+    """
+
+    remade: ClassVar[bool] = False
+
+    def with_values(self: _Same, **changes: Any) -> _Same:
+        """Return another one with some values changed; all else is as it was given, not as it was worked out.
+
+        Args:
+            **changes: name of a field -> value, as the constructor takes it.
+
+        Raises:
+            ParameterError: for a class with a constructor of its own, or a value that is not as declared.
+        """
+        names = [f.name for f in fields(self) if f.init]  # type: ignore[arg-type]
+        given = {**vars(self).get("_as_given", {}), **changes}
+        if missing := [name for name in names if name not in given]:
+            name = type(self).__name__
+            raise ParameterError(name, missing, "a class whose constructor comes from its parameters")
+        made = object.__new__(type(self))
+        object.__setattr__(made, "remade", True)
+        made.__init__(**{name: given[name] for name in names})  # type: ignore[misc]
+        return made
 
     def __post_init__(self) -> None:
         """Check all parameters; what is derived from them comes after this."""
@@ -369,6 +424,9 @@ class Parametrised:
             raise FrozenInstanceError(
                 f"cannot assign to field {name!r} of {type(self).__name__}; make another one"
             )
+        if name in getattr(type(self), "__dataclass_fields__", ()):
+            # By the constructor, before anything is worked out of it.
+            self.__dict__.setdefault("_as_given", {})[name] = value
         object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:

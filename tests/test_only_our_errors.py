@@ -501,7 +501,7 @@ CASES: dict[str, Case] = {
     ),
     "Saturated": Case(armgpi.Saturated, {"plant": PLANT, "effort": 3.0}, moved),
     "RateLimited": Case(armgpi.RateLimited, {"plant": PLANT, "rate": 30.0}, moved),
-    "Delayed": Case(armgpi.Delayed, {"plant": PLANT, "samples": 2}, moved),
+    "Delayed": Case(armgpi.Delayed, {"plant": PLANT, "samples": 2, "longest": 3}, moved),
     "Differentiated": Case(armgpi.Differentiated, {"plant": PLANT, "bandwidth": 200.0}, moved),
     "DropOut": Case(armgpi.DropOut, {"plant": PLANT, "probability": 0.1, "seed": 0}, moved),
     "Encoder": Case(armgpi.Encoder, {"plant": PLANT, "bits": 16}, moved),
@@ -538,6 +538,21 @@ CASES: dict[str, Case] = {
     ),
     "Robot.with_payload": Case(
         ARM.with_payload, {"frame": TIP, "mass": 0.1, "com": [0.0, 0.0, 0.0], "inertia": TENSOR}, dynamics
+    ),
+    "Robot.varied": Case(
+        ARM.varied,
+        {
+            "payload": [0.1, 0.2],
+            "com": [0.0, 0.0, 0.1],
+            "frame": TIP,
+            "inertia_scale": [0.9, 1.1],
+            "rotor_inertia": 0.1,
+            "viscous": 0.1,
+            "coulomb": [0.1, 0.2],
+            "effort": 3.0,
+            "gravity": [0.0, 0.0, -9.81],
+        },
+        lambda made: made.mass_matrix(np.array([Q, GOAL])),
     ),
     "Robot.with_friction": Case(ARM.with_friction, {"viscous": 0.1, "coulomb": 0.2}),
     "Robot.with_armature": Case(ARM.with_armature, {"armature": 0.1}, dynamics),

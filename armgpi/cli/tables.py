@@ -22,6 +22,7 @@ from armgpi.config import Experiment
 from armgpi.escape import shown
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
+from armgpi.loop.running import ROUNDING
 
 #: Length to which names of joints and controllers may be folded in tables.
 _FOLDED = 10
@@ -48,7 +49,7 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         console.print(shown(note))
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
-        left = f"; left its joint limits by up to {excess:.3g}" if excess > metrics.ROUNDING else ""
+        left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
         measured = describe_measurement(record["measurement"], record["knows"])
         console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
 

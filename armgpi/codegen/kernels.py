@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
-from armgpi.codegen.model import SymbolicModel
+from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
 from armgpi.robot.dynamics import (
     CoupledDynamics,
@@ -21,6 +21,7 @@ from armgpi.robot.dynamics import (
     PinocchioDynamics,
     ScaledDynamics,
     StackedDynamics,
+    VariedDynamics,
 )
 
 #: How far a generated model may be from Pinocchio's, relative to the largest entry.
@@ -149,21 +150,36 @@ class Arm:
         bases, self._rows, self.scale = _parts(dynamics)
         models, couplings = zip(*map(_unpacked, bases), strict=True)
         ratio, offset = couplings[0]
+        varied = varied_of(dynamics)
         for other_ratio, other_offset in couplings[1:]:
             if not (np.array_equal(ratio, other_ratio) and np.array_equal(offset, other_offset)):
                 raise NotElementwise("its arms differ in how joints follow others")
         try:
-            self.model = SymbolicModel(models, ratio, offset)
+            varies = None if varied is None else varying(models[0], varied)
+            self.model = SymbolicModel(models, ratio, offset, varies)
         except ValueError as error:
             raise NotElementwise(str(error)) from None
+        if varied is not None:
+            models = tuple(varied.row(i).model for i in range(min(varied.batch, _ARMS)))
+            couplings = couplings * len(models)
+            self._checked = self.rows_of(dynamics)
+        else:
+            self._checked = self.model.table
         # Dynamics of its own to check against: those given are the key under which this arm is kept.
         self._bases = [_again(*parts) for parts in zip(models, couplings, strict=True)][:_ARMS]
         self.kernels: dict[str, Kernel] = {}
 
     @property
     def table(self) -> Array:
-        """What differs between rollouts, shape (rollouts, k): the kernels' parameters."""
+        """What differs between the rollouts it was made for, shape (rollouts, k): the kernels' parameters."""
         return self.model.table[self._rows]
+
+    def rows_of(self, dynamics: Dynamics) -> Array:
+        """Return the kernels' parameters in some dynamics of this arm, shape (rollouts, k)."""
+        varied = varied_of(dynamics)
+        if varied is None:
+            return self.table
+        return varied_table(varied.base.model, varied, self.model.table[0])
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel by the name of the method of :class:`armgpi.robot.dynamics.Dynamics`."""
@@ -212,7 +228,7 @@ class Arm:
             "f", [ca.vertcat(*kernel.inputs), ca.vertcat(*kernel.parameters)], [ca.vertcat(*kernel.outputs)]
         )
         random = np.random.default_rng(0)
-        for base, values in zip(self._bases, self.model.table, strict=False):
+        for base, values in zip(self._bases, self._checked, strict=False):
             for _ in range(_STATES):
                 x = random.normal(size=(len(kernel.sizes), kernel.sizes[0]))
                 theirs = np.ravel(getattr(base, name)(*x))
@@ -282,15 +298,29 @@ class TracedDynamics:
         return results
 
 
-# Kept for as long as the robot is: a second controller or another run for it generates nothing.
-_arms: WeakKeyDictionary[Dynamics, Arm] = WeakKeyDictionary()
+# Kept for as long as the robot is: a second controller or another run for it generates nothing. Rollouts of
+# one robot that vary in the same quantities have one arm, whatever the numbers are.
+_arms: WeakKeyDictionary[Dynamics, dict[Any, Arm]] = WeakKeyDictionary()
 
 
 def arm_of(dynamics: Dynamics) -> Arm:
     """Return the generated functions of some dynamics, the same ones each time."""
-    if dynamics not in _arms:
-        _arms[dynamics] = Arm(dynamics)
-    return _arms[dynamics]
+    varied = varied_of(dynamics)
+    key: Dynamics = dynamics
+    structure: tuple[int, ...] = ()
+    if varied is not None:
+        key = varied.base
+        structure = (dynamics is varied, *varying(varied.base.model, varied).nonzero()[0].tolist())
+    arms = _arms.setdefault(key, {})
+    if structure not in arms:
+        arms[structure] = Arm(dynamics)
+    return arms[structure]
+
+
+def varied_of(dynamics: Dynamics) -> VariedDynamics | None:
+    """Return what varies in dynamics that are not scaled; None where nothing was declared to."""
+    whole = dynamics.whole if isinstance(dynamics, CoupledDynamics) else dynamics
+    return whole if isinstance(whole, VariedDynamics) else None
 
 
 def _parts(dynamics: Dynamics) -> tuple[list[Dynamics], npt.NDArray[np.int64], float | Array]:
@@ -315,8 +345,10 @@ def _unpacked(dynamics: Dynamics) -> tuple[Any, tuple[Array | None, Array | None
     """Return the `pin.Model` behind dynamics, and how its joints follow others."""
     if isinstance(dynamics, PinocchioDynamics):
         return dynamics.model, (None, None)
+    if isinstance(dynamics, VariedDynamics):
+        return dynamics.base.model, (None, None)
     if isinstance(dynamics, CoupledDynamics):
-        return dynamics.whole.model, (dynamics.ratio, dynamics.offset)
+        return _unpacked(dynamics.whole)[0], (dynamics.ratio, dynamics.offset)
     raise NotElementwise(f"its dynamics are {type(dynamics).__name__}, not Pinocchio's")
 
 

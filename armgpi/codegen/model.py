@@ -15,12 +15,15 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.codegen.symbols import Scalar, solve
+from armgpi.robot.dynamics import VariedDynamics
 
 # Not by pinocchio.casadi, which Pinocchio's packages on PyPI lack.
 
 #: An array of :class:`armgpi.codegen.symbols.Scalar` and floats; NumPy has no types for arrays of objects.
 Expressions = Any
 
+#: Numbers of a body, and where among them its inertia and its rotor's are; see :class:`Body`.
+_WIDTH, _INERTIA, _ARMATURE = 26, slice(15, 25), 25
 #: Entries of rotations this close to 0, 1 or -1 are that: 6e-17 is what is left of cos(pi / 2).
 _ROUNDING = 1e-15
 
@@ -62,6 +65,49 @@ def bodies(model: Any) -> tuple[list[Body], Array]:
         )
         found.append(Body(int(model.parents[i]) - 1, turns, numbers))
     return found, np.array(model.gravity.linear)
+
+
+def numbers_of(found: Sequence[Body], gravity: Array) -> Array:
+    """Return the numbers of all bodies, 26 of each, and gravity (3,) in one array."""
+    return np.concatenate([*(body.numbers for body in found), gravity])
+
+
+def varying(model: Any, dynamics: VariedDynamics) -> Any:
+    """Return which numbers of a `pin.Model` vary, as :func:`numbers_of` has them."""
+    found = np.zeros((model.njoints - 1, _WIDTH), dtype=bool)
+    if dynamics.load is not None:
+        found[dynamics.joint - 1, _INERTIA] = True
+    found[:, _ARMATURE] = dynamics.armature is not None
+    return np.concatenate([found.ravel(), np.full(3, dynamics.gravity_vector is not None)])
+
+
+def varied_table(model: Any, dynamics: VariedDynamics, own: Array) -> Array:
+    """Return the numbers that vary in every row, shape (batch, k), by sums over all rows at once.
+
+    Args:
+        model: the `pin.Model` that varies.
+        dynamics: what varies.
+        own: the model's numbers among them, (k,).
+    """
+    parts: list[Array] = []
+    if dynamics.load is not None:
+        mass, com = dynamics.load[:, :1], dynamics.load[:, 1:]
+        square = (com * com).sum(axis=1)[:, None, None] * np.eye(3) - com[:, :, None] * com[:, None, :]
+        second = (mass[..., None] * square)[(slice(None), *np.tril_indices(3))]
+        # Inertias about one point add up, whatever was regrouped among the others.
+        before = (dynamics.joint - 1) if dynamics.armature is not None else 0
+        parts.append(own[before : before + 10] + np.hstack([mass, mass * com, second]))
+    if dynamics.armature is not None:
+        places = [int(model.joints[i].idx_v) for i in range(1, model.njoints)]
+        rotors = dynamics.armature[:, places]
+        body = dynamics.joint - 1
+        if parts:  # the body with the load has its own after its inertia
+            parts = [rotors[:, :body], parts[0], rotors[:, body:]]
+        else:
+            parts.append(rotors)
+    if dynamics.gravity_vector is not None:
+        parts.append(dynamics.gravity_vector)
+    return np.hstack(parts)
 
 
 def regrouped(found: Sequence[Body]) -> list[Body]:
@@ -120,8 +166,16 @@ class SymbolicModel:
         models: Sequence[Any],
         ratio: Array | None = None,
         offset: Array | None = None,
+        varies: Any = None,
     ) -> None:
         """Take one `pin.Model`, or one per rollout; `ratio` and `offset` as in ``CoupledDynamics``.
+
+        Args:
+            models: one, or one for each rollout.
+            ratio: how the coordinates of bodies follow those of joints; None where they are the same.
+            offset: likewise.
+            varies: of one model, which of its numbers vary, as :func:`numbers_of` has them; of several it is
+                those that differ.
 
         Raises:
             ValueError: when the models have joints of different kinds or another order.
@@ -134,14 +188,9 @@ class SymbolicModel:
         shape = [(body.parent, body.turns) for body in self._bodies]
         if any([(body.parent, body.turns) for body in row] != shape for row in rows):
             raise ValueError("the arms differ in their joints")
-        table = np.array(
-            [
-                np.concatenate([*(body.numbers for body in row), g])
-                for row, g in zip(rows, gravity, strict=True)
-            ]
-        )
+        table = np.array([numbers_of(*row) for row in zip(rows, gravity, strict=True)])
         # Only what differs is an input: a literal that is zero or one makes no operation at all.
-        differs = (table != table[0]).any(axis=0)
+        differs = (table != table[0]).any(axis=0) if varies is None else varies
         self.table = np.ascontiguousarray(table[:, differs])
         self.parameters = [Scalar(ca.SX.sym(f"m{i}")) for i in range(self.table.shape[1])]
         values = table[0].astype(object)

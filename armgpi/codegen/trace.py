@@ -11,23 +11,26 @@ import contextlib
 import copy
 import traceback
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import casadi as ca
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, new
 from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.splines import BSplineBasis
 from armgpi.control.weights import Weights
+from armgpi.loop.running import Running, Sums
+from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
 from armgpi.plants.loads import Load
 from armgpi.references.reference import Reference, Target
@@ -53,16 +56,26 @@ class Draws(NamedTuple):
     """Random numbers, uniform in (0, 1), that one sample uses: one for every joint.
 
     Attributes:
-        seed: of rollout 0.
+        seed: the seed, or its place among those of the run.
         stream: which of several independent sets of numbers.
         offset: samples ahead of the one now.
         symbols: the symbols of these numbers.
     """
 
-    seed: int
+    seed: int | Seed
     stream: int
     offset: int
     symbols: list[Any]
+
+
+class Seed(NamedTuple):
+    """A seed that a part declares: a number of the run, as others are.
+
+    Attributes:
+        place: which of the run's.
+    """
+
+    place: int
 
 
 class Counter(Scalar):
@@ -85,7 +98,7 @@ class Counter(Scalar):
             return Counter(self.symbol, self.offset + other, self.draws)
         return Scalar(self.sx) + other
 
-    def uniform(self, seed: int, shape: tuple[int, ...], stream: int) -> Symbols:
+    def uniform(self, seed: int | Seed, shape: tuple[int, ...], stream: int) -> Symbols:
         """Return symbols of random numbers; see :func:`armgpi.plants.noise.uniform`."""
         # What is asked for twice is drawn once.
         for known in self.draws:
@@ -106,11 +119,13 @@ class Values:
         start: of the state at the start, shape (s, rollouts); (s, 1) for a single one.
         shared: of parameters that all rollouts share.
         own: of those that each rollout has its own of, each of shape (rollouts,) or (1,).
+        seeds: of random numbers: that of rollout 0, or those of all rollouts (rollouts,).
     """
 
     start: Array = field(default_factory=lambda: np.empty((0, 0)))
     shared: list[float] = field(default_factory=list)
     own: list[Array] = field(default_factory=list)
+    seeds: list[Any] = field(default_factory=list)
 
 
 @dataclass
@@ -131,6 +146,10 @@ class Trace:
         k: symbol of the sample's number.
         recorded: name -> n expressions.
         user_defined: whether there are laws among it that do not come with armgpi.
+        sums: symbols of what is added up over the samples, where that is all that a run keeps.
+        seen: name -> n symbols of what is added to them.
+        summed: expressions of the sums after a sample.
+        places: of the parameters, shared and own, among all that the loop has.
     """
 
     n: int
@@ -146,6 +165,10 @@ class Trace:
     k: Any = None
     recorded: dict[str, list[Any]] = field(default_factory=dict)
     user_defined: bool = False
+    sums: list[Any] = field(default_factory=list)
+    seen: dict[str, list[Any]] = field(default_factory=dict)
+    summed: list[Any] = field(default_factory=list)
+    places: tuple[list[int], list[int]] = ([], [])
 
 
 class Tracer:
@@ -153,7 +176,13 @@ class Tracer:
 
     One copy is made of each object, so that what was one thing still is. Robots keep their numbers, but for
     those that differ between rollouts, and get traced dynamics.
+
+    Attributes:
+        trace: where symbols, values and calls are noted.
+        declared: whether numbers that a class declares, and that may vary by rollout, become symbols as well.
     """
+
+    declared = False
 
     def __init__(self, trace: Trace, rollouts: int) -> None:
         """Note symbols, values and calls in `trace`, of a loop of so many rollouts."""
@@ -173,11 +202,15 @@ class Tracer:
         if numbers and isinstance(value, float):
             return self.array(np.array(value))
         if isinstance(value, _AS_IT_IS):
-            self._side_effects.watch(value)
-            return value
+            return self._plain(value)
         if isinstance(value, tuple | list | dict):
             return self._noted(value, self._container(value, numbers))
         return self._part(value, numbers)
+
+    def _plain(self, value: Any) -> Any:
+        """Return what does not change as it is."""
+        self._side_effects.watch(value)
+        return value
 
     def _container(self, value: Any, numbers: bool) -> Any:
         """Return a container of copies."""
@@ -196,21 +229,32 @@ class Tracer:
         if _is_dynamics(value):
             return self._noted(value, self._dynamics(value))
         if isinstance(value, LoadTable):
-            return self._noted(value, _TracedLoads(self(value.plant, numbers), value.substeps))
+            return self._noted(value, self._loads(self(value.plant, numbers), value.substeps))
         if _is_plain_object(value):
             # Numbers of loads and references are inputs of the code: another push compiles nothing.
             return self._object(value, numbers or isinstance(value, Load | Reference))
         # It may hold anything: random numbers, a queue, a file.
         raise NotElementwise(f"it holds a {type(value).__name__}")
 
-    def array(self, values: Array) -> Any:
-        """Return symbols for an array of numbers: shared, or of each rollout its own."""
+    def _loads(self, plant: Any, substeps: int) -> Any:
+        """Return disturbance torques as expressions."""
+        return _TracedLoads(plant, substeps)
+
+    def kind(self, values: Array) -> str:
+        """Return what an array is: "shared" by rollouts, each rollout's "own", or part of the "structure"."""
         rows = values.ndim == 2 and len(values) in (1, self._rollouts)
         # Integers and matrices are structure: indices, knots, selections. They stay numbers.
         if values.dtype != np.float64 or (values.ndim > 1 and not rows):
+            return "structure"
+        return "own" if rows else "shared"
+
+    def array(self, values: Array) -> Any:
+        """Return symbols for an array of numbers: shared, or of each rollout its own."""
+        kind = self.kind(values)
+        if kind == "structure":
             return values
         symbols = Symbols.new(f"p{len(self.trace.shared)}_{len(self.trace.own)}", values.shape[-1:])
-        if rows:
+        if kind == "own":
             self._own(flat(symbols), values)
         else:
             self.trace.shared += flat(symbols)
@@ -226,17 +270,38 @@ class Tracer:
         """Return a copy of an object with copies of its attributes."""
         made = object.__new__(type(value))
         # Before its attributes are copied: one of them may lead back here.
-        self._copies[id(value)] = made
+        self._copies[id(value)] = self._met(made)
         ours = type(value).__module__.startswith("armgpi.")
         self.trace.user_defined |= not ours
-        self._side_effects.watch(type(value))
+        self._kind_of(value)
+        varies = _varying(cast(Any, type(value))) if self.declared else _NOTHING
         for name, attribute in vars(value).items():
+            if name in _UNUSED:
+                continue
             if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
                 raise NotElementwise(
                     f"{type(value).__name__}.{name} may be a matrix or have a row for each rollout"
                 )
-            object.__setattr__(made, name, self(attribute, numbers))
+            if varies.get(name) == "seed":
+                object.__setattr__(made, name, self._seed(attribute))
+            else:
+                # Those of a part as it was made stay literals, of which CasADi makes sums with others.
+                given_anew = name in varies and vars(value).get("remade", False)
+                object.__setattr__(made, name, self(attribute, numbers or given_anew))
         return self._noted(value, made)
+
+    def _met(self, made: Any) -> Any:
+        """Return what stands for an object that is met again."""
+        return made
+
+    def _kind_of(self, value: Any) -> None:
+        """Note the class of an object."""
+        self._side_effects.watch(type(value))
+
+    def _seed(self, value: Any) -> Seed:
+        """Return the place of a seed among those of a run."""
+        self.trace.values.seeds.append(value)
+        return Seed(len(self.trace.values.seeds) - 1)
 
     def _robot(self, robot: AnyRobot) -> Any:
         """Return a robot with traced dynamics."""
@@ -256,7 +321,7 @@ class Tracer:
         if id(base) not in self._parameters:
             symbols = flat(Symbols.new(f"m{len(self._parameters)}", arm.table.shape[1:]))
             self._parameters[id(base)] = symbols
-            self._own(symbols, arm.table)
+            self._own(symbols, arm.rows_of(base))
         scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
         made: Any = TracedDynamics(arm, self.trace.calls, self._parameters[id(base)])
         if isinstance(scale, float):
@@ -297,6 +362,158 @@ class Tracer:
             if not isinstance(value, list | np.ndarray):
                 name += " (" + ", ".join(map(str, changed)) + ")"
             raise NotElementwise(f"{name} changes; what changes belongs into the state")
+
+
+class LoopTracer(Tracer):
+    """Traces a loop whose numbers are all inputs of the code, so that another run compiles nothing."""
+
+    declared = True
+
+
+class Inventory(LoopTracer):
+    """Goes through a loop as :class:`LoopTracer` does, and lists its numbers and what it is made of.
+
+    Two loops of one structure have the same trace, and their numbers are in the same order.
+
+    Attributes:
+        structure: classes, names, texts, flags and sizes: what decides the trace, in order.
+    """
+
+    def __init__(self, loop: Any, state: Any, running: Running | None = None) -> None:
+        """List what is in a loop (:class:`armgpi.ClosedLoop`) that starts at a state, and in what adds up.
+
+        Raises:
+            NotElementwise: when it holds what no trace can be made of.
+        """
+        robot = loop.plant.robot
+        rollouts = loop.true_state(state).q.shape[:-1]
+        super().__init__(Trace(robot.n), *rollouts or (1,))
+        self.structure: list[Any] = [len(rollouts), loop.dt]
+        parts = tuple(state[1:])
+        for path, value in numbers(parts):
+            own = _one_shape(value, rollouts)
+            self.structure.append((path, type(value), value if isinstance(value, int) else own))
+        self.trace.values.start = columns(parts, rollouts)
+        self(loop.plant)
+        self(loop.controller)
+        if loop.reference.symbolic:
+            self(loop.reference)
+        else:
+            self.structure.append(("table", np.ndim(loop.reference.at(0.0).q)))
+        if running is not None:
+            self(running)
+
+    @property
+    def values(self) -> Values:
+        """The numbers."""
+        return self.trace.values
+
+    @property
+    def user_defined(self) -> bool:
+        """Whether there are laws in it that do not come with armgpi."""
+        return self.trace.user_defined
+
+    def __call__(self, value: Any, numbers: bool = False) -> Any:
+        """List a value, once."""
+        if id(value) in self._copies:
+            self.structure.append(self._copies[id(value)])
+            return value
+        return super().__call__(value, numbers)
+
+    def array(self, values: Array) -> Any:
+        """List an array."""
+        kind = self.kind(values)
+        self.structure.append((kind, values.shape[-1:]))
+        if kind == "structure":
+            self.structure.append((values.dtype.str, values.shape, values.tobytes()))
+        elif kind == "own":
+            self.trace.values.own += list(values.T)
+        else:
+            self.trace.values.shared += values.ravel().tolist()
+        return values
+
+    def _plain(self, value: Any) -> Any:
+        if isinstance(value, BSplineBasis):
+            self.structure.append((value.order, value.knots.tobytes()))
+        elif isinstance(value, Weights):
+            self.structure.append(Weights)  # their numbers are in arrays of the networks
+        elif isinstance(value, slice | range):
+            self.structure.append(repr(value))
+        else:
+            module = getattr(value, "__module__", None)
+            if isinstance(value, types.FunctionType) and not str(module).startswith("armgpi."):
+                self.trace.user_defined = True
+            self.structure.append((type(value), value))
+        return value
+
+    def _container(self, value: Any, numbers: bool) -> Any:
+        self.structure.append((type(value), tuple(value) if isinstance(value, dict) else len(value)))
+        for item in value.values() if isinstance(value, dict) else value:
+            self(item, numbers)
+        return value
+
+    def _part(self, value: Any, numbers: bool) -> Any:
+        self.structure.append(type(value))
+        if isinstance(value, types.MethodType):
+            self.structure.append(value.__func__)
+            self(value.__self__, numbers)
+            return value
+        return super()._part(value, numbers)
+
+    def _robot(self, robot: AnyRobot) -> Any:
+        self.structure += [robot.joint_names, robot.joint_types]
+        self(robot.dynamics)
+        for values in (robot.limits, robot.friction):
+            for array in values:
+                if array.ndim == 2:
+                    self(array)
+                else:
+                    self.structure.append(array.tobytes())
+        return self._noted(robot, robot)
+
+    def _dynamics(self, dynamics: Dynamics) -> Any:
+        base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
+        arm = arm_of(base)
+        self.structure.append(arm.model.digest)
+        if id(base) not in self._parameters:
+            self._parameters[id(base)] = []
+            self.trace.values.own += list(arm.rows_of(base).T)
+            self.structure.append(len(self._parameters))
+        else:
+            self.structure.append(list(self._parameters).index(id(base)))
+        scale = dynamics.scale if isinstance(dynamics, ScaledDynamics) else arm.scale
+        if isinstance(scale, float):
+            self.structure.append(scale == 1.0)
+            return None if scale == 1.0 else self.array(np.array(scale))
+        return self.array(scale)
+
+    def _loads(self, plant: Any, substeps: int) -> Any:
+        self.structure.append(substeps)
+        return plant
+
+    def _kind_of(self, value: Any) -> None:
+        names = [name for name in vars(value) if name not in _UNUSED]
+        self.structure.append((type(value), vars(value).get("remade", False), *names))
+
+    def _met(self, made: Any) -> Any:
+        return ("again", len(self._copies))
+
+    def _noted(self, value: Any, made: Any) -> Any:
+        # The thing itself is kept, as an id may be used again.
+        self._copies.setdefault(id(value), self._met(made))
+        self._kept.append((value, None, None))
+        return value
+
+
+_NOTHING: Mapping[str, str] = {}
+#: How an object was made, which nothing in a law looks at.
+_UNUSED = ("_as_given", "remade")
+
+
+@lru_cache(maxsize=256)
+def _varying(kind: type) -> Mapping[str, str]:
+    """Return the numbers that a class declares and that may vary by rollout, name -> kind."""
+    return {name: each.kind for name, each in parameters(kind).items() if each.varies}
 
 
 def _is_plain_object(value: Any) -> bool:
@@ -384,13 +601,14 @@ def check_repeatable(text: str, again: Callable[[], str]) -> None:
         raise NotElementwise("it gives something else each time that it is asked (random numbers?)")
 
 
-def trace(loop: Any, state: Any, signals: bool) -> Trace:
+def trace(loop: Any, state: Any, signals: bool, running: Running | None = None) -> Trace:
     """Return one sample of a closed loop as expressions.
 
     Args:
         loop: an :class:`armgpi.ClosedLoop`.
         state: its state at the start.
         signals: whether the controller's inner signals are recorded.
+        running: what adds up samples, where that is all that a run keeps.
 
     Raises:
         NotElementwise: when the loop does what has no expression.
@@ -398,7 +616,7 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     n = loop.plant.robot.n
     result = Trace(n, k=ca.SX.sym("k"))
     rollouts = loop.true_state(state).q.shape[:-1]
-    tracer = Tracer(result, *rollouts or (1,))
+    tracer = LoopTracer(result, *rollouts or (1,))
 
     def place(value: Any) -> Any:
         """Return symbols for a leaf of the state."""
@@ -415,7 +633,20 @@ def trace(loop: Any, state: Any, signals: bool) -> Trace:
     result.values.start = columns(parts, rollouts)
     with tracer.unchanged():
         result.recorded = _sampled(loop, before, tracer, result, signals)
+    if running is not None:
+        _add_up(tracer(running), result)
     return result
+
+
+def _add_up(running: Any, result: Trace) -> None:
+    """Note how the sums change with a sample."""
+    before = new(Sums, [Symbols.new(name, (result.n,)) for name in Sums._fields])
+    result.sums = [x for part in before for x in flat(part)]
+    seen = {name: Symbols.new(f"seen_{name}", (result.n,)) for name in ("q", "q_ref", "tau")}
+    result.seen = {name: flat(part) for name, part in seen.items()}
+    k = Symbols(np.array(Scalar(result.k), dtype=object))
+    after = running.add(k, *seen.values(), before)
+    result.summed = [x for part in after for x in flat(np.broadcast_to(part, (result.n,)))]
 
 
 def columns(state: Any, rollouts: tuple[int, ...]) -> Array:
@@ -487,9 +718,9 @@ def _target(loop: Any, tracer: Tracer, result: Trace) -> Target:
 def _after(after: Any, before: Any) -> list[Any]:
     """Return the expressions of a state after a sample, in the order of the state's symbols."""
     expressions: list[Any] = []
-    for new, old in zip(leaves_like(after, before), flatten(before), strict=True):
+    for now, old in zip(leaves_like(after, before), flatten(before), strict=True):
         if isinstance(old.value, Symbols):
-            expressions += flat(state_part(new, old.value.shape))
-        elif not isinstance(new, Counter) or new.offset != old.value.offset + 1:
+            expressions += flat(state_part(now, old.value.shape))
+        elif not isinstance(now, Counter) or now.offset != old.value.offset + 1:
             raise NotElementwise("its state counts by other than one a sample")
     return expressions

@@ -6,10 +6,12 @@ typedef struct {
     const double *shared;  /* parameters of all rollouts */
     const double *own;     /* blocks of NO vectors: each rollout's own */
     const double *table;   /* for every sample NT numbers, or NT rows of as many as there are lanes in all */
-    const uint64_t *draws; /* for each draw: seed, stream, samples ahead */
+    const uint64_t *draws; /* for each draw: stream, samples ahead */
+    const uint64_t *seeds; /* for each draw: the seed of every lane */
     double *const *out;    /* VARIABLES arrays (samples, rollouts, N) */
+    double *sums;          /* blocks of NA vectors: what is added up over the samples */
     int64_t *ended;        /* sample at which a rollout diverged, -1 while it runs */
-    int64_t rows, padded, table_rows, k0, k1, every, final;
+    int64_t rows, padded, table_rows, k0, k1, every, final; /* every 0: nothing is recorded */
     double divergence;
 } Job;
 
@@ -21,18 +23,18 @@ static U v_mix(U x)
 }
 
 /* Numbers in (0, 1) as armgpi.plants.noise.uniform draws them, for every draw and joint. They are a function of
-   seed, rollout, sample and joint, so a lane's are those of its rollout alone. Counts are integers: a double
+   seed, sample and joint, and each rollout has a seed, so a lane's are those of its rollout alone. Counts are integers: a double
    would lose the bits that are mixed. */
-static void draw(const uint64_t *draws, int64_t row, int64_t k, V *u)
+static void draw(const uint64_t *draws, const uint64_t *seeds, int64_t padded, int64_t k, V *u)
 {
     const uint64_t golden = UINT64_C(0x9E3779B97F4A7C15);
     for (int d = 0; d < ND; ++d) {
         U key = {0};
-        for (int i = 0; i < LANES; ++i) LANE(key, i) = draws[3 * d] + (uint64_t)(row + i) + golden;
+        for (int i = 0; i < LANES; ++i) LANE(key, i) = seeds[d * padded + i] + golden;
         key = v_mix(key);
         for (uint64_t j = 0; j < N; ++j) {
-            const uint64_t sample_number = (uint64_t)k + draws[3 * d + 2];
-            const uint64_t counter = sample_number * 0x10000 + draws[3 * d + 1] * 0x1000 + j;
+            const uint64_t sample_number = (uint64_t)k + draws[2 * d + 1];
+            const uint64_t counter = sample_number * 0x10000 + draws[2 * d] * 0x1000 + j;
             const U bits = v_mix(v_mix(key ^ (counter * golden)) + key) >> 11;
             V x = v_set(0.0);
             for (int i = 0; i < LANES; ++i) LANE(x, i) = (double)(int64_t)LANE(bits, i);
@@ -69,6 +71,8 @@ void run(const Job *job, int64_t first, int64_t last)
         if (!v_any(running)) continue; /* all that are in it have diverged */
         memcpy(state[0], memory, NS * sizeof(V));
         memcpy(now, memory + NS * LANES, sizeof now);
+        V sums[NA + 1];
+        if (NA) memcpy(sums, job->sums + block * NA * LANES, NA * sizeof(V));
         int turn = 0; /* the two states take turns, as the sample reads one while it writes the other */
         for (int64_t k = job->k0; k < job->k1; ++k, turn ^= 1) {
             V held[NR];
@@ -78,7 +82,7 @@ void run(const Job *job, int64_t first, int64_t last)
                 if (job->table_rows) memcpy(&table[i], job->table + at * job->padded + block * LANES, sizeof(V));
                 else table[i] = v_set(job->table[at]);
             }
-            draw(job->draws, block * LANES, k, u);
+            draw(job->draws, job->seeds + block * LANES, job->padded, k, u);
             sample(state[turn], state[turn ^ 1], job->shared, own, table, u, v_set((double)k), now);
             if (job->final) memcpy(now + HELD * N, held + HELD * N, (VARIABLES - HELD) * N * sizeof(V));
             /* The rule of armgpi.loop.runner.in_control; what is NaN is not <= anything. */
@@ -94,8 +98,14 @@ void run(const Job *job, int64_t first, int64_t last)
                 running = good;
                 if (!v_any(running)) break;
             }
-            if (k % job->every == 0) record(job, block, k, now);
+            if (NA) {
+                V next[NA + 1];
+                add_up(now, job->shared, own, v_set((double)k), sums, next);
+                memcpy(sums, next, sizeof sums);
+            }
+            if (job->every && k % job->every == 0) record(job, block, k, now);
         }
+        if (NA) memcpy(job->sums + block * NA * LANES, sums, NA * sizeof(V));
         memcpy(memory, state[turn], NS * sizeof(V));
         memcpy(memory + NS * LANES, now, sizeof now);
     }

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ctypes
 import math
 import time
+from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +16,12 @@ from armgpi.arrays import Array
 from armgpi.codegen import build
 from armgpi.codegen.state import map_leaves
 from armgpi.codegen.symbols import NotElementwise
-from armgpi.codegen.trace import Trace, check_repeatable, columns, tracing
+from armgpi.codegen.trace import Inventory, Seed, Trace, Values, check_repeatable, columns, tracing
 from armgpi.compiled.source import HELD, recorded_names, source, trace_used
 from armgpi.errors import BackendError
 from armgpi.loop.rollout import Recording
+from armgpi.loop.running import Running, Sums
+from armgpi.plants import noise
 from armgpi.robot.dynamics import thread_count
 
 #: What the code records itself; of a rollout that has diverged it records nothing any more.
@@ -36,15 +39,41 @@ _AGREEMENT = 1e-8
 _TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
 #: Numbers in a table of targets, at most: 8 MB.
 _TABLE = 1 << 20
+#: Structures of which the code is kept at hand.
+_KEPT = 64
 #: What an array of vectors is aligned to [bytes]: those of 8 lanes.
 _ALIGNMENT = 64
 
 
-def _generated(loop: Any, state: Any, signals: bool, lanes: int) -> tuple[Trace, ctypes.CDLL]:
-    """Return one sample of a loop as expressions, and its C compiled.
+class Generated(NamedTuple):
+    """The code of all loops of one structure.
 
-    It is traced anew at each start. A key for the cache that does without would have to know of every change
-    in a law of a user's.
+    Attributes:
+        trace: one sample as expressions.
+        library: its C compiled.
+    """
+
+    trace: Trace
+    library: ctypes.CDLL
+
+
+#: The code of this process by the structure of the loop. A law of a user's is not among it: a key would have
+#: to know of every change in the law.
+_generated: OrderedDict[Any, Generated] = OrderedDict()
+
+
+def _code_of(
+    loop: Any, state: Any, signals: bool, lanes: int, running: Running | None, known: dict[Any, Generated]
+) -> tuple[Generated, Values, bool]:
+    """Return the code of a loop, the numbers to run it with, and whether it was there already.
+
+    Args:
+        loop: the loop.
+        state: where it starts.
+        signals: whether inner signals are recorded.
+        lanes: how many rollouts the code works on at once.
+        running: what adds up samples; None where they are recorded.
+        known: code for laws of a user's, who vouches that they stay what they are.
 
     Raises:
         BackendError: when the loop cannot be generated or compiled.
@@ -52,20 +81,32 @@ def _generated(loop: Any, state: Any, signals: bool, lanes: int) -> tuple[Trace,
     flags = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
     try:
         with tracing():
-            traced = trace_used(loop, state, signals)
+            found = Inventory(loop, state, running)
+            key = (signals, lanes, build.compiler(), *found.structure)
+            kept: Any = known if found.user_defined else _generated
+            if key in kept:
+                return kept[key], found.values, True
+            traced = trace_used(loop, state, signals, running)
             text = source(traced, lanes)
             if traced.user_defined:
-                check_repeatable(text, lambda: source(trace_used(loop, state, signals), lanes))
+                check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
     except NotElementwise as error:
         raise BackendError(f"this loop has no generated code: {error}") from None
-    return traced, build.library(text, flags)
+    code = Generated(traced, build.library(text, flags))
+    kept[key] = code
+    if len(_generated) > _KEPT:
+        _generated.popitem(last=False)
+    return code, found.values, False
 
 
 class _Job(ctypes.Structure):
     """The arguments of the generated `run`; see loop.h."""
 
     _fields_ = [
-        *((name, ctypes.c_void_p) for name in ("state", "shared", "own", "table", "draws", "out", "ended")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("state", "shared", "own", "table", "draws", "seeds", "out", "sums", "ended")
+        ),
         *((name, ctypes.c_int64) for name in ("rows", "padded", "table_rows", "k0", "k1", "every", "final")),
         ("divergence", ctypes.c_double),
     ]
@@ -91,16 +132,30 @@ class CompiledRun:
         state: Any,
         recording: Recording,
         divergence: float,
-        signals: bool,
+        signals: bool = False,
+        running: Running | None = None,
+        known: dict[Any, Generated] | None = None,
     ) -> None:
         """Generate and compile the loop, or find it compiled.
+
+        Args:
+            loop: an :class:`armgpi.ClosedLoop`.
+            state: its state at the start.
+            recording: where samples go; with `running`, how rollouts end alone.
+            divergence: largest error of a rollout that runs [rad or m].
+            signals: whether the controller's inner signals are recorded.
+            running: what adds up samples in place of recording them.
+            known: code for laws of a user's; see :class:`armgpi.loop.prepared.PreparedLoop`.
 
         Raises:
             BackendError: when the loop cannot be generated or compiled; the message says why.
         """
         self.rows = len(recording.status)
         self.lanes = build.lanes(self.rows)
-        self._traced, self._library = _generated(loop, state, signals, self.lanes)
+        code, self._values, again = _code_of(
+            loop, state, signals, self.lanes, running, {} if known is None else known
+        )
+        self._traced, self._library = code
         self.loop, self.recording = loop, recording
         self.done = 0
         self.chunk = _FIRST_CHUNK
@@ -108,38 +163,66 @@ class CompiledRun:
         self.threads = min(thread_count(), self._blocks)
         # The rollout of each lane; those without one repeat the last.
         self._places = np.minimum(np.arange(self._blocks * self.lanes), self.rows - 1)
-        self._keep = self._memory()
+        self._keep = self._memory(running)
         self._job = _Job(
             **{name: array.ctypes.data for name, array in self._keep.items()},
             rows=self.rows,
             padded=self._places.size,
-            every=recording.every,
+            every=recording.every if running is None else 0,
             divergence=divergence,
         )
         names = recorded_names(self._traced)
         # What comes with armgpi is compared by the tests; what a user brings, here.
         if self._traced.table:
             self._check_table()
-        if self._traced.user_defined:
+        if self._traced.user_defined and not again:
             self._check(state, len(names))
         # Not before: a run that NumPy takes over makes buffers of its own, blank ones.
-        arrays = [recording.buffer(name, blank=False) for name in names]
+        arrays = [recording.buffer(name, blank=False) for name in names if running is None]
         self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
         self._job.out = self._keep["out"].ctypes.data
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
-    def _memory(self) -> dict[str, Any]:
+    @property
+    def sums(self) -> Sums:
+        """What was added up, arrays (rollouts, n)."""
+        return Sums(*self._unpacked(self._keep["sums"], len(self._traced.sums)))
+
+    @property
+    def last(self) -> dict[str, Array]:
+        """Positions and velocities of the last sample, name -> (rollouts, n)."""
+        count = len(recorded_names(self._traced)) * self._traced.n
+        rows = self._unpacked(self._keep["state"], len(self._traced.state) + count, len(self._traced.state))
+        return {"q": rows[0], "v": rows[1]}
+
+    def _unpacked(self, memory: Array, count: int, first: int = 0) -> Array:
+        """Return numbers of all rollouts in blocks of `count` vectors, from `first` on: (k, rollouts, n)."""
+        rows = memory.reshape(self._blocks, count, self.lanes)[:, first:].swapaxes(0, 1)
+        rows = rows.reshape(count - first, -1)[:, : self.rows]
+        return np.ascontiguousarray(rows.reshape(-1, self._traced.n, self.rows).swapaxes(1, 2))
+
+    def _memory(self, running: Running | None) -> dict[str, Any]:
         """Return the arrays that the code reads and writes, by their names in `Job`."""
-        traced, values = self._traced, self._traced.values
+        traced, values = self._traced, self._values
+        shared, places = traced.places
         # Each rollout's own parameters lie lane by lane, so that one load fetches those of all lanes.
-        own = [np.broadcast_to(column, self.rows)[self._places] for column in values.own]
+        own = np.empty((len(places), self._places.size))
+        for row, place in zip(own, places, strict=True):
+            row[:] = np.broadcast_to(values.own[place], self.rows)[self._places]
+        drawn = [values.seeds[d.seed.place] if isinstance(d.seed, Seed) else d.seed for d in traced.draws]
+        sums = np.empty((0, self._places.size))
+        if running is not None:
+            sums = np.concatenate(running.init((traced.n, self._places.size)))
         return {
             "state": self._start(values.start),
-            "shared": np.array(values.shared),
-            "own": self._packed(np.array(own).reshape(-1, self._places.size)),
+            "shared": np.array([values.shared[i] for i in shared]),
+            "own": self._packed(own),
             "table": np.empty(0),
-            # Seeds are taken modulo 2^64, as NumPy's side takes them; negative ones wrap.
-            "draws": np.array([[d.seed % 2**64, d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
+            "draws": np.array([[d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
+            "seeds": np.array(
+                [noise.seeds(seed, self.rows)[self._places] for seed in drawn], dtype=np.uint64
+            ),
+            "sums": self._packed(sums),
             "ended": np.full(self.rows, -1, dtype=np.int64),
         }
 
@@ -204,6 +287,7 @@ class CompiledRun:
         scratch = {
             "state": self._start(columns(state, self.recording.shape[:-1])),
             "out": np.array([part.ctypes.data - skipped for part in found], dtype=np.uintp),
+            "sums": self._keep["sums"].copy(),
             "ended": np.full(self.rows, -1, dtype=np.int64),
         }
         job = _Job.from_buffer_copy(self._job)
@@ -303,7 +387,7 @@ class CompiledRun:
         """Record the targets of rollouts that have diverged, which the generated code no longer does."""
         recording, ended = self.recording, self._keep["ended"]
         diverged = np.flatnonzero(ended >= 0)
-        if not len(diverged):
+        if not len(diverged) or not recording.variables:
             return
         first = int(-(-ended[diverged].min() // recording.every))
         # In stretches: a large batch has more targets than memory.

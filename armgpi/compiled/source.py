@@ -11,6 +11,7 @@ import casadi as ca
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.trace import Trace, trace
+from armgpi.loop.running import Running
 
 #: What every run records, in this order; the first five belong to the sample, the others to the torque.
 _ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
@@ -25,27 +26,25 @@ def recorded_names(traced: Trace) -> list[str]:
     return [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
 
 
-def trace_used(loop: Any, state: Any, signals: bool) -> Trace:
+def trace_used(loop: Any, state: Any, signals: bool, running: Running | None = None) -> Trace:
     """Return one sample of a loop, with the parameters that it uses alone; see :func:`trace`."""
-    traced = trace(loop, state, signals)
+    traced = trace(loop, state, signals, running)
     expressions = [
         *traced.after,
+        *traced.summed,
         *(x for call in traced.calls for x in call.arguments),
         *(x for xs in traced.recorded.values() for x in xs),
     ]
     used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
     for call in traced.calls:
         used.update(map(str, call.parameters))
-    values = traced.values
-    traced.shared, values.shared = _kept(traced.shared, values.shared, used)
-    traced.own, values.own = _kept(traced.own, values.own, used)
+    traced.places = tuple(  # type: ignore[assignment]
+        [i for i, symbol in enumerate(symbols) if str(symbol) in used]
+        for symbols in (traced.shared, traced.own)
+    )
+    shared, own = traced.places
+    traced.shared, traced.own = [traced.shared[i] for i in shared], [traced.own[i] for i in own]
     return traced
-
-
-def _kept(symbols: list[Any], values: list[Any], used: set[str]) -> tuple[list[Any], list[Any]]:
-    """Return the symbols that are used, and their values."""
-    places = [i for i, symbol in enumerate(symbols) if str(symbol) in used]
-    return [symbols[i] for i in places], [values[i] for i in places]
 
 
 def source(traced: Trace, lanes: int) -> str:
@@ -62,13 +61,16 @@ def source(traced: Trace, lanes: int) -> str:
         "VARIABLES": len(names),
         "HELD": HELD,
         "TAU": TAU,
+        "NA": len(traced.sums),
     }
     kernels = {call.kernel.name: call.kernel for call in traced.calls}
     parts = [f"#define {name} {value}" for name, value in sizes.items()]
     parts.append(_text("lanes.h"))
     for kernel in kernels.values():
         parts += _function(kernel, dialect)
-    return "\n".join([*parts, *_sample(traced, names, dialect), _text("loop.h")])
+    return "\n".join(
+        [*parts, *_sample(traced, names, dialect), *_sums(traced, names, dialect), _text("loop.h")]
+    )
 
 
 def _function(kernel: Kernel, dialect: Dialect) -> list[str]:
@@ -119,16 +121,47 @@ def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     ]
 
 
+def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
+    """Return the lines of the function that adds a sample to the sums; it does nothing without any."""
+    inputs = [
+        (traced.k, "k"),
+        *_parameters(traced),
+        *zip(traced.sums, _numbered("a", traced.sums), strict=True),
+    ]
+    for name, symbols in traced.seen.items():
+        first = names.index(name) * traced.n
+        inputs += [(symbol, f"r[{first + j}]") for j, symbol in enumerate(symbols)]
+    lines = straight_line(
+        inputs,
+        traced.summed,
+        _numbered("z", traced.summed),
+        dialect,
+        order=[i % traced.n for i in range(len(traced.summed))],
+    ).lines
+    return [
+        "static __attribute__((noinline)) void add_up(const V *restrict r, const double *p, const V *o, V k,",
+        "    const V *restrict a, V *restrict z)",
+        "{",
+        *(lines if traced.summed else ()),
+        "}",
+    ]
+
+
 def _inputs(traced: Trace) -> Iterator[tuple[Any, str]]:
     """Yield the symbols of a trace, each with what it is in C."""
     yield traced.k, "k"
     yield from zip(traced.state, _numbered("s", traced.state), strict=True)
-    # Shared parameters are plain numbers in memory: a lane's worth of each would be read for nothing.
-    yield from ((x, f"v_set(p[{i}])") for i, x in enumerate(traced.shared))
-    yield from zip(traced.own, _numbered("o", traced.own), strict=True)
+    yield from _parameters(traced)
     yield from zip(traced.table, _numbered("t", traced.table), strict=True)
     draws = [x for draw in traced.draws for x in draw.symbols]
     yield from zip(draws, _numbered("u", draws), strict=True)
+
+
+def _parameters(traced: Trace) -> Iterator[tuple[Any, str]]:
+    """Yield the symbols of parameters, each with what it is in C."""
+    # Shared parameters are plain numbers in memory: a lane's worth of each would be read for nothing.
+    yield from ((x, f"v_set(p[{i}])") for i, x in enumerate(traced.shared))
+    yield from zip(traced.own, _numbered("o", traced.own), strict=True)
 
 
 def _numbered(array: str, entries: list[Any]) -> list[str]:

@@ -213,7 +213,7 @@ class FixedGains(Gains):
         Raises:
             ArrayError: when a value is not positive or a shape does not fit.
         """
-        gains = FixedGains(self.omega_c, self.zeta_c, self.p_c)
+        gains = self.with_values()
         gains.check_parameters(joint_names)
         gains._tuning = Tuning(gains.omega_c, gains.zeta_c, gains.p_c)
         gains.batch = common_batch(*gains._tuning)

@@ -215,9 +215,7 @@ class GPI(Controller):
         self.fill("bias_robot", self.robot)
         check_same_joints(self.bias_robot, "bias_robot", self.robot)
         if given is None:
-            given = FixedGains(self._default_omega(member))
-            if self.payload is None and (said := slow_default(self.dt, self.delay, member)):
-                warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=3)
+            given = self._default_gains(member)
         if not isinstance(given, Gains):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
@@ -230,7 +228,9 @@ class GPI(Controller):
         elif not member.printed:
             expected = "bumpless for what is not the law of the paper"
             raise ParameterError("realisation", self.realisation, expected)
-        self._rests = bool(self.rest_dead_zone.any() or self.rest_leak.any())
+        # What differs by rollout was declared to vary, whatever it is.
+        resting = (self.rest_dead_zone, self.rest_leak)
+        self._rests = any(x.ndim == 2 or x.any() for x in resting)
         if self._rests and self.realisation != "bumpless":
             raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
         self._emptied = -np.expm1(-self.rest_leak * self.dt)
@@ -332,8 +332,14 @@ class GPI(Controller):
             }
         return told
 
+    def _default_gains(self, member: Member) -> FixedGains:
+        """Return gains with the bandwidth that sample time, delay and loads allow."""
+        if self.payload is None and not self.remade and (said := slow_default(self.dt, self.delay, member)):
+            warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=4)
+        return FixedGains(self._default_omega(member))
+
     def _default_omega(self, member: Member) -> float | Array:
-        """Return the bandwidth that sample time, delay and loads allow."""
+        """Return that bandwidth."""
         if self.payload is None:
             return default_omega(self.dt, self.delay, member=member)
         omega_c: float | Array = self.payload.omega_c
@@ -353,6 +359,8 @@ class GPI(Controller):
 
     def _warn_of_delay(self, member: Member) -> None:
         """Warn when hold and transport take more than the loop's delay margin."""
+        if self.remade:
+            return
         nominal = self.gains.nominal()
         spent = 0.5 * self.dt + self.delay
         delta = 1.0 if self.payload is None else self.payload.delta[1]

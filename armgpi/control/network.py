@@ -245,16 +245,16 @@ class BSplineNetwork(Gains):
             ArrayError: when a value is not positive, a box is upside down or a shape does not fit.
             ParameterError: when the filter is too fast for the sample time.
         """
-        if self.bandwidth * dt >= 1.0:
-            raise ParameterError("bandwidth", self.bandwidth, f"below 1 / dt = {1.0 / dt:g} rad/s")
+        if (fastest := float(np.max(self.bandwidth))) * dt >= 1.0:
+            raise ParameterError("bandwidth", fastest, f"below 1 / dt = {1.0 / dt:g} rad/s")
         highest = float(np.max(self.learning_rate))
-        if self.learning == "magnitude" and highest + self.leak * dt >= 2.0:
-            raise ParameterError("leak", self.leak, f"below {(2.0 - highest) / dt:g} 1/s at this dt")
+        if self.learning == "magnitude" and highest + (leak := float(np.max(self.leak))) * dt >= 2.0:
+            raise ParameterError("leak", leak, f"below {(2.0 - highest) / dt:g} 1/s at this dt")
         ready = object.__new__(BSplineNetwork)
         ready.__dict__.update(self.__dict__)
         ready.check_parameters(joint_names)
         if self.weights is not None:
-            ready.keep("weights", Weights(**vars(self.weights)))
+            ready.keep("weights", self.weights.with_values())
             ready.weights.check_parameters(joint_names)
         ready._derive(dt)
         return ready
@@ -273,7 +273,7 @@ class BSplineNetwork(Gains):
         self._adapted = tuple(
             name
             for name in Tuning._fields
-            if (boxes[name][1] > boxes[name][0]).any() and not (name == "p_c" and self.p_c is None)
+            if _adapts(*boxes[name]) and not (name == "p_c" and self.p_c is None)
         )
         self._per_error, self._per_derivative = 1.0 / self.error_range, 1.0 / self.derivative_range
         limited = self.learning == "magnitude" and not np.all(np.isinf(self.rate))
@@ -281,7 +281,7 @@ class BSplineNetwork(Gains):
         self._dt = dt
         # Share forgotten in a sample; what learns nothing forgets nothing.
         self._leak = np.where(self.learning_rate > 0.0, self.leak * dt, 0.0)
-        given = {} if self.weights is None else vars(self.weights)
+        given = {name: getattr(self.weights, name, None) for name in Tuning._fields}
         self._initial = tuple(self._weights_of(name, given.get(name)) for name in self._adapted)
         for name, weights in given.items():
             if weights is not None and name not in self._adapted:
@@ -408,6 +408,11 @@ class BSplineNetwork(Gains):
             omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
         p = omega if self.p_c is None else tuning.get("p_c", last.p_c)
         return Tuning(omega, tuning.get("zeta_c", last.zeta_c), p)
+
+
+def _adapts(low: Array, high: Array) -> bool:
+    """Tell whether a box leaves room; one whose ends were given for each rollout was declared to."""
+    return low is not high and (low.ndim == 2 or high.ndim == 2 or bool((high > low).any()))
 
 
 def _dot(a: Sequence[Array], w: Sequence[Array]) -> Array:

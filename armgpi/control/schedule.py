@@ -112,8 +112,8 @@ class GainSchedule(Gains):
             ArrayError: when a value is not as declared, a box is upside down or a shape does not fit.
             ParameterError: when the leak is too fast for the sample time.
         """
-        if self.leak * dt >= 1.0:
-            raise ParameterError("leak", self.leak, f"below 1 / dt = {1.0 / dt:g} 1/s")
+        if (leak := float(np.max(self.leak))) * dt >= 1.0:
+            raise ParameterError("leak", leak, f"below 1 / dt = {1.0 / dt:g} 1/s")
         ready = object.__new__(GainSchedule)
         ready.__dict__.update(self.__dict__)
         ready.check_parameters(joint_names)

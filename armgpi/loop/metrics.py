@@ -18,12 +18,14 @@ from functools import wraps
 from typing import Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Status
+from armgpi.loop.running import LAST, LIMIT_SHARE, ROUNDING, SHARE, Totals
 from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
 
 #: A function of a rollout, dimensions ([rollout], time, joint), to numbers ([rollout], joint).
@@ -35,10 +37,8 @@ GROUPS: tuple[Group, ...] = get_args(Group)
 Table = Literal["terminal", "report", "reproduction", "zoo"]
 _PAPER: tuple[Table, ...] = ("terminal", "report", "reproduction")
 _RUNS: tuple[Table, ...] = ("terminal", "report", "zoo")
-#: Less than this is no more than rounding [rad, m, N m, N, s].
-ROUNDING = 1e-12
-#: Hunting is looked for in the last seconds, but in no more than this share of the horizon.
-_LAST, _SHARE = 1.2, 0.2
+#: The values of a metric from what a run without trajectories adds up, (..., n).
+OnLine = Callable[[Totals], Array]
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class Metric:
         total: whether the value of an arm is the sum of those of its joints; else it is the largest.
         digits: significant digits that are shown.
         function: what computes it.
+        on_line: what computes it of a run that keeps no trajectories; None for one that needs them.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Metric:
     total: bool
     digits: int
     function: Function
+    on_line: OnLine | None = None
 
     def __call__(self, rollout: xr.Dataset) -> xr.DataArray:
         """Return the metric of a rollout, dimensions ([rollout], joint); infinite where it diverged.
@@ -117,6 +119,7 @@ def metric(
     tables: tuple[Table, ...] = get_args(Table),
     total: bool = False,
     digits: int = 4,
+    on_line: OnLine | None = None,
 ) -> Callable[[Function], Function]:
     """Declare a metric: its name is that of the function, the rest is what :class:`Metric` says.
 
@@ -128,11 +131,13 @@ def metric(
         tables: where it is shown; everywhere when not given.
         total: whether the value of an arm is the sum of those of its joints.
         digits: significant digits that are shown.
+        on_line: what computes it of a run that keeps no trajectories; such a run leaves it out without.
     """
 
     def declare(function: Function) -> Function:
         name = function.__name__
-        made = Metric(name, heading, long_name or heading, unit, group, tables, total, digits, function)
+        words = (name, heading, long_name or heading)
+        made = Metric(*words, unit, group, tables, total, digits, function, on_line)
         ALL[name] = made
 
         @wraps(function)
@@ -176,6 +181,7 @@ def error(rollout: xr.Dataset) -> xr.DataArray:
     long_name="integral of time times absolute error",
     tables=_PAPER,
     total=True,
+    on_line=lambda x: x.dt * x.integral(x.sums.timed, x.last * abs(x.sums.e)),
 )
 def itae(rollout: xr.Dataset) -> xr.DataArray:
     """Return the integral of time times absolute error, ``∫ t |e| dt`` (eq. 34)."""
@@ -183,7 +189,13 @@ def itae(rollout: xr.Dataset) -> xr.DataArray:
 
 
 @metric(
-    "IAE", Unit(position=1, time=1), "errors", long_name="integral of absolute error", tables=(), total=True
+    "IAE",
+    Unit(position=1, time=1),
+    "errors",
+    long_name="integral of absolute error",
+    tables=(),
+    total=True,
+    on_line=lambda x: x.integral(x.sums.absolute, abs(x.sums.e)),
 )
 def iae(rollout: xr.Dataset) -> xr.DataArray:
     """Return the integral of absolute error, ``∫ |e| dt``."""
@@ -191,14 +203,26 @@ def iae(rollout: xr.Dataset) -> xr.DataArray:
 
 
 @metric(
-    "ISE", Unit(position=2, time=1), "errors", long_name="integral of squared error", tables=(), total=True
+    "ISE",
+    Unit(position=2, time=1),
+    "errors",
+    long_name="integral of squared error",
+    tables=(),
+    total=True,
+    on_line=lambda x: x.integral(x.sums.squared, x.sums.e**2),
 )
 def ise(rollout: xr.Dataset) -> xr.DataArray:
     """Return the integral of squared error, ``∫ e² dt``."""
     return _integral(error(rollout) ** 2)
 
 
-@metric("RMS error", POSITION, "errors", tables=("report",))
+@metric(
+    "RMS error",
+    POSITION,
+    "errors",
+    tables=("report",),
+    on_line=lambda x: np.sqrt(x.integral(x.sums.squared, x.sums.e**2) / (x.dt * x.last)),
+)
 def rms(rollout: xr.Dataset) -> xr.DataArray:
     """Return the root of the mean squared error."""
     e = error(rollout)
@@ -206,13 +230,13 @@ def rms(rollout: xr.Dataset) -> xr.DataArray:
     return (_integral(e**2) / (time.max("time") - time.min("time"))) ** 0.5
 
 
-@metric("peak error", POSITION, "errors", tables=_RUNS)
+@metric("peak error", POSITION, "errors", tables=_RUNS, on_line=lambda x: x.sums.peak)
 def peak_error(rollout: xr.Dataset) -> xr.DataArray:
     """Return the largest absolute error."""
     return abs(error(rollout)).max("time")
 
 
-@metric("final error", POSITION, "errors", tables=_RUNS)
+@metric("final error", POSITION, "errors", tables=_RUNS, on_line=lambda x: abs(x.sums.e))
 def final_error(rollout: xr.Dataset) -> xr.DataArray:
     """Return the absolute error of the last sample."""
     e = abs(error(rollout))
@@ -226,40 +250,75 @@ def final_error(rollout: xr.Dataset) -> xr.DataArray:
     long_name="integral of squared control input",
     tables=_PAPER,
     total=True,
+    on_line=lambda x: x.dt * x.sums.effort,
 )
 def isci(rollout: xr.Dataset) -> xr.DataArray:
     """Return the integral of squared control input, ``∫ τ² dt`` (eq. 35)."""
     return _held_integral(rollout["tau"] ** 2)
 
 
-@metric("variation", TORQUE, "torques", long_name="total variation of torque", tables=_PAPER, total=True)
+@metric(
+    "variation",
+    TORQUE,
+    "torques",
+    long_name="total variation of torque",
+    tables=_PAPER,
+    total=True,
+    on_line=lambda x: x.sums.variation,
+)
 def total_variation(rollout: xr.Dataset) -> xr.DataArray:
     """Return the total variation of torque, ``Σ |τₖ₊₁ - τₖ|``: how much it chatters."""
     return abs(rollout["tau"].diff("time")).sum("time")
 
 
-@metric("peak", TORQUE, "torques", long_name="peak torque", tables=("terminal", "report"))
+@metric(
+    "peak",
+    TORQUE,
+    "torques",
+    long_name="peak torque",
+    tables=("terminal", "report"),
+    on_line=lambda x: x.sums.peak_torque,
+)
 def peak_torque(rollout: xr.Dataset) -> xr.DataArray:
     """Return the largest absolute torque."""
     return abs(rollout["tau"]).max("time")
 
 
-@metric("effort used", Unit(), "torques", tables=("zoo",))
+def _share_used(x: Totals) -> Array:
+    peak = x.sums.peak_torque
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(peak > 0.0, peak / x.effort, 0.0)
+
+
+@metric("effort used", Unit(), "torques", tables=("zoo",), on_line=_share_used)
 def effort_used(rollout: xr.Dataset) -> xr.DataArray:
     """Return the largest share of the effort limit that was used; 0 where there is no limit."""
     peak = abs(rollout["tau"]).max("time")
     return (peak / rollout["effort"]).where(peak > 0.0, 0.0)
 
 
-@metric("saturated", Unit(time=1), "torques", long_name="saturated time", tables=_RUNS)
+@metric(
+    "saturated",
+    Unit(time=1),
+    "torques",
+    long_name="saturated time",
+    tables=_RUNS,
+    on_line=lambda x: x.dt * x.sums.saturated,
+)
 def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
     """Return how long the applied torque was at its limit."""
     tau = rollout["tau"]
-    at_limit = abs(tau) >= rollout["effort"] * (1.0 - 1e-9)
+    at_limit = abs(tau) >= rollout["effort"] * LIMIT_SHARE
     return _held_integral(at_limit.astype(float).where(tau.notnull()))
 
 
-@metric("beyond position limits", POSITION, "errors", tables=())
+@metric(
+    "beyond position limits",
+    POSITION,
+    "errors",
+    tables=(),
+    on_line=lambda x: np.maximum(np.maximum(x.lower - x.sums.lowest, x.sums.highest - x.upper), 0.0),
+)
 def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
     """Return how far the joint went beyond its position limits; 0 when it stayed inside."""
     lowest, highest = rollout["q"].min("time"), rollout["q"].max("time")
@@ -267,7 +326,14 @@ def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
     return below.where(below > above, above).clip(min=0.0)
 
 
-@metric("hunting", POSITION, "errors", long_name="range of the joint at rest", tables=("report",))
+@metric(
+    "hunting",
+    POSITION,
+    "errors",
+    long_name="range of the joint at rest",
+    tables=("report",),
+    on_line=lambda x: x.swing,
+)
 def hunting_amplitude(rollout: xr.Dataset) -> xr.DataArray:
     """Return how far the joint swings, peak to peak, in the last 1.2 s, a fifth of the horizon at most.
 
@@ -278,7 +344,20 @@ def hunting_amplitude(rollout: xr.Dataset) -> xr.DataArray:
     return (swing.max("time") - swing.min("time")).fillna(0.0)
 
 
-@metric("hunting frequency", Unit(time=-1), "errors", long_name="frequency of the joint at rest", tables=())
+def _swings(x: Totals) -> Array:
+    seconds = x.dt * (x.last - x.late)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(x.swing > ROUNDING, x.sums.way / (2.0 * x.swing) / seconds, 0.0)
+
+
+@metric(
+    "hunting frequency",
+    Unit(time=-1),
+    "errors",
+    long_name="frequency of the joint at rest",
+    tables=(),
+    on_line=_swings,
+)
 def hunting_frequency(rollout: xr.Dataset) -> xr.DataArray:
     """Return how many times a second the joint swings up and down its range at rest; 0 if it stands still."""
     swing = _at_rest(rollout)
@@ -298,11 +377,26 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
     return xr.Dataset({name: metric(rollout) for name, metric in declared().items()})
 
 
+def on_line(totals: Totals, diverged: npt.NDArray[np.bool_]) -> dict[str, Array]:
+    """Return the metrics of a run that kept no trajectories, name -> (..., n); infinite where it diverged.
+
+    Args:
+        totals: what was added up.
+        diverged: which rollouts did, shape (...).
+    """
+    found = {}
+    with np.errstate(all="ignore"):
+        for name, each in declared().items():
+            if each.on_line is not None:
+                found[name] = np.where(diverged[..., None], np.inf, each.on_line(totals))
+    return found
+
+
 def _at_rest(rollout: xr.Dataset) -> xr.DataArray:
     """Return the error of the last seconds, NaN before that and where the reference moves then."""
     e, time = error(rollout), rollout["time"]
     end = time.where(e.notnull()).max("time")
-    last = time >= end - np.minimum(_LAST, _SHARE * (end - time[0])) - ROUNDING
+    last = time >= end - np.minimum(LAST, SHARE * (end - time[0])) - ROUNDING
     reference = rollout["q_ref"].where(last)
     moves = reference.max("time") - reference.min("time") > ROUNDING
     return e.where(last & ~moves)

@@ -205,11 +205,7 @@ def to_dataset(
     variables["status"] = (
         per_rollout,
         recording.status if batched else recording.status[0],
-        {
-            "long_name": "how the rollout ended",
-            "flag_values": np.array([int(s) for s in Status], dtype=np.int32),
-            "flag_meanings": " ".join(s.name.lower() for s in Status),
-        },
+        _status(),
     )
     t_end = recording.t_end if batched else recording.t_end[0]
     variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
@@ -229,6 +225,53 @@ def to_dataset(
             "provenance": Provenance({**made_from, "versions": versions()}).to_json(),
         },
     )
+
+
+def summary_dataset(
+    recording: Recording,
+    robot: AnyRobot,
+    found: Mapping[str, Array],
+    ends: Mapping[str, Array],
+    made_from: Mapping[str, Any],
+) -> xr.Dataset:
+    """Return the dataset of a run that kept metrics alone.
+
+    Args:
+        recording: how the rollouts ended.
+        robot: the plant's robot, for names.
+        found: metrics by name, (rollouts, n).
+        ends: positions and velocities at the end, likewise.
+        made_from: as of :func:`to_dataset`.
+    """
+    batched = len(recording.shape) == 2
+    dims = ("rollout", "joint") if batched else ("joint",)
+    shape = recording.shape
+    variables: dict[str, Any] = {name: (dims, x.reshape(shape)) for name, x in found.items()}
+    variables |= {
+        f"{name}_end": (dims, x.reshape(shape), _attributes(name, robot)) for name, x in ends.items()
+    }
+    per_rollout = ("rollout",) if batched else ()
+    variables["status"] = (per_rollout, recording.status if batched else recording.status[0], _status())
+    t_end = recording.t_end if batched else recording.t_end[0]
+    variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
+    return xr.Dataset(
+        variables,
+        coords={"joint": ("joint", np.array(robot.joint_names))},
+        attrs={
+            "title": f"armgpi metrics of {robot.name}",
+            "robot": robot.name,
+            "provenance": Provenance({**made_from, "versions": versions()}).to_json(),
+        },
+    )
+
+
+def _status() -> dict[str, Any]:
+    """Return the attributes of `status`."""
+    return {
+        "long_name": "how the rollout ended",
+        "flag_values": np.array([int(s) for s in Status], dtype=np.int32),
+        "flag_meanings": " ".join(s.name.lower() for s in Status),
+    }
 
 
 def describe_end(rollout: xr.Dataset) -> list[str]:

@@ -17,6 +17,7 @@ from armgpi.arrays import Array, new
 from armgpi.control.controller import FullState
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.rollout import Recording
+from armgpi.loop.running import Running
 from armgpi.references.reference import Target
 
 #: A rollout has diverged when a joint is farther than this from its reference [rad or m].
@@ -102,6 +103,7 @@ class NumPyRun:
         *,
         signals: bool = False,
         inputs: bool = False,
+        running: Running | None = None,
     ) -> None:
         """Begin a run.
 
@@ -112,6 +114,7 @@ class NumPyRun:
             divergence: largest error of a rollout that runs [rad or m].
             signals: record the controller's inner signals as well.
             inputs: record as well what else a controller may be given: `v_measured` and `a_ref`.
+            running: what adds up samples in place of recording them; the sums are in `sums`.
         """
         self.loop = loop
         self.state = state
@@ -119,6 +122,10 @@ class NumPyRun:
         self.divergence = divergence
         self.signals = signals
         self.inputs = inputs
+        self.running = running
+        shape = (len(recording.status), recording.shape[-1])
+        self.sums: Any = None if running is None else running.init(shape)
+        self.last: dict[str, Array] = {}
         self.done = 0
         self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
         # What ClosedLoop._sample returns, sample by sample.
@@ -183,7 +190,15 @@ class NumPyRun:
         }
         self._mark_diverged(rows, targets["q_ref"])
         after_all = LoopState(self.done + count, plants[-1], controllers[-1])
-        self.recording.store(self.done, {**rows, **targets})
+        if self.running is None:
+            self.recording.store(self.done, {**rows, **targets})
+        else:
+            sums = self.sums
+            for k in range(count):
+                seen = rows["q"][k], targets["q_ref"][k], rows["tau"][k]
+                sums = self.running.add(self.done + k, *seen, sums)
+            self.sums = sums
+            self.last = {name: rows[name][-1] for name in ("q", "v")}
         # Assignments only from here on: no Ctrl-C comes between them.
         self._last_command = commands[-1]
         self.state = after_all

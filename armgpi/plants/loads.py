@@ -1,7 +1,7 @@
 """Disturbance torques as data: what pushes the joints besides the motors (eqs. 7, 29-31).
 
 A load opposes the motor: D(q) a + C(q, v) v + G(q) = tau - tau_d. Amplitudes are per joint: a number, or
-an array of shape (n,) or (batch, n).
+an array of shape (n,) or (batch, n). Times are numbers, or one for each rollout, shape (batch, 1).
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ class Load(Parametrised, ABC):
         """Check the values, and that an end comes after the onset."""
         super().__post_init__()
         onset, end = getattr(self, "onset", 0.0), getattr(self, "end", math.inf)
-        if end < onset:
-            raise ParameterError("end", end, f"a time after the onset {onset:g} [s]")
+        if np.any(np.less(end, onset)):
+            expected = f"a time after the onset {np.max(onset):g} [s]"
+            raise ParameterError("end", plain(end), expected)
 
 
 @with_parameters
@@ -196,6 +197,6 @@ def paper_disturbances() -> list[Sine]:
     ]
 
 
-def _gate(t: Array, onset: float, end: float) -> Array:
-    """Return 1 where onset <= t < end, else 0."""
+def _gate(t: Array, onset: Any, end: Any) -> Array:
+    """Return 1 where onset <= t < end, else 0; each may be one per rollout, (batch, 1)."""
     return np.where((t >= onset) & (t < end), 1.0, 0.0)

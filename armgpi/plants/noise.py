@@ -21,11 +21,11 @@ _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
 
 
-def uniform(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
+def uniform(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
     """Return numbers uniform in (0, 1) for sample `k`.
 
     Args:
-        seed: seed of row 0; row i of a batch uses seed + i.
+        seed: seed of row 0, as row i of a batch uses seed + i; or the seeds of all rows, shape (batch, 1).
         k: sample number.
         shape: (n,) or (batch, n).
         stream: which of several independent sets of numbers.
@@ -36,10 +36,10 @@ def uniform(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array
     if not isinstance(k, int | np.integer):  # a symbol, of which the generated code draws the numbers
         symbols: Array = k.uniform(seed, shape, stream)
         return symbols
-    rows = np.arange(shape[0], dtype=np.uint64)[:, None] if len(shape) == 2 else np.uint64(0)
+    own = seeds(seed, shape[0])[:, None] if len(shape) == 2 else np.uint64(seed % 2**64)
     columns = np.arange(shape[-1], dtype=np.uint64)
     with np.errstate(over="ignore"):
-        key = _mix(np.asarray(np.uint64(seed % 2**64) + rows + _GOLDEN, dtype=np.uint64))
+        key = _mix(np.asarray(own + _GOLDEN, dtype=np.uint64))
         counter = np.uint64(k) * np.uint64(0x10000) + np.uint64(stream) * np.uint64(0x1000) + columns
         bits = _mix(_mix(key ^ (counter * _GOLDEN)) + key)
     # The top 53 bits, moved half a step up, so that 0 and 1 are never reached.
@@ -47,7 +47,15 @@ def uniform(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array
     return np.broadcast_to(values, shape)
 
 
-def normal(seed: int, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
+def seeds(seed: Any, rows: int) -> Bits:
+    """Return the seeds of all rows, modulo 2^64: those given, or counted from that of row 0."""
+    if isinstance(seed, np.ndarray):
+        return np.broadcast_to(seed.ravel(), (rows,))
+    with np.errstate(over="ignore"):
+        return np.uint64(seed % 2**64) + np.arange(rows, dtype=np.uint64)
+
+
+def normal(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
     """Return standard normal numbers for sample `k` (Box and Muller 1958); arguments as :func:`uniform`."""
     radius = np.sqrt(-2.0 * np.log(uniform(seed, k, shape, 2 * stream)))
     result: Array = radius * np.cos(2.0 * np.pi * uniform(seed, k, shape, 2 * stream + 1))

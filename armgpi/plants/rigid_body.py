@@ -70,9 +70,17 @@ class RigidBodyPlant(Arm):
             ArrayError: when a load or coefficient does not fit the joints.
         """
         super().__init__(robot, loads, friction, substeps)
+        self._as_given: dict[str, Any] = {"robot": robot, "loads": loads, "friction": friction}
+        self._as_given |= {"substeps": substeps, "stick_velocity": stick_velocity}
         self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
-        self._sticks = self.friction is not None and bool(self.friction.coulomb.any())
+        # What differs by rollout was declared to vary, whatever it is.
+        coulomb = np.zeros(0) if self.friction is None else self.friction.coulomb
+        self._sticks = coulomb.ndim == 2 or bool(coulomb.any())
         self._substep = self._without_friction if self.friction is None else self._with_friction
+
+    def with_values(self, **changes: Any) -> RigidBodyPlant:
+        """Return another plant with some arguments of the constructor changed, by name."""
+        return type(self)(**{**self._as_given, **changes})
 
     def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
         """Return the state after `tau` was held for `dt`; see :meth:`Plant.step`."""

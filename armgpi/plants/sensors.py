@@ -8,7 +8,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState
-from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.errors import ParameterError
+from armgpi.parameter import PerJoint, parameter, plain, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
 
@@ -59,7 +60,7 @@ class Noisy(Wrapper):
     Attributes:
         std_q: standard deviation of positions [rad or m], shape (n,) or (batch, n).
         std_v: standard deviation of velocities [rad/s or m/s], likewise.
-        seed: seed of rollout 0; rollout i of a batch uses seed + i.
+        seed: seed of rollout 0, as rollout i of a batch uses seed + i; or those of all rollouts, (batch,).
     """
 
     config_name: ClassVar[str | None] = "noise"
@@ -83,7 +84,7 @@ class Noisy(Wrapper):
         key="velocity",
         log=True,
     )
-    seed: int = parameter("seed of rollout 0", kind="integer", default=0, least=0, in_file=False)
+    seed: Any = parameter("seed of rollout 0", kind="seed", default=0, least=0, in_file=False)
 
     def measure(self, state: Any) -> FullState:
         """Return the measurements with the noise of this sample."""
@@ -100,26 +101,49 @@ class Delayed(StatefulWrapper):
     """Measurements that arrive some samples late; before time 0 the arm was at rest at its start.
 
     Attributes:
-        samples: delay in samples; 0 for none.
+        samples: delay in samples, 0 for none; or one for each rollout, shape (batch, 1).
+        longest: length of the queue where rollouts differ [samples]; the longest delay when not given.
     """
 
     config_name: ClassVar[str | None] = "delay"
     order: ClassVar[float] = 70.0
     off: ClassVar[Any] = 0
 
-    samples: int = parameter(
+    samples: Any = parameter(
         "samples by which measurements are late",
         kind="integer",
         default=1,
         least=0,
         most=10_000,
-        structural=True,
         slider=(0, 20),
     )
+    longest: int | None = parameter(
+        "length of the queue where rollouts differ",
+        unit="samples",
+        kind="integer",
+        default=None,
+        none="the longest delay",
+        least=0,
+        most=10_000,
+        in_file=False,
+        structural=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the delay.
+
+        Raises:
+            ParameterError: when a delay is longer than the queue.
+        """
+        super().__post_init__()
+        most = int(np.max(self.samples))
+        if self.longest is not None and most > self.longest:
+            raise ParameterError("samples", most, f"at most the length of the queue, {self.longest}")
+        self._length = most if self.longest is None else self.longest
 
     def start(self, plant: Any, q: Array) -> tuple[FullState, ...]:
         """Return the queue of measurements; see :meth:`StatefulWrapper.start`."""
-        return (self.plant.measure(plant),) * (self.samples + 1)
+        return (self.plant.measure(plant),) * (self._length + 1)
 
     def follow(self, plant: Any, own: tuple[FullState, ...], dt: float) -> tuple[FullState, ...]:
         """Return the queue with the newest measurement at its end."""
@@ -127,8 +151,17 @@ class Delayed(StatefulWrapper):
 
     def measure(self, state: Wrapped) -> FullState:
         """Return the measurement that arrives now."""
-        arrived: FullState = state.own[0]
-        return arrived
+        if isinstance(self.samples, int):
+            arrived: FullState = state.own[self._length - self.samples]
+            return arrived
+        q, v = state.own[-1]
+        for late, (q_late, v_late) in enumerate(reversed(state.own[:-1]), start=1):
+            q, v = np.where(self.samples == late, q_late, q), np.where(self.samples == late, v_late, v)
+        return FullState(q, v)
+
+    def values(self) -> dict[str, Any]:
+        """Return the delay."""
+        return {"samples": plain(self.samples)}
 
 
 @with_parameters
@@ -180,18 +213,18 @@ class DropOut(StatefulWrapper):
     The first one always arrives.
 
     Attributes:
-        probability: share of samples lost [-], joint by joint, in [0, 1).
-        seed: seed of rollout 0; rollout i of a batch uses seed + i.
+        probability: share of samples lost [-], joint by joint, in [0, 1), a number or (batch, 1).
+        seed: seed of rollout 0, as rollout i of a batch uses seed + i; or those of all rollouts, (batch,).
     """
 
     config_name: ClassVar[str | None] = "drop_out"
     order: ClassVar[float] = 60.0
     off: ClassVar[Any] = 0.0
 
-    probability: float = parameter(
+    probability: Any = parameter(
         "share of measurements lost", least=0.0, most=1.0, below=True, slider=(0.0, 0.9)
     )
-    seed: int = parameter("seed of rollout 0", kind="integer", default=0, least=0, in_file=False)
+    seed: Any = parameter("seed of rollout 0", kind="seed", default=0, least=0, in_file=False)
 
     def start(self, plant: Any, q: Array) -> FullState:
         """Return the first measurement; see :meth:`StatefulWrapper.start`."""

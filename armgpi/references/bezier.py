@@ -87,8 +87,8 @@ class Bezier(Reference):
     Attributes:
         start: configuration before the move [rad or m], shape (n,) or (batch, n).
         goal: configuration after it, same shape.
-        duration: how long the move takes [s].
-        t_start: when it begins [s].
+        duration: how long the move takes [s]; a number, or one for each rollout, shape (batch, 1).
+        t_start: when it begins [s], likewise.
     """
 
     symbolic = True
@@ -97,8 +97,8 @@ class Bezier(Reference):
         self,
         start: ArrayLike,
         goal: ArrayLike,
-        duration: float | None = None,
-        t_start: float = 0.0,
+        duration: ArrayLike | None = None,
+        t_start: ArrayLike = 0.0,
         velocity_limit: ArrayLike = math.inf,
         acceleration_limit: ArrayLike = math.inf,
     ) -> None:
@@ -107,8 +107,9 @@ class Bezier(Reference):
         Args:
             start: configuration before it [rad or m], shape (n,) or (batch, n).
             goal: configuration after it; the two broadcast.
-            duration: how long it takes [s]; when not given, the shortest that keeps the limits.
-            t_start: when it begins [s].
+            duration: how long it takes [s], a number or (batch, 1); when not given, the shortest that keeps
+                the limits.
+            t_start: when it begins [s], a number or (batch, 1).
             velocity_limit: highest speeds [rad/s or m/s], used when there is no duration.
             acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
 
@@ -125,15 +126,32 @@ class Bezier(Reference):
                     "duration", None, "given, or a finite velocity_limit or acceleration_limit"
                 )
             duration = duration or 1.0  # nothing moves: any duration will do
-        self.duration = check_number(duration, "duration", "a positive, finite time [s]", open_=True)
-        self.t_start = check_number(t_start, "t_start", "a finite time [s]", lowest=-math.inf)
+        self.duration = time(duration, "duration", "a positive, finite time [s]", open_=True)
+        self.t_start = time(t_start, "t_start", "a finite time [s]", lowest=-math.inf)
         self._distance = distance
+        for name in ("duration", "t_start"):
+            rows = {len(x) for x in (getattr(self, name), distance) if np.ndim(x) == 2}
+            if len(rows) > 1 or (np.ndim(getattr(self, name)) == 2 and distance.ndim == 1):
+                expected = f"start and goal of {np.shape(getattr(self, name))[0]} rollouts, as {name} has"
+                raise ArrayError("start", f"expected {expected}, got {distance.shape}")
+
+    def variables(self) -> dict[str, Any]:
+        """Return the four numbers of the move; see :meth:`Reference.variables`."""
+        return {name: getattr(self, name) for name in ("start", "goal", "duration", "t_start")}
+
+    def with_values(self, **changes: Any) -> Bezier:
+        """Return another move; see :meth:`Reference.with_values`."""
+        given = {**self.variables(), **changes}
+        rows = [len(x) for x in given.values() if np.ndim(x) == 2]
+        if rows and np.ndim(given["start"]) == 1 == np.ndim(given["goal"]):
+            given["start"] = np.broadcast_to(given["start"], (rows[0], len(given["start"])))
+        return Bezier(**given)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
         x = np.multiply(1.0, as_times(t))  # an array, or symbols
-        x = (x - self.t_start) / self.duration
-        step = blend(x.reshape(x.shape + (1,) * self._distance.ndim))
+        x = (x.reshape(x.shape + (1,) * self._distance.ndim) - self.t_start) / self.duration
+        step = blend(x)
         return Target(
             q=self.start + self._distance * step.value,  # eq. 26
             v=self._distance * step.first / self.duration,
@@ -146,16 +164,24 @@ class Bezier(Reference):
             "type": "Bezier",
             "start": self.start.tolist(),
             "goal": self.goal.tolist(),
-            "duration": self.duration,
-            "t_start": self.t_start,
+            "duration": np.asarray(self.duration).tolist(),
+            "t_start": np.asarray(self.t_start).tolist(),
         }
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        return (
-            f"Bezier({self.start.tolist()} -> {self.goal.tolist()} "
-            f"in {self.duration:g} s from t = {self.t_start:g} s)"
-        )
+        duration, begin = (np.asarray(x).ravel().tolist() for x in (self.duration, self.t_start))
+        times = [f"{x[0]:g}" if len(x) == 1 else str(x) for x in (duration, begin)]
+        return f"Bezier({self.start.tolist()} -> {self.goal.tolist()} in {times[0]} s from t = {times[1]} s)"
+
+
+def time(value: Any, name: str, expected: str, lowest: float = 0.0, open_: bool = False) -> Any:
+    """Return a time [s], or those of all rollouts (batch, 1); arguments and errors as `check_number`."""
+    if not (isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1:] == (1,) and len(value)):
+        return check_number(value, name, expected, lowest, open_=open_)
+    times = as_sized_array(value, name)
+    check_number(float(times.min()), name, expected, lowest, open_=open_)
+    return times
 
 
 def _limit(value: Any, name: str) -> Array:

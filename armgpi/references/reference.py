@@ -36,6 +36,22 @@ class Reference(ABC):
 
     symbolic: ClassVar[bool] = False
 
+    def variables(self) -> dict[str, Any]:
+        """Return what may be given anew, by name: see :meth:`with_values`; nothing by default."""
+        return {}
+
+    def with_values(self, **changes: Any) -> Reference:
+        """Return the same trajectory with other numbers.
+
+        Args:
+            **changes: name of one of :meth:`variables` -> value; configurations (n,) or (batch, n), times a
+                number or (batch, 1).
+
+        Raises:
+            ParameterError: for a name that is none of them.
+        """
+        raise ParameterError(", ".join(changes), type(self).__name__, "a reference that has such a parameter")
+
     @abstractmethod
     def at(self, t: float | Array) -> Target:
         """Return the target at time(s) `t`.
@@ -67,6 +83,14 @@ class Hold(Reference):
 
         self.q = q
         self._at = Waypoints([q], durations=[]).at
+
+    def variables(self) -> dict[str, Any]:
+        """Return the configuration."""
+        return {"q": self.q}
+
+    def with_values(self, **changes: Any) -> Hold:
+        """Return another configuration; see :meth:`Reference.with_values`."""
+        return Hold(**changes)
 
     def describe(self) -> dict[str, Any]:
         """Return the configuration as plain data."""

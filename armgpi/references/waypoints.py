@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_sized_array, check_number, is_listing
+from armgpi.arrays import Array, ArrayLike, as_sized_array, is_listing
 from armgpi.errors import ArrayError, ParameterError
-from armgpi.references.bezier import Bezier
+from armgpi.references.bezier import Bezier, time
 from armgpi.references.reference import Reference, Target
 
 
@@ -19,7 +19,7 @@ class Waypoints(Reference):
 
     Attributes:
         moves: the moves, one :class:`Bezier` from each waypoint to the next.
-        t_end: when the last hold is over [s].
+        t_end: when the last hold is over [s], in every rollout.
     """
 
     symbolic = True
@@ -27,8 +27,8 @@ class Waypoints(Reference):
     def __init__(
         self,
         points: Sequence[ArrayLike],
-        durations: float | Sequence[float] | None = None,
-        holds: float | Sequence[float] = 0.0,
+        durations: ArrayLike | Sequence[ArrayLike] | None = None,
+        holds: ArrayLike | Sequence[ArrayLike] = 0.0,
         velocity_limit: ArrayLike = math.inf,
         acceleration_limit: ArrayLike = math.inf,
     ) -> None:
@@ -37,8 +37,9 @@ class Waypoints(Reference):
         Args:
             points: m configurations [rad or m], each of shape (n,) or (batch, n).
             durations: of the m - 1 moves [s]: a number for all, one for each, or None for the shortest
-                ones that keep the limits.
-            holds: how long to stand at each of the m configurations [s]: a number for all or one for each.
+                ones that keep the limits. Each may be one per rollout, shape (batch, 1).
+            holds: how long to stand at each of the m configurations [s]: a number for all or one for each,
+                likewise.
             velocity_limit: highest speeds [rad/s or m/s], used when there are no durations.
             acceleration_limit: highest accelerations [rad/s^2 or m/s^2], likewise.
 
@@ -51,10 +52,11 @@ class Waypoints(Reference):
         legs = max(len(points) - 1, 0)
         times = _per_item(durations, "durations", legs)
         stands = _per_item(holds, "holds", len(points))
-        stands = [check_number(hold, "holds", "zero or positive, finite times [s]") for hold in stands]
-        configurations = _one_shape(points)
+        stands = [time(hold, "holds", "zero or positive, finite times [s]") for hold in stands]
+        configurations = _one_shape(points, [*times, *stands])
+        self._as_given = {"points": configurations, "durations": times, "holds": stands}
         moves = []
-        t = stands[0]
+        t: Any = stands[0]
         for leg in range(legs):
             move = Bezier(
                 configurations[leg],
@@ -65,11 +67,24 @@ class Waypoints(Reference):
                 acceleration_limit,
             )
             moves.append(move)
-            t += move.duration + stands[leg + 1]
+            times[leg] = move.duration
+            t = t + (move.duration + stands[leg + 1])
         self.moves = tuple(moves)
-        self.t_end = t
+        self.t_end = float(np.max(t))
         # A single configuration is a move to itself.
         self._parts = self.moves or (Bezier(configurations[0], configurations[0]),)
+
+    def variables(self) -> dict[str, Any]:
+        """Return points, durations and holds, one by one; see :meth:`Reference.variables`."""
+        return {f"{name}.{i}": part for name, parts in self._as_given.items() for i, part in enumerate(parts)}
+
+    def with_values(self, **changes: Any) -> Waypoints:
+        """Return another sequence; see :meth:`Reference.with_values`."""
+        given = {name: list(parts) for name, parts in self._as_given.items()}
+        for name, value in changes.items():
+            part, _, place = name.partition(".")
+            given[part][int(place)] = value
+        return type(self)(**given)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
@@ -93,21 +108,22 @@ class Waypoints(Reference):
 
 
 def _per_item(value: Any, name: str, count: int) -> list[Any]:
-    """Return one number per item."""
-    if not is_listing(value):
+    """Return one time per item."""
+    if not is_listing(value) or (isinstance(value, np.ndarray) and value.ndim == 2):
         return [value] * count
     if len(value) != count:
         raise ParameterError(name, value, f"a number or {count} of them")
     return list(value)
 
 
-def _one_shape(points: Sequence[ArrayLike]) -> list[Array]:
-    """Return the configurations with one shape, (n,) or (batch, n)."""
+def _one_shape(points: Sequence[ArrayLike], times: Sequence[Any]) -> list[Array]:
+    """Return the configurations with one shape, (n,) or (batch, n), as times (batch, 1) ask for."""
     arrays = [as_sized_array(point, "points") for point in points]
+    rows = [time.shape for time in times if isinstance(time, np.ndarray)]
     try:
         if len({array.shape[-1:] for array in arrays}) > 1 or max(array.ndim for array in arrays) > 2:
             raise ValueError
-        shape = np.broadcast_shapes(*(array.shape for array in arrays))
+        shape = np.broadcast_shapes(*(array.shape for array in arrays), *rows)
     except ValueError:
         shapes = ", ".join(str(array.shape) for array in arrays)
         raise ArrayError(

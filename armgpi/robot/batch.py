@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import check_type, frozen, is_listing
-from armgpi.errors import ParameterError
+from armgpi.arrays import SMALLEST, Array, as_sized_array, check_type, frozen, is_listing
+from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.parameter import plain
 from armgpi.robot.dynamics import stacked
 from armgpi.robot.equations import Equations, Friction, Limits
 from armgpi.robot.robot import Robot
@@ -68,6 +70,138 @@ class RobotBatch(Equations):
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"RobotBatch({self.batch} x {self.name!r}, n={self.n})"
+
+
+class VariedRobots(RobotBatch):
+    """One robot with other numbers in each rollout; :meth:`armgpi.Robot.varied` makes it.
+
+    What varies is what was declared: a payload of 0 or a scale of 1 is a value like others. Everything is
+    worked out for all rollouts at once.
+
+    Attributes:
+        base: the robot that varies.
+        variation: name -> array (batch, ...) of what was declared to vary, and the frame of the load.
+        limits: arrays of shape (n,), `effort` of (batch, n) where it varies.
+        friction: arrays of shape (n,), or (batch, n) where they vary.
+    """
+
+    base: Robot
+    variation: Mapping[str, Any]
+
+    def __init__(self, base: Robot, frame: str | None = None, **given: Any) -> None:
+        """Vary a robot; arguments and errors as :meth:`armgpi.Robot.varied`."""
+        check_type(base, "base", Robot, "a Robot")
+        arrays = {name: _rows(name, value, base) for name, value in given.items() if value is not None}
+        if not arrays:
+            raise ParameterError("varied", list(given), "at least one quantity that varies")
+        if "payload" not in arrays and ("com" in arrays or frame is not None):
+            raise ParameterError("com" if "com" in arrays else "frame", frame, "given with a payload")
+        batch = common_batch({name: len(array) for name, array in arrays.items()})
+        arrays = {name: frozen(np.broadcast_to(x, (batch, *x.shape[1:]))) for name, x in arrays.items()}
+        shared = {"viscous": base.friction.viscous, "coulomb": base.friction.coulomb}
+        frame = (frame or base.tip) if "payload" in arrays else None
+        vars(self).update(
+            base=base,
+            variation={**arrays, **({} if frame is None else {"frame": frame})},
+            name=base.name,
+            joint_names=base.joint_names,
+            joint_types=base.joint_types,
+            batch=batch,
+            limits=base.limits._replace(effort=arrays.get("effort", base.limits.effort)),
+            friction=Friction(*(arrays.get(name, own) for name, own in shared.items())),
+            dynamics=base._varied_dynamics(batch, frame, arrays),
+        )
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:  # type: ignore[override]
+        """A robot for each rollout, made when it is asked for."""
+        return tuple(self._robot(i) for i in range(self.batch))
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where the model came from, and what varies."""
+        varied = {key: plain(value) for key, value in self.variation.items()}
+        return {"robots": [self.base.provenance], "varied": varied}
+
+    def scaled_inertia(self, factor: float) -> RobotBatch:
+        """Return the robots with every mass and inertia scaled; see :meth:`armgpi.Robot.scaled_inertia`."""
+        own = self.robots
+        return RobotBatch([robot.scaled_inertia(factor) for robot in own])
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"{self.base!r}.varied({', '.join(self.variation)}), {self.batch} rollouts"
+
+    def _robot(self, i: int) -> Robot:
+        """Return the robot of one rollout."""
+        robot, own = self.base, {key: x[i] for key, x in self.variation.items() if key != "frame"}
+        if "inertia_scale" in own:
+            robot = robot.scaled_inertia(float(own["inertia_scale"]))
+        if "rotor_inertia" in own:
+            robot = robot.with_armature(own["rotor_inertia"])
+        if "payload" in own:
+            com = own.get("com", np.zeros(3))
+            robot = robot.with_payload(self.variation["frame"], float(own["payload"]), com)
+        if "gravity" in own:
+            robot = robot.with_gravity(own["gravity"])
+        if friction := {key: own[key] for key in ("viscous", "coulomb") if key in own}:
+            robot = robot.with_friction(**friction)
+        return robot.with_limits(effort=own["effort"]) if "effort" in own else robot
+
+
+#: What may vary, with the numbers that a row has and the least that they may be: one, three or one per joint.
+_VARIES: Mapping[str, tuple[str, float]] = {
+    "payload": ("one", 0.0),
+    "com": ("three", -math.inf),
+    "inertia_scale": ("one", SMALLEST),
+    "rotor_inertia": ("joints", 0.0),
+    "viscous": ("joints", 0.0),
+    "coulomb": ("joints", 0.0),
+    "effort": ("joints", 0.0),
+    "gravity": ("three", -math.inf),
+}
+
+
+def _rows(name: str, value: Any, robot: Robot) -> Array:
+    """Return what varies as an array with a row for each rollout, or with one row.
+
+    Raises:
+        ArrayError: for another shape, or a value that is too small; it says what is expected.
+    """
+    if name not in _VARIES:
+        raise NameNotFound("quantity that varies", name, tuple(_VARIES))
+    form, least = _VARIES[name]
+    array = as_sized_array(value, name, infinite=name == "effort")
+    count = {"one": 1, "three": 3, "joints": robot.n}[form]
+    whole = {"one": "(batch,)", "three": "(batch, 3)", "joints": f"(batch, {robot.n})"}[form]
+    if array.ndim == 0 and form != "three":
+        array = np.full((1, count), float(array))
+    elif array.ndim == 1 and form == "three":
+        array = array[None]
+    elif array.ndim == 1:
+        array = np.repeat(array[:, None], count, axis=1)
+    elif array.ndim == 2 and array.shape[1] == 1 and form == "joints":
+        array = np.repeat(array, count, axis=1)
+    if array.ndim != 2 or array.shape[1] != count or not len(array):
+        raise ArrayError(name, f"expected shape {whole}, a row for each rollout; got {np.shape(value)}")
+    if (array < least).any():
+        bound = "zero or positive" if least == 0.0 else "positive"
+        raise ArrayError(name, f"expected {bound} values, got {array.min():g}")
+    return array[:, 0] if form == "one" else array
+
+
+def common_batch(rows: Mapping[str, int]) -> int:
+    """Return the number of rollouts of several quantities, of which those with one row fit any.
+
+    Raises:
+        ArrayError: when two differ; it names them.
+    """
+    name = max(rows, key=lambda each: rows[each])
+    for other, count in rows.items():
+        if count not in (1, rows[name]):
+            expected = f"expected a row for each of {rows[name]} rollouts, as {name} has"
+            raise ArrayError(other, f"{expected}; got {count} rows")
+    return rows[name]
 
 
 #: A single robot or one per rollout.

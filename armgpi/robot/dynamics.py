@@ -233,6 +233,119 @@ class PinocchioDynamics:
         return out
 
 
+class _Rows(threading.local):
+    """A model and its working memory, into which one row after another is put; each thread has its own."""
+
+    def __init__(self, model: Any) -> None:
+        self.model = model.copy()
+        self.data = self.model.createData()
+
+
+class VariedDynamics:
+    """One arm with another load, rotor inertia or gravity in each row of a batch.
+
+    What varies is what was declared to, whatever the numbers are: generated code has it as an input.
+
+    Attributes:
+        base: the dynamics of the arm without what varies.
+        batch: number of rows.
+        joint: index of the `pin.Model`'s joint whose body carries the load.
+        load: mass [kg] and centre of mass in that body's axes [m], shape (batch, 4), or None.
+        armature: rotor inertia of all coordinates [kg m^2 or kg], shape (batch, nv), or None.
+        gravity_vector: acceleration of free fall [m/s^2], shape (batch, 3), or None.
+    """
+
+    def __init__(
+        self,
+        base: PinocchioDynamics,
+        batch: int,
+        joint: int = 0,
+        load: Array | None = None,
+        armature: Array | None = None,
+        gravity: Array | None = None,
+    ) -> None:
+        """Vary `base`; the arrays are trusted."""
+        self.base, self.batch, self.joint = base, batch, joint
+        self.load, self.armature, self.gravity_vector = load, armature, gravity
+        self._begin()
+
+    def forward(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration; see :meth:`Dynamics.forward`."""
+        return self._each(lambda model, data, *x: _aba(model, data, *x, _WORLD), False, q, v, tau)
+
+    def inverse(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque; see :meth:`Dynamics.inverse`."""
+        return self._each(_rnea, False, q, v, a)
+
+    def inertia_times(self, q: Array, a: Array) -> Array:
+        """Return D(q) a; see :meth:`Dynamics.inertia_times`."""
+        return self._each(_rnea, True, q, np.zeros_like(q), a)
+
+    def inertia_solve(self, q: Array, tau: Array) -> Array:
+        """Return D(q)^-1 tau; see :meth:`Dynamics.inertia_solve`."""
+        if not np.count_nonzero(tau):
+            return tau
+        rest = np.zeros_like(q)
+        solved = self._each(lambda model, data, *x: _aba(model, data, *x, _WORLD), True, q, rest, tau)
+        solved[~tau.any(axis=-1)] = 0.0
+        return solved
+
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
+        return self.inverse(q, v, np.zeros_like(q))
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q); see :meth:`Dynamics.gravity`."""
+        return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Return D(q); see :meth:`Dynamics.mass_matrix`."""
+        return self._each(pin.crba, False, q)
+
+    def row(self, i: int) -> PinocchioDynamics:
+        """Return the dynamics of one row."""
+        model = self.base.model.copy()
+        self._put(model, i, False)
+        return PinocchioDynamics(model)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is not made anew: working memory belongs to one thread of one process."""
+        return {key: value for key, value in vars(self).items() if not key.startswith("_")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what was pickled."""
+        vars(self).update(state)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Make what belongs to one process."""
+        self._rows, self._free_rows = _Rows(self.base.model), _Rows(self.base.model)
+        self._inertias: list[Any] = []
+
+    def _each(self, kernel: Any, free: bool, *arguments: Array) -> Array:
+        """Call a kernel row by row, in free fall where that is asked for."""
+        rows = self._free_rows if free else self._rows
+        found = []
+        for i, row in enumerate(zip(*arguments, strict=True)):
+            self._put(rows.model, i, free)
+            found.append(np.array(kernel(rows.model, rows.data, *row)))
+        return np.array(found)
+
+    def _put(self, model: Any, i: int, free: bool) -> None:
+        """Give a model the numbers of row i."""
+        if self.load is not None:
+            if not self._inertias:
+                own, point = self.base.model.inertias[self.joint], np.zeros((3, 3))
+                self._inertias = [own + pin.Inertia(float(x[0]), x[1:], point) for x in self.load]
+            model.inertias[self.joint] = self._inertias[i]
+        if self.armature is not None:
+            model.armature = self.armature[i]
+        if free:
+            model.gravity = pin.Motion.Zero()
+        elif self.gravity_vector is not None:
+            model.gravity = pin.Motion(self.gravity_vector[i], np.zeros(3))
+
+
 class CoupledDynamics:
     """Equations of motion of joints that others follow: all coordinates are ``ratio @ q + offset``.
 
@@ -245,7 +358,7 @@ class CoupledDynamics:
         offset: shape (m,).
     """
 
-    def __init__(self, whole: PinocchioDynamics, ratio: Array, offset: Array) -> None:
+    def __init__(self, whole: PinocchioDynamics | VariedDynamics, ratio: Array, offset: Array) -> None:
         """Project the `whole` model of m coordinates by `ratio` (m, n) and `offset` (m,)."""
         self.whole, self.ratio, self.offset = whole, ratio, offset
 

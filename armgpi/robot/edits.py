@@ -13,7 +13,14 @@ import pinocchio as pin
 
 from armgpi.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
 from armgpi.errors import ArrayError, LimitError, ParameterError
-from armgpi.robot.dynamics import CoupledDynamics, PinocchioDynamics, ScaledDynamics, Workspace
+from armgpi.robot.dynamics import (
+    CoupledDynamics,
+    Dynamics,
+    PinocchioDynamics,
+    ScaledDynamics,
+    VariedDynamics,
+    Workspace,
+)
 from armgpi.robot.equations import Limits, PerJoint
 from armgpi.robot.frames import Frames
 from armgpi.robot.urdf_model import Coupling
@@ -193,6 +200,46 @@ class Edits(Frames):
                 raise LimitError("the lower limit", self.joint_names[j], low, -math.inf, high)
         change = {"limits": {key: array.tolist() for key, array in arrays.items()}}
         return self._changed(change, limits=Limits(*map(frozen, limits)))
+
+    def _varied_dynamics(self, batch: int, frame: str | None, arrays: Mapping[str, Array]) -> Dynamics:
+        """Return the equations of motion of rollouts whose robots differ; see :meth:`armgpi.Robot.varied`.
+
+        Args:
+            batch: number of rollouts.
+            frame: frame that carries the load; None for none.
+            arrays: what varies, name -> (batch, ...); not checked.
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ParameterError: when the frame does not move.
+        """
+        own: Any = self.dynamics
+        scale = arrays.get("inertia_scale")
+        factor: Any = 1.0 if scale is None else scale[:, None]
+        if isinstance(own, ScaledDynamics):
+            own, factor = own.base, own.scale * factor
+        # All that hangs on the arm is over the factor first, as the factor is on the whole.
+        varied: dict[str, Any] = {}
+        if frame is not None:
+            element = self._model.frames[self._frame(frame)]
+            if not (joint := int(element.parentJoint)):
+                raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
+            rotation, position = np.array(element.placement.rotation), np.array(element.placement.translation)
+            com = arrays.get("com", np.zeros((batch, 3))) @ rotation.T + position
+            varied |= {"joint": joint, "load": np.hstack([arrays["payload"][:, None] / factor, com])}
+        if "rotor_inertia" in arrays:
+            whole = np.tile(np.array(self._model.armature), (batch, 1))
+            whole[:, self._own] = arrays["rotor_inertia"]
+            varied["armature"] = whole / factor
+        if "gravity" in arrays:
+            varied["gravity"] = arrays["gravity"]
+        if varied:
+            if isinstance(own, CoupledDynamics):
+                arm: Any = own.whole
+                own = CoupledDynamics(VariedDynamics(arm, batch, **varied), own.ratio, own.offset)
+            else:
+                own = VariedDynamics(own, batch, **varied)
+        return own if isinstance(factor, float) and factor == 1.0 else ScaledDynamics(own, factor)
 
     def _bounded(self, name: str, value: PerJoint, current: Array, lowest: float, highest: float) -> Array:
         """Return a quantity of every joint, (n,); joints that a mapping leaves out keep the current one."""

@@ -6,17 +6,20 @@ import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, check_type, check_whole, frozen
+from armgpi.arrays import Array, ArrayLike, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.robot import drives, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
+
+if TYPE_CHECKING:
+    from armgpi.robot.batch import VariedRobots
 
 #: Configurations at which D(q) is checked when a robot is loaded, besides the middle of the ranges.
 _SAMPLES = 16
@@ -205,6 +208,48 @@ class Robot(Edits):
             if frame.type == pin.FrameType.BODY and count > farthest:
                 tip, farthest = index, count
         return str(model.frames[tip].name)
+
+    def varied(
+        self,
+        *,
+        payload: ArrayLike | None = None,
+        com: ArrayLike | None = None,
+        frame: str | None = None,
+        inertia_scale: ArrayLike | None = None,
+        rotor_inertia: ArrayLike | None = None,
+        viscous: ArrayLike | None = None,
+        coulomb: ArrayLike | None = None,
+        effort: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+    ) -> VariedRobots:
+        """Return this robot with other numbers in each rollout of a batch, all worked out at once.
+
+        The first axis of every array is the rollouts. What is given varies, whatever its numbers are, so that
+        generated code for it is made once.
+
+        Args:
+            payload: mass of a load that comes on top of what the robot has [kg], shape (batch,).
+            com: its centre of mass in the frame [m], shape (batch, 3) or (3,); the origin when not given.
+            frame: the frame that carries it; the robot's tip when not given.
+            inertia_scale: factor of the robot's own masses and inertias [-], shape (batch,); the load and
+                rotor inertia given here are not scaled.
+            rotor_inertia: at the joints, in place of the robot's [kg m^2 or kg], shape (batch,) or
+                (batch, n).
+            viscous: viscous friction [N m s/rad or N s/m], likewise.
+            coulomb: Coulomb friction [N m or N], likewise.
+            effort: effort limits [N m or N], likewise.
+            gravity: acceleration of free fall in the base frame [m/s^2], shape (batch, 3) or (3,).
+
+        Raises:
+            ArrayError: for another shape, a value that is too small, or numbers of rollouts that differ.
+            NameNotFound: when there is no such frame.
+            ParameterError: when nothing varies, or a centre or frame is given without a load.
+        """
+        from armgpi.robot.batch import VariedRobots
+
+        given = {"payload": payload, "com": com, "inertia_scale": inertia_scale, "gravity": gravity}
+        given |= {"rotor_inertia": rotor_inertia, "viscous": viscous, "coulomb": coulomb, "effort": effort}
+        return VariedRobots(self, frame, **given)
 
     def pinocchio_model(self) -> Any:
         """Return a copy of the `pin.Model`, for what this class does not offer.

@@ -29,7 +29,7 @@ from armgpi import (
 )
 from armgpi.codegen import build
 from armgpi.errors import ArrayError, ParameterError
-from armgpi.loop import simulation as module
+from armgpi.loop import prepared as module
 from armgpi.plants.plant import Wrapper
 from armgpi.references.reference import Reference, Target
 

@@ -1,0 +1,334 @@
+"""A closed loop prepared once, which runs with new numbers as often as wanted; `simulate` runs one once."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from armgpi.arrays import ArrayLike, check_choice, check_number, check_type, check_whole
+from armgpi.control.controller import Controller
+from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
+from armgpi.loop import metrics
+from armgpi.loop.closed_loop import ClosedLoop, LoopState
+from armgpi.loop.rollout import Recording, Status, summary_dataset, to_dataset
+from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
+from armgpi.loop.running import Running, Totals
+from armgpi.loop.variables import Variable, checked, rows_of, spread, variables, with_values
+from armgpi.plants.plant import Plant
+from armgpi.references.reference import Reference
+
+#: More samples than this cannot be counted in a float.
+_MOST_STEPS = 1e15
+#: How many configurations of the reference are checked against the joint limits before the run.
+_MOST_CHECKS = 2001
+#: How many they are at least, where the reference of a large batch ...
+_FEWEST_CHECKS = 65
+#: ... has more numbers in all than this.
+_CHECKED_NUMBERS = 1 << 20
+#: Seconds after which a run gets a progress bar.
+_LONG = 2.0
+#: What takes the samples of a run.
+BACKENDS = ("numpy", "compiled", "auto")
+#: What a run keeps.
+RECORDS = ("all", "metrics")
+#: About what NumPy takes for the calls of a sample, whatever its size [s].
+_CALLS = 6e-5
+#: What it takes for each number in a sample on top [s].
+_NUMBER = 5e-7
+#: A run that NumPy takes longer for is worth compiling [s]: about what a compiler takes.
+_WORTH = 2.0
+
+
+def prepare(
+    plant: Plant,
+    controller: Controller,
+    reference: Reference,
+    t_final: float,
+    *,
+    record: str = "all",
+    record_every: int = 1,
+    signals: bool = False,
+    divergence: float = DIVERGENCE,
+    backend: str = "auto",
+) -> PreparedLoop:
+    """Return a closed loop that runs with new numbers as often as wanted, traced and compiled once.
+
+    Args:
+        plant: what moves.
+        controller: what moves it; its sample time is the loop's.
+        reference: where to.
+        t_final: how long [s], rounded to whole samples.
+        record: "all" keeps trajectories; "metrics" adds up every declared metric instead, in memory that
+            does not depend on the length of the run.
+        record_every: record every so many samples; metrics are those of all samples anyway.
+        signals: record the controller's inner signals as well.
+        divergence: a rollout has diverged when a joint is farther than this from its reference
+            [rad or m], or when a velocity or torque is not finite.
+        backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
+            where there can be none; "auto" for generated code where it saves more time than it takes to make.
+
+    Raises:
+        ParameterError: when an argument is not as it should be, or the parts do not match.
+        ArrayError: when an array is not as it should be.
+    """
+    return PreparedLoop(
+        ClosedLoop(plant, controller, reference),
+        t_final,
+        record=record,
+        record_every=record_every,
+        signals=signals,
+        divergence=divergence,
+        backend=backend,
+    )
+
+
+class PreparedLoop:
+    """A closed loop whose numbers may be given anew for every run and rollout; :func:`prepare` makes it.
+
+    What differs by rollout is what is given as an array; runs that give the same names share one trace and
+    one compiled code, whatever the numbers are. It can be pickled, and several threads may run it.
+
+    Attributes:
+        loop: plant, controller and reference as they were given.
+        parameters: every declared parameter by its name, with what it is now and whether it may be given.
+        steps: number of samples of a run.
+    """
+
+    def __init__(
+        self,
+        loop: ClosedLoop,
+        t_final: float,
+        *,
+        record: str = "all",
+        record_every: int = 1,
+        signals: bool = False,
+        divergence: float = DIVERGENCE,
+        backend: str = "auto",
+    ) -> None:
+        """Check the options; see :func:`prepare`."""
+        self.loop = loop
+        self.steps = _whole_steps(t_final, loop.dt)
+        check_choice(record, "record", RECORDS)
+        check_choice(backend, "backend", BACKENDS)
+        check_type(signals, "signals", bool, "True or False")
+        self._every = check_whole(record_every, "record_every", 1)
+        self._divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
+        self._metrics, self._signals, self._backend = record == "metrics", signals, backend
+        self._known: dict[Any, Any] = {}
+        self._variables: dict[str, Variable] | None = None
+        self._reference_checked = False
+
+    @property
+    def parameters(self) -> Mapping[str, Variable]:
+        """Every declared parameter by its name."""
+        if self._variables is None:
+            self._variables = variables(self.loop)
+        return self._variables
+
+    def run(
+        self,
+        values: Mapping[str, Any] | None = None,
+        *,
+        seed: Any = None,
+        q0: ArrayLike | None = None,
+        v0: ArrayLike | None = None,
+        final: bool = False,
+        progress: bool | None = False,
+    ) -> xr.Dataset:
+        """Run the loop and return its rollouts.
+
+        Args:
+            values: name -> number for all rollouts, or an array whose first axis is the rollouts:
+                (rollouts,), or (rollouts, n) for a per-joint parameter. A lower and an upper end are a tuple.
+                Names are those of :attr:`parameters`.
+            seed: of all random numbers: that of rollout 0, as rollout i uses seed + i; or the seeds of all
+                rollouts, any whole numbers.
+            q0: starting positions [rad or m], (n,) or (batch, n); the reference's start when not given.
+            v0: starting velocities [rad/s or m/s], zero when not given.
+            final: with ``record="metrics"``, give positions and velocities at the end as well.
+            progress: show a progress bar; None for one on a terminal and for long runs.
+
+        Returns:
+            A dataset as of :func:`armgpi.simulate`; with ``record="metrics"`` one with every metric that is
+            declared with an ``on_line``, dimensions ([rollout], joint), `status` and `t_end`.
+
+        Raises:
+            NameNotFound: for a parameter that the loop has not.
+            ParameterError: for one that cannot be given anew, or a value that is not as declared.
+            ArrayError: when an array is not as it should be.
+            LimitError: when the start or the reference is outside the plant's joint limits.
+        """
+        check_type(progress, "progress", bool | None, "True, False or None")
+        loop = self._with(values or {}, seed)
+        state = loop.init(q0, v0)
+        if not self._reference_checked or loop.reference is not self.loop.reference:
+            _check_reference(loop, self.steps * loop.dt)
+            self._reference_checked |= loop.reference is self.loop.reference
+        shape, every = loop.true_state(state).q.shape, self.steps if self._metrics else self._every
+        recording = Recording.new(shape, self.steps, loop.dt, every)
+        run = self._finished(loop, state, recording, progress)
+        made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
+        if self._metrics:
+            return self._summary(loop, run, shape, final, made_from)
+        return to_dataset(
+            recording,
+            loop.plant.robot,
+            loop.plant.disturbance(recording.times),
+            {**loop.describe(), **made_from},
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is not made anew: code belongs to one process."""
+        return {**vars(self), "_known": {}, "_variables": None}
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        kept = "metrics" if self._metrics else "trajectories"
+        return f"PreparedLoop({self.loop.controller!r}, {self.steps} samples, {kept})"
+
+    def _with(self, values: Mapping[str, Any], seed: Any) -> ClosedLoop:
+        """Return the loop with other numbers; itself without any."""
+        check_type(values, "values", Mapping, "name -> value")
+        found = checked(self.parameters, values) if values else {}
+        if seed is not None:
+            seeds = {name: seed for name, each in self.parameters.items() if each.declared.kind == "seed"}
+            found = {**seeds, **found}
+        if not found:
+            return self.loop
+        rows = rows_of(found)
+        if rows is not None and rows == 1 and self.loop.batch is not None:
+            rows = self.loop.batch
+        found = spread(found, rows)
+        return with_values(self.loop, found, rows or self.loop.batch or 1)
+
+    def _finished(
+        self, loop: ClosedLoop, state: LoopState, recording: Recording, progress: bool | None
+    ) -> Any:
+        """Run a loop to its end, or until Ctrl-C, and return what did it."""
+        running = None
+        if self._metrics:
+            running = Running(self.steps, loop.dt, loop.plant.robot.limits.effort)
+        steps = self.steps
+        run: Runner = NumPyRun(
+            loop, state, recording, self._divergence, signals=self._signals, running=running
+        )
+        with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
+            try:
+                if self._worth_compiling(recording):
+                    run = self._compiled(run, loop, state, recording, running)
+                drive(run, steps, advance)
+            except KeyboardInterrupt:
+                run.interrupt()
+                dt = recording.dt
+                warnings.warn(
+                    f"interrupted at t = {run.done * dt:g} s of {steps * dt:g} s; kept what is there",
+                    ArmgpiWarning,
+                    stacklevel=4,
+                )
+        return run
+
+    def _worth_compiling(self, recording: Recording) -> bool:
+        """Tell whether to run by generated code."""
+        slow = self.steps * (_CALLS + _NUMBER * math.prod(recording.shape))
+        return self._backend == "compiled" or (self._backend == "auto" and slow > _WORTH)
+
+    def _compiled(
+        self, run: Runner, loop: ClosedLoop, state: LoopState, recording: Recording, running: Running | None
+    ) -> Runner:
+        """Return the same run by generated code, or as it is where there is none, perhaps with a warning."""
+        try:
+            from armgpi.compiled.run import CompiledRun
+
+            return CompiledRun(loop, state, recording, self._divergence, self._signals, running, self._known)
+        except ModuleNotFoundError as error:
+            reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
+        except BackendError as error:
+            reason = str(error)
+        if self._backend == "compiled":
+            warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=5)
+        return run
+
+    def _summary(
+        self, loop: ClosedLoop, run: Any, shape: tuple[int, ...], final: bool, made_from: Mapping[str, Any]
+    ) -> xr.Dataset:
+        """Return the metrics of a run without trajectories."""
+        recording, limits = run.recording, loop.plant.robot.limits
+        diverged = recording.status == Status.DIVERGED
+        interrupted = (recording.status == Status.INTERRUPTED).any()
+        last = max(run.done - 1, 1) if interrupted else self.steps
+        late = Running(self.steps, loop.dt, limits.effort).late
+        totals = Totals(run.sums, loop.dt, last, float(late), limits.lower, limits.upper, limits.effort)
+        found = metrics.on_line(totals, diverged)
+        ends = {}
+        if final:
+            ends = {name: np.where(diverged[:, None], np.nan, part) for name, part in run.last.items()}
+        return summary_dataset(recording, loop.plant.robot, found, ends, {**self._described(), **made_from})
+
+    def _described(self) -> dict[str, Any]:
+        """Return what the loop is as it was prepared; describing every rollout would take too long."""
+        if "described" not in self._known:
+            self._known["described"] = self.loop.describe()
+        described: dict[str, Any] = self._known["described"]
+        return described
+
+
+def _whole_steps(t_final: float, dt: float) -> int:
+    """Return the number of samples in `t_final`."""
+    t_final = check_number(t_final, "t_final", "a positive, finite time [s]", open_=True)
+    if t_final / dt > _MOST_STEPS:
+        raise ParameterError("t_final", t_final, f"at most {_MOST_STEPS:g} sample times of {dt:g} s")
+    steps = round(t_final / dt)
+    if steps < 1:
+        raise ParameterError("t_final", t_final, f"at least one sample time, {dt:g} s")
+    return steps
+
+
+def _check_reference(loop: ClosedLoop, t_final: float) -> None:
+    """Refuse a reference that leaves the joint limits or is not finite."""
+    robot = loop.plant.robot
+    numbers = math.prod(loop._target_shape)
+    times = np.linspace(0.0, t_final, max(_FEWEST_CHECKS, min(_MOST_CHECKS, _CHECKED_NUMBERS // numbers)))
+    target = loop.targets(times)
+    rank = 2 if target.q.ndim == 3 or robot.batch is not None else 1
+    q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
+    if not all(np.isfinite(part).all() for part in target):
+        raise ArrayError("reference", "expected finite positions, velocities and accelerations")
+    outside = robot.outside(q)
+    if outside is not None:
+        what = f"the reference at t = {times[outside.place[0]]:.4g} s"
+        remedy = "choose another goal, or other limits with robot.with_limits(...)"
+        raise LimitError(what, *outside[1:], remedy)
+
+
+@contextmanager
+def _progress_bar(steps: int, wanted: bool | None) -> Iterator[Callable[[int], None]]:
+    """Give a function that counts samples; it shows a bar on a terminal once the run gets long."""
+    if wanted is None:
+        wanted = sys.stderr.isatty()
+    if not wanted:
+        yield lambda count: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    bar = Progress(console=Console(stderr=True), transient=True)
+    task = bar.add_task("simulating", total=steps)
+    begun = time.monotonic()
+
+    def advance(count: int) -> None:
+        bar.advance(task, count)
+        if not bar.live.is_started and time.monotonic() - begun > _LONG:
+            bar.start()
+
+    try:
+        yield advance
+    finally:
+        bar.stop()

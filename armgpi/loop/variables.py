@@ -1,0 +1,354 @@
+"""What may be given anew in a closed loop that is prepared: every declared number by its name.
+
+Names are those of an experiment file: ``controller.omega``, ``plant.delay``, ``plant.loads.0.onset``,
+``reference.durations.0``; and ``plant.payload`` as :meth:`armgpi.Robot.varied` calls it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import as_sized_array, is_listing
+from armgpi.control.controller import Controller
+from armgpi.control.weights import Weights
+from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.parameter import Parameter, Parametrised, parameters
+from armgpi.plants.plant import Plant, Wrapper
+from armgpi.plants.rigid_body import RigidBodyPlant
+from armgpi.references.reference import Reference
+from armgpi.robot.batch import AnyRobot, VariedRobots
+from armgpi.robot.equations import Friction
+from armgpi.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A number of a loop that may be given anew.
+
+    Attributes:
+        name: as in an experiment file.
+        declared: what is known of it: sentence, unit, bounds, whether it is per joint.
+        value: what it is now.
+        fixed: why it may not be given anew; empty where it may.
+    """
+
+    name: str
+    declared: Parameter
+    value: Any
+    fixed: str = ""
+
+
+#: What may vary of a robot: of the plant, and of the nominal model.
+_ROBOT = {
+    "payload": Parameter("mass of a load on top of what the robot has", unit="kg", default=0.0, least=0.0),
+    "com": Parameter("centre of mass of that load in its frame", unit="m", kind="vector", default=(0.0,) * 3),
+    "inertia_scale": Parameter(
+        "factor of the robot's masses and inertias", default=1.0, least=0.0, above=True
+    ),
+    "rotor_inertia": Parameter(
+        "rotor inertia at the joints", unit="kg m^2 or kg", default=None, least=0.0, per_joint=True
+    ),
+    "gravity": Parameter("acceleration of free fall", unit="m/s^2", kind="vector", default=None),
+}
+_FRICTION = {
+    "viscous": Parameter("viscous friction", unit="N m s/rad or N s/m", least=0.0, per_joint=True),
+    "coulomb": Parameter("Coulomb friction", unit="N m or N", least=0.0, per_joint=True),
+}
+_NOMINAL = ("inertia_scale",)
+
+
+def variables(loop: ClosedLoop) -> dict[str, Variable]:
+    """Return all declared parameters of a loop by name, with the reason where one cannot be given anew."""
+    found = [*_of_plant(loop.plant), *_of_controller(loop.controller)]
+    found += _of_reference(loop.reference)
+    return {each.name: each for each in found}
+
+
+def with_values(loop: ClosedLoop, values: Mapping[str, Any], rows: int) -> ClosedLoop:
+    """Return a loop with other numbers.
+
+    Args:
+        loop: the loop.
+        values: name -> value in the form that :func:`checked` gives.
+        rows: number of rollouts, for what comes for all of them alone.
+
+    Raises:
+        ParameterError: when a value is not as declared.
+        ArrayError: likewise, or when it does not fit the joints.
+    """
+    parts: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}, "reference": {}}
+    for name, value in values.items():
+        part, _, rest = name.partition(".")
+        parts[part][rest] = value
+    plant, controller, reference = loop.plant, loop.controller, loop.reference
+    if parts["plant"]:
+        plant = _plant_with(plant, parts["plant"], rows)
+    if parts["controller"]:
+        controller = _controller_with(controller, parts["controller"], rows)
+    if parts["reference"]:
+        reference = reference.with_values(**parts["reference"])
+    return ClosedLoop(plant, controller, reference)
+
+
+def checked(known: Mapping[str, Variable], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values as constructors take them: numbers, and arrays with a row for each rollout.
+
+    Args:
+        known: from :func:`variables`.
+        values: name -> a number for all rollouts, or an array whose first axis is the rollouts.
+
+    Raises:
+        NameNotFound: for a name that the loop has not.
+        ParameterError: for a parameter that cannot be given anew; it says why.
+        ArrayError: when an array has another shape.
+    """
+    found = {}
+    for name, value in values.items():
+        if name not in known:
+            raise NameNotFound("parameter of this loop", name, tuple(known))
+        if reason := known[name].fixed:
+            raise ParameterError(name, value, f"left as it is: {reason}")
+        found[name] = _checked(known[name], value)
+    return found
+
+
+def rows_of(values: Mapping[str, Any]) -> int | None:
+    """Return for how many rollouts some checked values are, None where they fit any.
+
+    Raises:
+        ArrayError: when two differ; it names them.
+    """
+    rows = {
+        name: len(part)
+        for name, value in values.items()
+        for part in (value if isinstance(value, tuple) else (value,))
+        if isinstance(part, np.ndarray)
+    }
+    if not rows:
+        return None
+    most = max(rows, key=lambda name: rows[name])
+    for name, count in rows.items():
+        if count not in (1, rows[most]):
+            raise ArrayError(name, f"expected values for {rows[most]} rollouts, as {most} has; got {count}")
+    return rows[most]
+
+
+def spread(values: Mapping[str, Any], rows: int | None) -> dict[str, Any]:
+    """Return values with as many rows each as there are rollouts."""
+
+    def whole(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(whole(part) for part in value)
+        if not isinstance(value, np.ndarray):
+            return value
+        return np.ascontiguousarray(np.broadcast_to(value, (rows or 1, *value.shape[1:])))
+
+    return {name: whole(value) for name, value in values.items()}
+
+
+def _checked(variable: Variable, value: Any) -> Any:
+    """Return one value as constructors take it."""
+    declared = variable.declared
+    if declared.kind == "seed":
+        return value
+    if declared.kind == "table":
+        return _table(variable, value)
+    if declared.kind == "text":
+        return declared.checked(value)
+    if declared.kind == "box" and isinstance(value, tuple):
+        return tuple(_checked(variable, end) for end in value)
+    if not is_listing(value):
+        return value
+    array = as_sized_array(np.asarray(value).astype(np.float64) if _whole(value) else value, variable.name)
+    if array.ndim == 1:
+        return array[None] if declared.kind == "vector" else array[:, None]
+    several = declared.per_joint or declared.kind == "vector"
+    if array.ndim != 2 or (array.shape[1] != 1 and not several):
+        expected = "(rollouts, joints)" if declared.per_joint else "(rollouts,)"
+        raise ArrayError(variable.name, f"expected a number or shape {expected}, got {array.shape}")
+    return array
+
+
+def _table(variable: Variable, value: Any) -> Any:
+    """Return initial weights, (rollouts, joints, functions) or (functions,) for all."""
+    array = as_sized_array(value, variable.name)
+    if array.ndim not in (1, 3):
+        expected = "(functions,) or (rollouts, joints, functions)"
+        raise ArrayError(variable.name, f"expected shape {expected}, got {array.shape}")
+    return array.tolist() if array.ndim == 1 else array
+
+
+def _whole(value: Any) -> bool:
+    """Tell whether an array is one of whole numbers."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in "iu"
+
+
+def _of_plant(plant: Plant) -> Iterator[Variable]:
+    """Yield what may be given anew of a plant, and of what it is wrapped in."""
+    if isinstance(plant, Wrapper):
+        yield from _of_plant(plant.plant)
+        for name, declared in _keys(plant).items():
+            yield _variable(name, declared, plant)
+    elif isinstance(plant, RigidBodyPlant):
+        robot, reason = plant.robot, ""
+        if not isinstance(robot, Robot | VariedRobots):
+            reason = "the plant has a robot of its own for each rollout; give it one robot"
+        for name, declared in _ROBOT.items():
+            yield Variable(f"plant.{name}", declared, _now(robot, name), reason)
+        frame = Parameter("frame of the load", kind="text", default=None, none="the tip")
+        yield Variable("plant.frame", frame, None, reason)
+        friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]
+        for name, declared in _FRICTION.items():
+            yield Variable(f"plant.{name}", declared, getattr(friction, name))
+        for i, load in enumerate(plant.loads):
+            for name, declared in parameters(type(load)).items():
+                yield _variable(f"plant.loads.{i}.{declared.key or name}", declared, load)
+
+
+def _of_controller(controller: Controller) -> Iterator[Variable]:
+    """Yield what may be given anew of a controller, and of its part that may be one of several."""
+    reason = "" if isinstance(controller.robot, Robot | VariedRobots) else "it has a robot for each rollout"
+    for name in _NOMINAL:
+        yield Variable(f"controller.{name}", _ROBOT[name], _now(controller.robot, name), reason)
+    for name, declared in parameters(type(controller)).items():
+        part = getattr(controller, name)
+        if declared.kind == "variant" and isinstance(part, Parametrised):
+            for key, each in _flat(part).items():
+                yield _variable(f"controller.{key}", each, part)
+        elif declared.kind != "variant":
+            yield _variable(f"controller.{declared.key or name}", declared, controller)
+
+
+def _of_reference(reference: Reference) -> Iterator[Variable]:
+    """Yield what may be given anew of a reference."""
+    for name, value in reference.variables().items():
+        times = name.partition(".")[0] not in ("q", "start", "goal", "points")
+        declared = Parameter(name, unit="s" if times else "rad or m", per_joint=not times)
+        yield Variable(f"reference.{name}", declared, value)
+
+
+def _variable(name: str, declared: Parameter, owner: Any) -> Variable:
+    """Return a declared parameter of a part."""
+    reason = ""
+    if not declared.varies:
+        reason = "it is no number" if not declared.structural else "it decides the form of the generated code"
+        reason += "; prepare another loop for another value"
+    elif "_as_given" not in vars(owner):
+        reason = f"{type(owner).__name__} has a constructor of its own"
+    if declared.kind == "table":
+        owner = owner.weights
+    return Variable(name, declared, getattr(owner, declared.name, None), reason)
+
+
+def _keys(wrapper: Wrapper) -> dict[str, Parameter]:
+    """Return a wrapper's parameters by their names here: the wrapper's alone where it has one in files."""
+    declared = parameters(type(wrapper))
+    top = f"plant.{wrapper.config_name or type(wrapper).__name__}"
+    single = sum(each.in_file for each in declared.values()) == 1
+    return {
+        top if single and each.in_file else f"{top}.{each.key or name}": each
+        for name, each in declared.items()
+    }
+
+
+def _plant_with(plant: Plant, changes: dict[str, Any], rows: int) -> Plant:
+    """Return a plant with other numbers; see :func:`with_values`."""
+    if isinstance(plant, RigidBodyPlant):
+        return _arm_with(plant, changes, rows)
+    assert isinstance(plant, Wrapper)
+    own = {f"plant.{key}": value for key, value in changes.items()}
+    mine = {declared.name: own[name] for name, declared in _keys(plant).items() if name in own}
+    rest = {key: value for key, value in changes.items() if f"plant.{key}" not in _keys(plant)}
+    inner = _plant_with(plant.plant, rest, rows) if rest else plant.plant
+    if "samples" in mine and isinstance(mine["samples"], np.ndarray):
+        longest = int(max(np.max(mine["samples"]), plant._length))  # type: ignore[attr-defined]
+        mine["longest"] = longest
+    return plant.with_values(plant=inner, **mine)
+
+
+def _arm_with(plant: RigidBodyPlant, changes: dict[str, Any], rows: int) -> RigidBodyPlant:
+    """Return an arm with other numbers."""
+    given: dict[str, Any] = {}
+    names = (*_ROBOT, "frame")
+    if robot := {name: value for name, value in changes.items() if name in names}:
+        given["robot"] = robot_with(plant.robot, robot, rows)
+    if friction := {name: value for name, value in changes.items() if name in _FRICTION}:
+        now = plant.friction or Friction(*(np.zeros(plant.robot.n),) * 2)
+        given["friction"] = now._replace(**friction)
+    loads = list(plant.loads)
+    for i, load in enumerate(loads):
+        mine = {
+            name: changes[key]
+            for name, each in parameters(type(load)).items()
+            if (key := f"loads.{i}.{each.key or name}") in changes
+        }
+        if mine:
+            loads[i] = load.with_values(**mine)
+            given["loads"] = loads
+    return plant.with_values(**given)
+
+
+def _controller_with(controller: Controller, changes: dict[str, Any], rows: int) -> Controller:
+    """Return a controller with other numbers; see :func:`with_values`."""
+    given: dict[str, Any] = {}
+    if robot := {name: value for name, value in changes.items() if name in _NOMINAL}:
+        given["robot"] = robot_with(vars(controller)["_as_given"]["robot"], robot, rows)
+    for name, declared in parameters(type(controller)).items():
+        part = getattr(controller, name)
+        if declared.kind == "variant" and isinstance(part, Parametrised):
+            if own := {key: changes[key] for key in _flat(part) if key in changes}:
+                given[name] = _part_with(part, own)
+        elif (declared.key or name) in changes:
+            given[name] = changes[declared.key or name]
+    return controller.with_values(**given)
+
+
+def _flat(part: Parametrised) -> dict[str, Parameter]:
+    """Return the parameters of a part by their names here, those of its weights one by one."""
+    found = {}
+    for name, each in parameters(type(part)).items():
+        if each.group is Weights:
+            found |= {f"{each.key or name}.{x.key or key}": x for key, x in parameters(Weights).items()}
+        else:
+            found[each.key or name] = each
+    return found
+
+
+def _part_with(part: Parametrised, changes: Mapping[str, Any]) -> Parametrised:
+    """Return a part with other values, and initial weights by their names."""
+    given: dict[str, Any] = {}
+    weights: dict[str, Any] = {}
+    for key, each in _flat(part).items():
+        if key in changes:
+            (weights if "." in key else given)[each.name] = changes[key]
+    if weights:
+        own = getattr(part, "weights", None) or Weights()
+        given["weights"] = own.with_values(**weights)
+    return part.with_values(**given)
+
+
+def robot_with(robot: AnyRobot, changes: Mapping[str, Any], rows: int) -> VariedRobots:
+    """Return a robot with other numbers in each of so many rollouts, on top of those that vary already."""
+    base, now = (robot.base, robot.variation) if isinstance(robot, VariedRobots) else (robot, {})
+    given = dict(now)
+    for name, value in changes.items():
+        if name in ("payload", "inertia_scale"):
+            value = np.broadcast_to(np.ravel(value), (rows,))
+        elif name != "frame" and np.ndim(value) < 2:
+            value = np.full((rows, 1), value) if np.ndim(value) == 0 else np.tile(value, (rows, 1))
+        given[name] = value
+    return base.varied(**given)  # type: ignore[union-attr]
+
+
+def _now(robot: AnyRobot, name: str) -> Any:
+    """Return what a quantity of a robot is now."""
+    if isinstance(robot, VariedRobots) and name in robot.variation:
+        return robot.variation[name]
+    if name == "rotor_inertia":
+        return getattr(robot, "armature", None)
+    return _ROBOT[name].default
