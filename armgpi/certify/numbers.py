@@ -244,4 +244,4 @@ def _gravity(setting: Setting, arm: Robot, at: Points) -> Array:
 
 def _inverse(joint: int) -> _Function:
     """Return the function that gives an element of the diagonal of D^-1."""
-    return lambda setting, arm, at: np.linalg.inv(arm.mass_matrix(at.q))[:, joint, joint]
+    return lambda setting, arm, at: np.asarray(np.linalg.inv(arm.mass_matrix(at.q))[:, joint, joint], float)

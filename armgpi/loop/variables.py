@@ -310,7 +310,7 @@ def _controller_with(controller: Controller, changes: dict[str, Any], rows: int)
 
 def _flat(part: Parametrised) -> dict[str, Parameter]:
     """Return the parameters of a part by their names here, those of its weights one by one."""
-    found = {}
+    found: dict[str, Parameter] = {}
     for name, each in parameters(type(part)).items():
         if each.group is Weights:
             found |= {f"{each.key or name}.{x.key or key}": x for key, x in parameters(Weights).items()}

@@ -36,7 +36,10 @@ def uniform(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array
     if not isinstance(k, int | np.integer):  # a symbol, of which the generated code draws the numbers
         symbols: Array = k.uniform(seed, shape, stream)
         return symbols
-    own = seeds(seed, shape[0])[:, None] if len(shape) == 2 else np.uint64(seed % 2**64)
+    if isinstance(seed, np.ndarray):
+        own: Any = seed
+    else:
+        own = seeds(seed, shape[0])[:, None] if len(shape) == 2 else np.uint64(seed % 2**64)
     columns = np.arange(shape[-1], dtype=np.uint64)
     with np.errstate(over="ignore"):
         key = _mix(np.asarray(own + _GOLDEN, dtype=np.uint64))
@@ -44,7 +47,7 @@ def uniform(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array
         bits = _mix(_mix(key ^ (counter * _GOLDEN)) + key)
     # The top 53 bits, moved half a step up, so that 0 and 1 are never reached.
     values: Array = ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
-    return np.broadcast_to(values, shape)
+    return np.broadcast_to(values, np.broadcast_shapes(values.shape, shape))
 
 
 def seeds(seed: Any, rows: int) -> Bits:

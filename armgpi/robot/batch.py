@@ -99,7 +99,7 @@ class VariedRobots(RobotBatch):
         batch = common_batch({name: len(array) for name, array in arrays.items()})
         arrays = {name: frozen(np.broadcast_to(x, (batch, *x.shape[1:]))) for name, x in arrays.items()}
         shared = {"viscous": base.friction.viscous, "coulomb": base.friction.coulomb}
-        frame = (frame or base.tip) if "payload" in arrays else None
+        frame = (base.tip if frame is None else frame) if "payload" in arrays else None
         vars(self).update(
             base=base,
             variation={**arrays, **({} if frame is None else {"frame": frame})},
