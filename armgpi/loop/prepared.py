@@ -115,7 +115,7 @@ class PreparedLoop:
     ) -> None:
         """Check the options; see :func:`prepare`."""
         self.loop = loop
-        self.steps = _whole_steps(t_final, loop.dt)
+        self.steps = whole_steps(t_final, loop.dt)
         check_choice(record, "record", RECORDS)
         check_choice(backend, "backend", BACKENDS)
         check_type(signals, "signals", bool, "True or False")
@@ -280,7 +280,7 @@ class PreparedLoop:
         return described
 
 
-def _whole_steps(t_final: float, dt: float) -> int:
+def whole_steps(t_final: float, dt: float) -> int:
     """Return the number of samples in `t_final`."""
     t_final = check_number(t_final, "t_final", "a positive, finite time [s]", open_=True)
     if t_final / dt > _MOST_STEPS:

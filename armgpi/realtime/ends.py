@@ -1,0 +1,166 @@
+"""The two ends of a loop, without clock and wire: the arm with its watchdog, and the controller."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.parameter import Parametrised, parameter, with_parameters
+from armgpi.plants.plant import Plant
+from armgpi.realtime.datagram import SAMPLE, TORQUE, Datagram
+from armgpi.references.reference import Reference, Target
+from armgpi.robot.robot import Robot
+
+#: What the arm's watchdog does.
+REACTIONS = ("damping", "gravity", "hold", "zero")
+
+
+@with_parameters
+class Watchdog(Parametrised):
+    """What an arm does by itself when its controller is silent."""
+
+    samples: int = parameter(
+        "samples without a torque, after which it acts", kind="integer", default=12, least=1, most=10**6
+    )
+    reaction: str = parameter(
+        "what it does: damping (gravity torque and a brake by the inertia matrix), gravity, hold (the last "
+        "torque), zero",
+        kind="choice",
+        default="damping",
+        choices=REACTIONS,
+    )
+    damping: float = parameter("of damping: rate at which speeds decay", unit="1/s", default=60.0, least=0.0)
+    ramp: float = parameter(
+        "of damping: time in which that rate rises from zero, so that a short silence costs little",
+        unit="s",
+        default=0.05,
+        least=0.0,
+    )
+    latch: float = parameter(
+        "silence after which it does not listen to a controller any more", unit="s", default=0.1, least=0.0
+    )
+
+
+class ArmEnd:
+    """The arm's end: a plant that counts samples, and its watchdog.
+
+    Attributes:
+        plant: what moves.
+        model: the model by which its watchdog knows gravity and inertia.
+        dt: sample time [s].
+        watchdog: what it does in silence.
+        k: number of samples taken.
+        state: the plant's state.
+        answered: number of the last sample that was answered; -1 before.
+        silent: samples in a row without a new torque.
+        fired: samples at which the watchdog began to act.
+        latched: whether it does not listen any more.
+    """
+
+    def __init__(
+        self, plant: Plant, model: Robot, dt: float, watchdog: Watchdog, q: Array, v: Array, velocity: bool
+    ) -> None:
+        """Begin at q and v; `velocity` says whether velocities are sent as well."""
+        self.plant, self.model, self.dt, self.watchdog = plant, model, dt, watchdog
+        self.velocity = velocity
+        self.k, self.answered, self.silent = 0, -1, 0
+        self.state = plant.init(q, v)
+        self.fired: list[int] = []
+        self.latched = False
+        self.command = np.zeros_like(q)
+
+    def sample(self) -> Datagram:
+        """Return what is sent at this sample."""
+        measured = self.plant.measure(self.state)
+        values = np.stack([measured.q, measured.v]) if self.velocity else measured.q
+        return Datagram(SAMPLE, self.k, self.k * self.dt, values)
+
+    def advance(self, answer: Datagram | None) -> Array:
+        """Take a sample under the newest torque, or what the watchdog does, and return that torque.
+
+        Args:
+            answer: the newest torque that came in this sample, if one came.
+        """
+        if answer is not None and answer.number > self.answered and not self.latched:
+            self.command, self.answered, self.silent = answer.values, answer.number, 0
+        else:
+            self.silent += 1
+        self.latched |= self.silent * self.dt > max(self.watchdog.latch, self.watchdog.samples * self.dt)
+        if self.silent == self.watchdog.samples:
+            self.fired.append(self.k)
+        tau = self._alone() if self.silent >= self.watchdog.samples else self.command
+        self.state = self.plant.step(tau, self.state, self.dt)
+        self.k += 1
+        return tau
+
+    def _alone(self) -> Array:
+        """Return the watchdog's torque."""
+        reaction, dynamics = self.watchdog.reaction, self.model.dynamics
+        if reaction == "hold":
+            return self.command
+        if reaction == "zero":
+            return np.zeros_like(self.command)
+        truth = self.plant.true_state(self.state)
+        gravity = dynamics.gravity(truth.q)
+        if reaction == "gravity":
+            return gravity
+        acting = (self.silent - self.watchdog.samples + 1) * self.dt
+        share = 1.0 if acting >= self.watchdog.ramp else acting / self.watchdog.ramp
+        # A rate above 1 / dt would reverse the motion within a sample.
+        rate = min(share * self.watchdog.damping, 0.5 / self.dt)
+        return np.asarray(gravity - dynamics.inertia_times(truth.q, rate * truth.v))
+
+
+class ControllerEnd:
+    """The controller's end: it answers samples, and fills those that it has missed.
+
+    Attributes:
+        controller: the law, in Python or as exported C.
+        reference: where to.
+        state: of the controller; None before the first sample.
+        number: of the last sample.
+        filled: how many samples it has missed and filled.
+    """
+
+    def __init__(self, controller: Controller, reference: Reference) -> None:
+        """Keep the two."""
+        self.controller, self.reference = controller, reference
+        self.state: Any = None
+        self.number = -1
+        self.filled = 0
+        self._answer: Datagram | None = None
+        self._before: Any = None
+
+    def receive(self, sample: Datagram) -> Datagram | None:
+        """Return the answer to a sample; None when it is older than one that was answered."""
+        if sample.number == self.number:  # the arm has not had the answer
+            return self._answer
+        if sample.number < self.number:
+            return None
+        measured = self._measured(sample.values)
+        if self.state is None:
+            self.state = self.controller.init(measured, self._target(sample.number))
+            self.number = sample.number - 1
+        elapsed = sample.number - self.number
+        self.filled += elapsed - 1
+        for i in range(1, elapsed):
+            share = i / elapsed
+            between = type(measured)(
+                *(a + share * (b - a) for a, b in zip(self._before, measured, strict=True))
+            )
+            _, self.state = self.controller.step(between, self._target(self.number + i), self.state)
+        tau, self.state = self.controller.step(measured, self._target(sample.number), self.state)
+        self.number, self._before = sample.number, measured
+        self._answer = Datagram(TORQUE, sample.number, sample.time, np.asarray(tau))
+        return self._answer
+
+    def _measured(self, values: Array) -> Measurement | FullState:
+        if self.controller.measurement_type is FullState:
+            return FullState(values[0], values[1])
+        return Measurement(values)
+
+    def _target(self, number: int) -> Target:
+        return self.reference.at(number * self.controller.dt)
