@@ -16,7 +16,19 @@ from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import derive, doctor, experiment, export, inspect, paper, robots, validate, view, zoo
+from armgpi.cli import (
+    derive,
+    doctor,
+    experiment,
+    export,
+    inspect,
+    loop,
+    paper,
+    robots,
+    validate,
+    view,
+    zoo,
+)
 from armgpi.cli.declared import DeclaredCommand
 from armgpi.cli.layout import Command, Commands
 from armgpi.cli.options import FLAG
@@ -64,13 +76,13 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Robots": (robots.robots, inspect.inspect, view.view),
     "Results": (view.report,),
     "Hand-derived dynamics": (validate.validate, derive.derive),
-    "Hardware": (export.export,),
+    "Hardware": (export.export, loop.loop),
     "The paper": (paper.reproduce, paper.scenarios),
     "Installation": (doctor.doctor,),
 }
 for _group, _functions in _GROUPS.items():
     for _function in _functions:
-        _declares = _function in (experiment.run, experiment.compare, export.export)
+        _declares = _function in (experiment.run, experiment.compare, export.export, loop.loop)
         app.command(cls=DeclaredCommand if _declares else Command, rich_help_panel=_group)(_function)
 
 

@@ -78,7 +78,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     backend = known_backend(options["backend"])
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    _check_out(options, experiment)
+    check_out(options, experiment)
     pictures.check(options)
     check_table(options["table"])
     _note_early_end(experiment)
@@ -115,7 +115,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     return code[experiments.overall_status(records)]
 
 
-def _check_out(options: dict[str, Any], experiment: Experiment) -> None:
+def check_out(options: dict[str, Any], experiment: Experiment) -> None:
     """Refuse a folder for results that cannot be used: better before a long run than after it."""
     from armgpi.config import experiment as experiments
 

@@ -14,7 +14,11 @@ _OPTIONS = {
     ),
     "Motion": ("--to", "--from", "--path", "--direction", "--duration", "--t-final"),
     "Controllers": ("--controller", "--controllers", "--inertia-scale"),
-    "Plant": ("--payload", "--friction", "--encoder-bits", "--delay", "--dt", "--seed"),
+    "Plant": ("--plant", "--payload", "--friction", "--encoder-bits", "--delay", "--dt", "--seed"),
+    "Wire": (
+        *("--clock", "--policy", "--exported", "--loss", "--outage", "--stall", "--kill", "--watchdog"),
+        "--reaction",
+    ),
     "Output": (
         *("--out", "--output", "--force", "--json", "--table", "--plot", "--view", "--html", "--report"),
         *("--title", "--frame", "--port", "--open", "--backend"),

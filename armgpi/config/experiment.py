@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -137,13 +137,21 @@ def prepare(folder: Path) -> None:
         raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
 
 
-def save(result: xr.Dataset, experiment: Experiment, folder: Path) -> list[Path]:
+def save(
+    result: xr.Dataset, experiment: Experiment, folder: Path, more: Mapping[str, str] | None = None
+) -> list[Path]:
     """Write ``rollout.nc``, the exact ``experiment.yaml`` and ``metrics.json`` to a folder, made if needed.
 
     ``SHA256SUMS``, written last, has their hashes: files of two runs are not taken for those of one.
 
     The experiment file has every default written out, and a URDF that was given by its path is copied
     beside it: it makes the same rollout again, also on another machine.
+
+    Args:
+        result: the rollouts.
+        experiment: what they came from.
+        folder: where to.
+        more: further files, name -> text.
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
@@ -155,7 +163,7 @@ def save(result: xr.Dataset, experiment: Experiment, folder: Path) -> list[Path]
         "experiment.yaml": config,
         "metrics.json": json.dumps(records(result), indent=2) + "\n",
     }
-    return files.write_set(folder, contents | copied)
+    return files.write_set(folder, contents | copied | dict(more or {}))
 
 
 def is_another(experiment: Experiment, folder: Path) -> bool:

@@ -6,6 +6,7 @@ import ctypes
 import gc
 import multiprocessing
 import os
+import pickle
 import select
 import signal
 import socket
@@ -79,16 +80,27 @@ def wall(
     (to_controller, _), (to_arm, _) = pipes
     try:
         for child, pipe in zip(children, pipes, strict=True):
-            child.start()
+            _start(child)
             pipe[1].close()
         address = _expect(to_controller, children[0], "ready")
         to_arm.send((address, children[0].pid))
         return _finished(to_arm, to_controller, children, watch)
     finally:
         for child in children:
-            if child.is_alive():
+            if child.pid is not None:
                 child.kill()
-            child.join()
+                child.join()
+
+
+def _start(child: Any) -> None:
+    """Start a process, whose arguments are pickled."""
+    try:
+        child.start()
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise BackendError(
+            f"a part of the loop cannot be sent to another process ({error}): define its class in a module, "
+            'or take clock="simulated"'
+        ) from None
 
 
 def _finished(
@@ -133,7 +145,10 @@ def _message(pipe: Connection, child: Any, patience: float | None = None) -> tup
         kind, value = pipe.recv()
     except (EOFError, OSError):
         child.join(1.0)
-        raise BackendError(f"a process of the loop ended early (exit code {child.exitcode})") from None
+        raise BackendError(
+            f"a process of the loop ended early (exit code {child.exitcode}); a script must call run under "
+            'if __name__ == "__main__", as each process imports it'
+        ) from None
     if kind == "error":
         raise value if isinstance(value, ArmgpiError) else BackendError(str(value))
     return kind, value

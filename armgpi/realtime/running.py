@@ -60,8 +60,9 @@ def run(
         ArmgpiError: when an argument is not as it should be, or a process cannot do its work.
     """
     loop = ClosedLoop(plant, controller, reference)
-    if loop.batch is not None:
-        raise ParameterError("plant", plant, "a plant, controller and reference of a single rollout")
+    truth = loop.true_state(loop.init(q0))
+    if truth.q.ndim != 1:
+        raise ParameterError("plant", plant, "a plant, controller, reference and start of a single rollout")
     check_choice(clock, "clock", CLOCKS)
     check_choice(policy, "policy", processes.POLICIES)
     check_type(exported, "exported", bool, "True or False")
@@ -72,7 +73,6 @@ def run(
     if not isinstance(model, Robot):
         raise ParameterError("model", model, "a Robot")
     steps = whole_steps(t_final, loop.dt)
-    truth = loop.true_state(loop.init(q0))
     velocity = controller.measurement_type is FullState
     arm = partial(ArmEnd, plant, model, loop.dt, watchdog, truth.q, truth.v, velocity)
     schedule = injected.prepare(steps, loop.dt)

@@ -1,0 +1,201 @@
+"""The command that runs arm and controller as two processes over UDP."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.declared import given
+from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stoppable
+from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.config import Experiment
+    from armgpi.realtime import Outcome
+
+Clock = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="'wall': two processes in wall-clock time (default); 'simulated': one, always the same.",
+        show_default=False,
+    ),
+]
+Policy = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Scheduling: 'fifo' (real time), 'other', or 'auto': real time where it is allowed (default).",
+        show_default=False,
+    ),
+]
+Exported = Annotated[
+    bool,
+    typer.Option("--exported", metavar=opt.FLAG, help="Run the controller as exported C."),
+]
+Loss = Annotated[
+    float,
+    typer.Option(metavar="SHARE", help="Share of datagrams that get lost.", show_default=False),
+]
+Outage = Annotated[
+    str | None, typer.Option(metavar="BEGIN,LENGTH", help="Time in which all datagrams get lost [s].")
+]
+Stall = Annotated[
+    str | None, typer.Option(metavar="BEGIN,LENGTH", help="Time in which the controller is stopped [s].")
+]
+Kill = Annotated[float | None, typer.Option(metavar="SECONDS", help="When the controller is killed [s].")]
+Silence = Annotated[
+    int,
+    typer.Option("--watchdog", metavar="SAMPLES", help="Silence that the arm bears; 12.", show_default=False),
+]
+Reaction = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="What the arm does in silence: 'damping' (default), 'gravity', 'hold' the last torque, 'zero'.",
+        show_default=False,
+    ),
+]
+View = Annotated[
+    bool, typer.Option("--view", metavar=opt.FLAG, help="Serve a page on which the arm moves as it does.")
+]
+
+
+@stoppable
+@opt.shared(opt.experiment, opt.printing)
+def loop(
+    context: typer.Context,
+    robot: opt.RobotName = None,
+    controller: opt.Controller = None,
+    clock: Clock = "wall",
+    policy: Policy = "auto",
+    exported: Exported = False,
+    loss: Loss = 0.0,
+    outage: Outage = None,
+    stall: Stall = None,
+    kill: Kill = None,
+    watchdog: Silence = 12,
+    reaction: Reaction = "damping",
+    view: View = False,
+    out: opt.Out = None,
+    force: opt.Force = False,
+    **options: Any,
+) -> None:
+    """Run arm and controller as two processes over UDP, in wall-clock time, with faults.
+
+    \b
+    armgpi loop ur5 --loss 0.2
+    armgpi loop panda --kill 2 --policy fifo --out results
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import config as configuration
+    from armgpi.cli.experiment import check_out
+    from armgpi.cli.settings import settings
+    from armgpi.config import experiment as experiments
+    from armgpi.loop.rollout import Status
+    from armgpi.realtime import Injected, Watchdog, run
+
+    as_json = options.pop("as_json")
+    chosen = {
+        "robot": robot,
+        "controllers": controller,
+        "declared": given(context),
+        "out": out,
+        "force": force,
+    }
+    experiment = configuration.build(*settings({**options, **chosen}, compare=False))
+    check_out({**options, **chosen}, experiment)
+    label, *others = experiment.runs
+    if others:
+        raise refusal("--plant", "armgpi loop takes one plant")
+    plant, law = experiment.runs[label]
+    injected = Injected(
+        loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill, experiment.config.seed
+    )
+    with ExitStack() as stack:
+        outcome = run(
+            plant,
+            law,
+            experiment.reference,
+            experiment.t_final,
+            injected=injected,
+            watchdog=Watchdog(watchdog, reaction),
+            model=experiment.robot,
+            clock=clock,
+            policy=policy,
+            exported=exported,
+            watch=_watcher(experiment, stack) if view else None,
+        )
+    found = outcome.report(experiments.run(experiment, label, progress=False))
+    if out is not None:
+        report = {"loop.json": json.dumps(found, indent=2) + "\n"}
+        for path in experiments.save(outcome.rollout, experiment, out, report):
+            say(f"wrote {path}", err=True)
+    say(json.dumps(found)) if as_json else _print(label, outcome, found)
+    codes = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
+    sys.exit(codes[Status(int(outcome.rollout["status"]))])
+
+
+def _watcher(experiment: Experiment, stack: ExitStack) -> Callable[[dict[str, Any]], None]:
+    """Serve a page on which the arm moves as it does, and return what moves it."""
+    from armgpi.viz import meshcat
+
+    robot = experiment.robot
+    server = stack.enter_context(meshcat.Server(meshcat.robot_page(robot, live=True)))
+    say(f"{server.url}  (until the run ends)", err=True)
+    return lambda state: server.show(state["q"], robot)
+
+
+def _stretch(text: str | None, option: str) -> tuple[float, float] | None:
+    """Read begin and length of a time."""
+    if text is None:
+        return None
+    numbers = per_joint(text, option)
+    if not isinstance(numbers, list) or len(numbers) != 2:
+        raise refusal(option, f"expected begin and length such as '2,0.02' [s], got {text!r}")
+    return numbers[0], numbers[1]
+
+
+def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
+    """Print how the two kept up."""
+    say(
+        f"{label}: {found['samples']} samples, {found['missed']} without a torque in time, "
+        f"{found['filled']} filled"
+    )
+    for who, granted in found["granted"].items():
+        if granted is not None:
+            memory = "memory locked" if granted["memory_locked"] else "memory not locked"
+            say(f"{who}: scheduling {granted['policy']}, {memory}")
+    for name, times in (
+        ("arm woke late by", found["lateness_us"]),
+        ("controller took", found["controller_us"]),
+    ):
+        if times is not None:
+            say(f"{name} [us]: " + ", ".join(f"{key} {value:g}" for key, value in times.items()))
+    if found["lateness_us"] is not None:
+        _print_histogram(found["histogram"])
+    for name, ratio in found["error_ratio"].items():
+        times_simulated = "" if ratio is None else f", {ratio:.3f} of the simulated"
+        say(f"{name} error {found['error'][name]:.4g}{times_simulated}")
+    watchdog = found["watchdog"]
+    if watchdog["fired"]:
+        dt = outcome.rollout["time"].values[1]
+        times = ", ".join(f"{k * dt:.4g}" for k in watchdog["fired"][:5])
+        say(f"watchdog: {len(watchdog['fired'])} times, at {times} s")
+    if watchdog["travel"] is not None:
+        say(f"given up; travelled {watchdog['travel']:.4g} since the last torque")
+
+
+def _print_histogram(histogram: dict[str, Any]) -> None:
+    """Print a bar for each stretch of lateness that occurred."""
+    edges, counts = histogram["edges_us"], histogram["counts"]
+    most = max(counts)
+    for low, high, count in zip(edges, [*edges[1:], None], counts, strict=True):
+        if count:
+            upto = "up" if high is None else f"{high}"
+            say(f"  {low:>6} .. {upto:<6} {count:>8}  {'#' * max(1, round(40 * count / most))}")
