@@ -97,7 +97,6 @@ def loop(
     from armgpi.cli.experiment import check_out
     from armgpi.cli.settings import settings
     from armgpi.config import experiment as experiments
-    from armgpi.loop.rollout import Status
     from armgpi.realtime import Injected, Watchdog, run
 
     as_json = options.pop("as_json")
@@ -114,9 +113,8 @@ def loop(
     if others:
         raise refusal("--plant", "armgpi loop takes one plant")
     plant, law = experiment.runs[label]
-    injected = Injected(
-        loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill, experiment.config.seed
-    )
+    stretches = _stretch(outage, "--outage"), _stretch(stall, "--stall")
+    injected = Injected(loss, *stretches, kill, experiment.config.seed)
     with ExitStack() as stack:
         outcome = run(
             plant,
@@ -132,13 +130,19 @@ def loop(
             watch=_watcher(experiment, stack) if view else None,
         )
     found = outcome.report(experiments.run(experiment, label, progress=False))
-    if out is not None:
-        report = {"loop.json": json.dumps(found, indent=2) + "\n"}
-        for path in experiments.save(outcome.rollout, experiment, out, report):
-            say(f"wrote {path}", err=True)
+    files = {"loop.json": json.dumps(found, indent=2) + "\n"}
+    for path in experiments.save(outcome.rollout, experiment, out, files) if out is not None else ():
+        say(f"wrote {path}", err=True)
     say(json.dumps(found)) if as_json else _print(label, outcome, found)
+    sys.exit(_code(outcome))
+
+
+def _code(outcome: Outcome) -> int:
+    """Return the exit code."""
+    from armgpi.loop.rollout import Status
+
     codes = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
-    sys.exit(codes[Status(int(outcome.rollout["status"]))])
+    return codes[Status(int(outcome.rollout["status"]))]
 
 
 def _watcher(experiment: Experiment, stack: ExitStack) -> Callable[[dict[str, Any]], None]:
