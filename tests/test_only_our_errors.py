@@ -536,6 +536,12 @@ CASES: dict[str, Case] = {
         lambda made: made.middle(),
         slow=True,
     ),
+    "Robot.from_pinocchio": Case(
+        Robot.from_pinocchio,
+        {"model": ARM.pinocchio_model(), "lock": {"q1": 0.0}, "keep": None},
+        lambda made: made.middle(),
+        slow=True,
+    ),
     "Robot.with_payload": Case(
         ARM.with_payload, {"frame": TIP, "mass": 0.1, "com": [0.0, 0.0, 0.0], "inertia": TENSOR}, dynamics
     ),

@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, ArrayLike, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
-from armgpi.robot import drives, grippers, robots, tree, urdf, urdf_model
+from armgpi.robot import drives, from_pinocchio, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
@@ -82,7 +83,7 @@ class Robot(Edits):
     @classmethod
     def load(
         cls,
-        path_or_name: str | PathLike[str],
+        path_or_name: str | PathLike[str] | ModuleType,
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
         mimic: urdf_model.Mimic = "lock",
@@ -91,7 +92,8 @@ class Robot(Edits):
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
         Args:
-            path_or_name: path of a URDF, or a name from :func:`armgpi.robot.robots.names`.
+            path_or_name: path of a URDF, a name from :func:`armgpi.robot.robots.names`, or a module of
+                robot_descriptions.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
             keep: when given, every joint that is not named here is locked. A name that means an arm of a
@@ -124,6 +126,40 @@ class Robot(Edits):
         check_type(text, "text", str, "the text of a URDF")
         document = urdf.parse(text, "URDF text", repair)
         return cls._from_document(document, document.name, lock, keep, mimic)
+
+    @classmethod
+    def from_pinocchio(
+        cls,
+        model: Any,
+        lock: Sequence[str] | Mapping[str, float] = (),
+        keep: Sequence[str] | None = None,
+    ) -> Robot:
+        """Take over a `pin.Model`, or that of a `pin.RobotWrapper`, with limits, rotor inertia and gravity.
+
+        Frames keep their names. Its joints are revolute, continuous or prismatic, or are locked.
+
+        Args:
+            model: the model; it is not changed, and may be changed afterwards.
+            lock: joints to hold fixed, as for :meth:`load`.
+            keep: when given, every joint that is not named here is locked.
+
+        Raises:
+            ParameterError: when it is no model.
+            UrdfError: for a joint, an inertia or a limit that armgpi cannot have; it names the joint.
+        """
+        own = from_pinocchio.model_of(model)
+        source = from_pinocchio.source(own)
+        document = urdf.parse(from_pinocchio.written(own), source)
+        robot = cls._from_document(document, document.name, lock, keep, "lock")
+        rows = [int(own.joints[own.getJointId(name)].idx_v) for name in robot.joint_names]
+        if np.any(own.armature[rows]):
+            robot = robot.with_armature(np.asarray(own.armature[rows]))
+        gravity = np.asarray(own.gravity.linear)
+        if not np.array_equal(gravity, robot._model.gravity.linear):
+            robot = robot.with_gravity(gravity)
+        values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, robot.middle(), strict=True))}
+        from_pinocchio.check_same(own, robot, from_pinocchio.tangent_of(own, values))
+        return robot
 
     @classmethod
     def _from_document(

@@ -16,6 +16,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 from armgpi.errors import NameNotFound, UrdfError
@@ -134,13 +135,18 @@ def description_names() -> tuple[str, ...]:
     return ()
 
 
-def locate(path_or_name: str | PathLike[str]) -> tuple[Path, str | None]:
-    """Return the URDF file that a path or a robot's name means, and the name if it was one.
+def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | None]:
+    """Return the URDF file that a path, a robot's name or a module means, and the name if it was one.
 
     Raises:
         NameNotFound: when it is neither a known name nor an existing file.
         UrdfError: when it is a path that does not exist.
     """
+    if isinstance(path_or_name, ModuleType):  # of robot_descriptions
+        described = getattr(path_or_name, "URDF_PATH", None)
+        if described is None:
+            raise UrdfError(path_or_name.__name__, "is a module without a URDF (URDF_PATH)")
+        return _existing(Path(described), str(described)), None
     try:
         text = os.fsdecode(path_or_name)
     except TypeError:
