@@ -363,6 +363,7 @@ CASES: dict[str, Case] = {
             "bandwidth": 60.0,
             "knots": [-1, -1, -1, 0, 1, 1, 1],
             "order": 3,
+            "weights": {"omega_c": [1.0, 2.0, 3.0, 4.0]},
         },
         prepared,
     ),
@@ -680,6 +681,19 @@ CASES: dict[str, Case] = {
     ),
     "save": Case(armgpi.save, {"rollout": rollout(), "path": NOWHERE}),
     "load": Case(armgpi.load, {"path": NOWHERE}),
+    "Weights": Case(
+        lambda **a: gpi(
+            gains=armgpi.BSplineNetwork(zeta_c=(0.6, 1.0), p_c=(20.0, 30.0), weights=armgpi.Weights(**a))
+        ),
+        {"omega_c": [[1.0, 2.0, 3.0, 4.0]] * 3, "zeta_c": [0.0, 0.1, 0.2, 0.3], "p_c": [1.0, 2.0, 3.0, 4.0]},
+        controlled,
+    ),
+    "save_weights": Case(
+        armgpi.save_weights,
+        {"weights": armgpi.Weights(omega_c=[1.0, 2.0]), "path": NOWHERE, "robot": ARM},
+    ),
+    "load_weights": Case(armgpi.load_weights, {"path": NOWHERE, "robot": ARM}),
+    "learned_weights": Case(armgpi.learned_weights, {"rollout": rollout()}),
     "metrics.summary": Case(metrics.summary, {"rollout": rollout()}, slow=True),
     **{f"metrics.{name}": Case(getattr(metrics, name), {"rollout": rollout()}) for name in metrics.ALL},
     # Models of the user's, and export

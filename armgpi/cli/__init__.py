@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli import (
+    contend,
     derive,
     doctor,
     experiment,
@@ -25,6 +26,7 @@ from armgpi.cli import (
     loop,
     paper,
     robots,
+    tune,
     validate,
     view,
     zoo,
@@ -72,7 +74,7 @@ app = typer.Typer(
 
 #: Group in --help -> its commands.
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Simulate": (experiment.run, experiment.compare, zoo.zoo),
+    "Simulate": (experiment.run, experiment.compare, zoo.zoo, tune.tune, contend.contend),
     "Robots": (robots.robots, inspect.inspect, view.view),
     "Results": (view.report,),
     "Hand-derived dynamics": (validate.validate, derive.derive),

@@ -157,7 +157,7 @@ def save(
         RolloutError: when the folder or a file cannot be written.
     """
     prepare(folder)
-    config, copied = _portable(experiment)
+    config, copied = portable(experiment)
     contents: dict[str, str | bytes] = {
         "rollout.nc": rollout.netcdf(result),
         "experiment.yaml": config,
@@ -171,14 +171,14 @@ def is_another(experiment: Experiment, folder: Path) -> bool:
     beside = folder / "experiment.yaml"
     try:
         if beside.is_file():
-            return beside.read_bytes() != _portable(experiment)[0].encode()
+            return beside.read_bytes() != portable(experiment)[0].encode()
         return (folder / "rollout.nc").exists()
     except OSError:
         return True
 
 
-def _portable(experiment: Experiment) -> tuple[str, dict[str, bytes]]:
-    """Return the configuration with a robot that is found beside it, and the files to put there.
+def portable(experiment: Experiment) -> tuple[str, dict[str, bytes]]:
+    """Return the configuration as YAML, with a robot that is found beside it, and the files to put there.
 
     Raises:
         RolloutError: when the robot's file cannot be read any more.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -20,6 +20,7 @@ _MAX_NODES = 100_000
 _MAX_TEXT = 10_000
 
 Path_ = tuple[str | int, ...]
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 class Origin(NamedTuple):
@@ -59,6 +60,30 @@ def read(path: Path) -> Loaded:
     Raises:
         ConfigError: when it cannot be read or is not as it should be; it names line and key.
     """
+    config, origin = parse(_text(path), str(path))
+    return Loaded(beside(config, path), origin)
+
+
+def read_data(path: Path) -> tuple[dict[str, Any], Origin]:
+    """Read a file as plain data, for who checks it: an experiment with more in it.
+
+    Raises:
+        ConfigError: when it cannot be read, or is no YAML mapping.
+    """
+    return _data(_text(path), str(path))
+
+
+def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
+    """Return a configuration whose robot is found beside the file that it was read from."""
+    name = Path(config.robot.name)
+    if (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file():
+        robot = config.robot.model_copy(update={"name": str(path.parent / name)})
+        config = config.model_copy(update={"robot": robot})
+    return config
+
+
+def _text(path: Path) -> str:
+    """Return the text of a file; errors as :func:`read`."""
     try:
         if not path.exists():
             raise ConfigError(path, "", "there is no such file")
@@ -66,21 +91,21 @@ def read(path: Path) -> Loaded:
             raise ConfigError(path, "", "is no regular file")
         if path.stat().st_size > _MAX_BYTES:
             raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes")
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise ConfigError(path, "", "is not UTF-8 text") from None
     except OSError as error:
         raise ConfigError(path, "", f"cannot be read: {error.strerror or error}") from None
-    config, origin = parse(text, str(path))
-    name = Path(config.robot.name)
-    if (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file():
-        robot = config.robot.model_copy(update={"name": str(path.parent / name)})
-        config = config.model_copy(update={"robot": robot})
-    return Loaded(config, origin)
 
 
 def parse(text: str, source: str) -> Loaded:
     """Check the text of an experiment file; errors as :func:`read`."""
+    data, origin = _data(text, source)
+    return Loaded(check(data, origin), origin)
+
+
+def _data(text: str, source: str) -> tuple[dict[str, Any], Origin]:
+    """Return the text of a file as plain data, and where its keys are; errors as :func:`read`."""
     try:
         loader = yaml.SafeLoader(text)
         tree = loader.get_single_node()
@@ -101,20 +126,34 @@ def parse(text: str, source: str) -> Loaded:
         raise ConfigError(source, "", f"is not valid YAML: {reason}") from None
     if not isinstance(data, dict):
         raise ConfigError(source, "", "expected a mapping with the keys robot, plant, controllers, ...")
-    origin = Origin(source, lines)
-    return Loaded(check(data, origin), origin)
+    return data, Origin(source, lines)
 
 
 def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
-    """Check plain data.
+    """Check plain data of an experiment.
 
     Raises:
         ConfigError: when something in it is not as it should be; it names the key.
     """
     # A section of which every key is commented out is null: as if it were not there.
     data = {key: value for key, value in data.items() if value is not None}
+    return checked(ExperimentConfig, data, origin)
+
+
+def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under: str) -> _Model:
+    """Check plain data of any section.
+
+    Args:
+        model: of the section.
+        data: the data.
+        origin: where it came from.
+        *under: keys of the file that it was below.
+
+    Raises:
+        ConfigError: when something in it is not as it should be; it names the key.
+    """
     try:
-        return ExperimentConfig.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
         # A misspelt key first: a missing one may be no more than that.
         found_errors = error.errors(include_url=False)
@@ -122,7 +161,7 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
         path, found = _path_in_data(data, first["loc"])
         kind, context = first["type"], first.get("ctx", {})
         if kind == "extra_forbidden":
-            message = str(NameNotFound("key", path[-1], _known_keys(first["loc"])))
+            message = str(NameNotFound("key", path[-1], _known_keys(model, first["loc"])))
         elif kind == "missing":
             message = "is missing"
         elif kind == "invalid_key":
@@ -137,7 +176,7 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
         else:
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
             message = f"{expected[0].lower()}{expected[1:]}, got {_shown(found)}"
-        raise origin.error(path, message) from None
+        raise origin.error((*under, *path), message) from None
 
 
 def dump(config: ExperimentConfig) -> str:
@@ -213,9 +252,8 @@ def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, An
     return tuple(path), data
 
 
-def _known_keys(location: tuple[str | int, ...]) -> tuple[str, ...]:
+def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> tuple[str, ...]:
     """Return the keys that are known in place of an unknown one."""
-    model: type[BaseModel] = ExperimentConfig
     for step in location[:-1]:
         model = SECTIONS.get(str(step), model)
     return tuple(model.model_fields)

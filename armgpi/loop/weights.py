@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from os import PathLike
 
 import h5netcdf
@@ -16,17 +15,18 @@ from armgpi.arrays import check_path, check_type
 from armgpi.control.gains import Tuning
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, RolloutError
+from armgpi.robot.batch import AnyRobot, check_robot
 
 _FORMAT = "armgpi_weights"
 
 
-def save_weights(weights: Weights, path: str | PathLike[str], joint_names: Sequence[str]) -> None:
+def save_weights(weights: Weights, path: str | PathLike[str], robot: AnyRobot) -> None:
     """Write weights as NetCDF, dimensions (joint, basis); the file appears whole or not at all.
 
     Args:
         weights: for a single rollout.
         path: of the file.
-        joint_names: names of the n joints.
+        robot: the arm whose joints they are for.
 
     Raises:
         RolloutError: when the file cannot be written.
@@ -34,25 +34,26 @@ def save_weights(weights: Weights, path: str | PathLike[str], joint_names: Seque
         ParameterError: when an argument is not as it should be.
     """
     check_type(weights, "weights", Weights, "Weights")
+    check_robot(robot)
     made = Weights(**vars(weights))
-    made.check_parameters(joint_names)
+    made.check_parameters(robot.joint_names)
     given = {name: values for name, values in vars(made).items() if values is not None}
     if any(values.ndim != 2 for values in given.values()):
         raise ArrayError("weights", "expected those of a single rollout, got a batch")
     variables = {name: (("joint", f"basis_of_{name}"), values) for name, values in given.items()}
-    dataset = xr.Dataset(variables, coords={"joint": list(joint_names)}, attrs={_FORMAT: 1})
+    dataset = xr.Dataset(variables, coords={"joint": list(robot.joint_names)}, attrs={_FORMAT: 1})
     content = io.BytesIO()
     with h5netcdf.File(content, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file))
     files.write(check_path(path, "path"), content.getvalue())
 
 
-def load_weights(path: str | PathLike[str], joint_names: Sequence[str]) -> Weights:
+def load_weights(path: str | PathLike[str], robot: AnyRobot) -> Weights:
     """Read weights that :func:`save_weights` wrote.
 
     Args:
         path: of the file.
-        joint_names: names of the n joints that they are for.
+        robot: the arm whose joints they are for.
 
     Raises:
         RolloutError: when the file is missing, broken, or holds something else.
@@ -60,6 +61,7 @@ def load_weights(path: str | PathLike[str], joint_names: Sequence[str]) -> Weigh
         ParameterError: when `path` is no path.
     """
     source = check_path(path, "path")
+    check_robot(robot)
     if not source.is_file():
         raise RolloutError(f"{source}: there is no such file")
     try:
@@ -71,11 +73,11 @@ def load_weights(path: str | PathLike[str], joint_names: Sequence[str]) -> Weigh
     if _FORMAT not in found.attrs or not set(found.data_vars) <= set(Tuning._fields):
         raise RolloutError(f"{source}: holds no weights of networks")
     joints = [str(name) for name in found["joint"].values] if "joint" in found else []
-    if joints != list(joint_names):
-        wanted = ", ".join(joint_names)
+    if joints != list(robot.joint_names):
+        wanted = ", ".join(robot.joint_names)
         raise ArrayError(str(source), f"has weights for {', '.join(joints)}, not for {wanted}")
     made = Weights(**{str(name): values.values for name, values in found.data_vars.items()})
-    made.check_parameters(joint_names)
+    made.check_parameters(robot.joint_names)
     return made
 
 

@@ -473,7 +473,9 @@ def together(draws: Sequence[Draw]) -> Together:
     if len(draws) > 1:
         bits = np.array([[float(draw.encoder_bits)] for draw in draws])
     plant = Delayed(Encoder(plant, bits), first.delay)
-    moves = [Waypoints([m.start, m.goal], [m.duration], [m.begin, 0.0]) for m in (d.move for d in draws)]
+    unique = {id(draw.move): draw.move for draw in draws}  # a search repeats its draws
+    ways = {key: Waypoints([m.start, m.goal], [m.duration], [m.begin, 0.0]) for key, m in unique.items()}
+    moves = [ways[id(draw.move)] for draw in draws]
     reference: Reference = moves[0] if len(draws) == 1 else ReferenceBatch(moves)
     context = Context(model, first.dt, 0, first.delay * first.dt, bits, nominal)  # type: ignore[arg-type]
     return Together(plant, reference, context, first.t_final)

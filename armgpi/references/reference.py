@@ -127,7 +127,9 @@ class ReferenceBatch(Reference):
 
     def at(self, t: float | Array) -> Target:
         """Return the targets at `t` [s], (batch, n) or (k, batch, n); see :meth:`Reference.at`."""
-        targets = [reference.at(t) for reference in self.references]
+        # What several rollouts follow is asked once.
+        once = {id(reference): reference.at(t) for reference in {id(x): x for x in self.references}.values()}
+        targets = [once[id(reference)] for reference in self.references]
         return Target(*(np.stack(rows, axis=-2) for rows in zip(*targets, strict=True)))
 
     def describe(self) -> dict[str, Any]:

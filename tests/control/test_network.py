@@ -284,17 +284,17 @@ def test_weights_of_a_batch_are_those_of_its_rollouts_by_generated_code_too() ->
 
 def test_weights_are_kept_in_a_file(tmp_path: Path) -> None:
     path = tmp_path / "weights.nc"
-    save_weights(Weights(omega_c=WEIGHTS, zeta_c=[0.1, 0.0, 0.2, 0.3]), path, ARM.joint_names)
-    found = load_weights(path, ARM.joint_names)
+    save_weights(Weights(omega_c=WEIGHTS, zeta_c=[0.1, 0.0, 0.2, 0.3]), path, ARM)
+    found = load_weights(path, ARM)
     np.testing.assert_array_equal(found.omega_c, WEIGHTS)
     assert found.zeta_c.shape == (3, 4)
     assert found.p_c is None
     with pytest.raises(ArrayError, match="q1, q2, q3"):
-        load_weights(path, ("a", "b", "c"))
+        load_weights(path, Robot.load("double_pendulum"))
     (tmp_path / "no.nc").write_bytes(b"no")
     for bad in ("no.nc", "missing.nc"):
         with pytest.raises(RolloutError, match=bad):
-            load_weights(tmp_path / bad, ARM.joint_names)
+            load_weights(tmp_path / bad, ARM)
     with pytest.raises(RolloutError, match="signals=True"):
         learned_weights(simulate(RigidBodyPlant(ARM), GPI(ARM, DT), Hold(np.zeros(3)), 0.01))
 

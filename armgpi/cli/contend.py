@@ -1,0 +1,69 @@
+"""The command that holds laws against each other."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.parsing import refusal, split, stoppable
+from armgpi.cli.terminal import say
+
+
+@stoppable
+def contend(
+    arms: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[ROBOT]...",
+            help="Which ones; ur5, panda, kinova and the paper's arm.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the contest and its tables go.")
+    ] = Path("contest"),
+    laws: Annotated[
+        list[str] | None,
+        typer.Option("--law", metavar="NAME", help="One contender; may be repeated. All by default."),
+    ] = None,
+    evaluations: Annotated[int, typer.Option(help="Candidates for each law, arm and seed.")] = 241,
+    seeds: Annotated[int, typer.Option(help="Searches of each law and arm.")] = 2,
+    quick: Annotated[
+        bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
+    ] = False,
+) -> None:
+    """Tune every law alike, for several budgets of torque variation, and judge them on what none has seen.
+
+    A contest that was stopped goes on where it was.
+
+    \b
+    armgpi contend --out contest
+    armgpi contend anthropomorphic3 --quick --out quick
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import files
+    from armgpi.robot import robots
+    from armgpi.search import contend as contests
+
+    names = list(dict.fromkeys(split(arms or list(contests.ARMS))))
+    for name in names:
+        robots.locate(name)
+    if not 2 <= evaluations <= 1_000_000:
+        raise refusal("--evaluations", f"must be from 2 to 1000000, got {evaluations}")
+    if not 1 <= seeds <= 1000:
+        raise refusal("--seeds", f"must be from 1 to 1000, got {seeds}")
+    setting = contests.QUICK if quick else contests.Setting(evaluations, seeds)
+    chosen = laws or list(contests.CONTENDERS)
+    entries = contests.run(out, names, chosen, setting, lambda text: say(text, err=True))
+    table, verdict = contests.markdown(entries), contests.verdict(entries)
+    paths = [files.write(out / "contest.md", f"{table}\n{verdict}")]
+    if find_spec("matplotlib") is not None:
+        from armgpi.search.pictures import contest_picture
+
+        paths.append(files.write(out / "contest.png", contest_picture(entries)))
+    say(f"{table}\n{verdict}", lines=True)
+    for path in paths:
+        say(f"wrote {path}", err=True)

@@ -1,0 +1,84 @@
+"""The command that searches for gains."""
+
+from __future__ import annotations
+
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.parsing import FAILED, known_backend, refusal, stoppable
+from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.search.study import Study
+
+
+@stoppable
+def tune(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Experiment file (YAML) with a section `tune`.")
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the study and its result go.")
+    ],
+    resume: Annotated[
+        bool, typer.Option("--resume", metavar=opt.FLAG, help="Go on where the study in the folder stopped.")
+    ] = False,
+    evaluations: Annotated[
+        int | None, typer.Option(metavar="NUMBER", help="How many candidates are tried; the file's.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="NUMBER", help="Of the search; the file's.")] = None,
+    backend: Annotated[str, typer.Option(metavar="NAME", help="numpy, compiled or auto.")] = "compiled",
+) -> None:
+    """Search for the numbers of a controller, and validate what is found on scenarios that it never saw.
+
+    \b
+    armgpi tune study.yaml --out study
+    armgpi tune study.yaml --out study --resume
+    armgpi compare --config study/best.yaml
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.search import results, setup
+    from armgpi.search.study import Study
+
+    given = {"evaluations": evaluations, "seed": seed}
+    changes = {key: value for key, value in given.items() if value is not None}
+    wanted = setup.read(file, changes, known_backend(backend))
+    if resume and not (out / results.STUDY).exists():
+        raise refusal("--resume", f"{out} holds no study")
+    kept = results.begin(out, wanted, resume)
+    study = Study(wanted.problem)
+    begun = time.monotonic()
+
+    def told(study: Study) -> None:
+        results.keep(out, study)
+        _progress(study, time.monotonic() - begun, len(kept))
+
+    study.run(told, kept)
+    found, default = study.validated(), study.given()
+    paths = results.finish(out, wanted, study, found, default)
+    if find_spec("matplotlib") is not None:
+        from armgpi import files
+        from armgpi.search.pictures import study_picture
+
+        paths.append(files.write(out / "study.png", study_picture(study, found, default)))
+    else:
+        say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
+    say(results.report(study, found, default), lines=True)
+    for path in paths:
+        say(f"wrote {path}", err=True)
+    if not found:
+        sys.exit(FAILED)
+
+
+def _progress(study: Study, spent: float, kept: int) -> None:
+    """Say how far a search is."""
+    done, total = len(study.rows), max(study.problem.evaluations, len(study.rows))
+    best = min((row.objective for row in study.rows if row.sound), default=float("inf"))
+    rate = max(done - kept, 1) / max(spent, 1e-9)
+    left = (total - done) / rate
+    say(f"{done} of {total} candidates, best {best:.4g}, {rate:.3g} per s, {left:.0f} s left", err=True)

@@ -1,0 +1,360 @@
+"""Laws held against each other: one search and one number of candidates for all.
+
+Each law is searched for the least tracking error at several budgets of torque variation. What counts is how
+its choices do on moves, loads, inertia factors and torque steps that no search saw. Laws are compared with
+those that measure and know the same.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import config, files
+from armgpi.config import experiment as experiments
+from armgpi.errors import NameNotFound, RolloutError
+from armgpi.health.reality import known as described
+from armgpi.health.zoo import fingers
+from armgpi.plants.reality import Draw, Reality, scales
+from armgpi.robot.robot import Robot
+from armgpi.search.evaluation import Evaluator
+from armgpi.search.objective import Objective
+from armgpi.search.space import Range, Space
+from armgpi.search.study import KEPT, Problem, Study, rows_of
+
+#: Arms of the contest, and what torque variation is allowed [N m]; small arms get a share of it.
+ARMS = ("ur5", "panda", "kinova", "anthropomorphic3")
+BUDGETS = (150.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0)
+_SMALL, _SMALL_SHARE = 3.0, 1.0 / 16.0
+#: Heaviest unknown load [kg], but no more than this share of the arm.
+_LOAD, _LOAD_SHARE = 0.5, 0.15
+#: Draws that are searched on and judged on; the latter begin far from the former.
+FIT, HELD_OUT, _APART = 6, 12, 1 << 20
+#: How many times the best one's error is as good.
+WITHIN = 1.1
+
+
+class Contender(NamedTuple):
+    """A law in the contest.
+
+    Attributes:
+        section: of an experiment file.
+        free: keys that are searched.
+        gpi: whether it is of the GPI family.
+    """
+
+    section: dict[str, Any]
+    free: Mapping[str, Range]
+    gpi: bool
+
+
+def _law(section: dict[str, Any], *free: str, **ranges: Range) -> Contender:
+    searched = {key: Range() for key in free} | ranges
+    return Contender(section, searched, section["type"] in ("gpi", "schedule", "network"))
+
+
+_POLES = ("omega", "zeta", "p")
+_ROLLED = (*_POLES, "rolloff_ratio")
+_SCHEDULE = ("omega", "zeta", "attack", "error_range", "dead_zone")
+_NETWORK = ("omega", "zeta", "learning_rate", "error_range", "derivative_range", "dead_zone")
+_TRAINED = ("omega", "zeta", "error_range", "derivative_range", "weights.omega")
+_OBSERVER = ("omega_c", "omega_o")
+#: Where the searches begin: the defaults at 1 ms and one sample of delay, all poles at 30 rad/s, or two
+#: at half of that and the others at twice, as an observer has; gains that adapt from 20 to 60 rad/s.
+_EQUAL = {"omega": 30.0, "zeta": 1.0, "p": 30.0}
+_SPREAD = {"omega": 15.0, "zeta": 1.0, "p": 60.0, "second_ratio": 4.0, "rolloff": 1, "rolloff_ratio": 4.0}
+_BOX = {"omega": {"lower": 20.0, "upper": 60.0}, "error_range": 1e-4, "dead_zone": 2e-4}
+_SPLIT = {"omega_c": 15.0, "omega_o": 60.0}
+
+#: Label -> law. All get the same number of candidates, however many numbers they have.
+CONTENDERS: dict[str, Contender] = {
+    "GPI, printed law": _law({"type": "gpi", **_EQUAL}, *_POLES),
+    "GPI, roll-off": _law({"type": "gpi", "rolloff": 1, **_EQUAL}, *_ROLLED),
+    "GPI, roll-off, two quadratics": _law({"type": "gpi", **_SPREAD}, *_ROLLED, "second_ratio"),
+    "GPI, roll-off, one integrator": _law(
+        {"type": "gpi", "integrators": 1, **_SPREAD}, "omega", "zeta", "second_ratio", "rolloff_ratio"
+    ),
+    "GPI, schedule": _law({"type": "schedule", **_BOX}, *_SCHEDULE),
+    "GPI, schedule, roll-off": _law({"type": "schedule", **_BOX, "rolloff": 1}, *_SCHEDULE, "rolloff_ratio"),
+    "GPI, network": _law({"type": "network", **_BOX}, *_NETWORK),
+    "GPI, network, roll-off": _law({"type": "network", **_BOX, "rolloff": 1}, *_NETWORK, "rolloff_ratio"),
+    "GPI, trained network": _law({"type": "network", **_BOX, "learning_rate": 0.0}, *_TRAINED),
+    "GPI, trained network, roll-off": _law(
+        {"type": "network", **_BOX, "learning_rate": 0.0, "rolloff": 1}, *_TRAINED, "rolloff_ratio"
+    ),
+    "ADRC, order 3": _law({"type": "adrc", "order": 3, **_SPLIT}, *_OBSERVER),
+    "ADRC, order 4": _law({"type": "adrc", "order": 4, **_SPLIT}, *_OBSERVER),
+    "GPI, roll-off, gravity": _law(
+        {"type": "gpi", "rolloff": 1, "feedforward": "gravity", **_EQUAL}, *_ROLLED
+    ),
+    "GPI, roll-off, model": _law({"type": "gpi", "rolloff": 1, "feedforward": "model", **_EQUAL}, *_ROLLED),
+    "GPI, roll-off, one integrator, model": _law(
+        {"type": "gpi", "integrators": 1, "feedforward": "model", **_SPREAD},
+        *("omega", "zeta", "second_ratio", "rolloff_ratio"),
+    ),
+    "computed torque, observer": _law({"type": "ctdob", **_SPLIT}, *_OBSERVER),
+    "PID + inversion, positions": _law({"type": "pid_positions"}, "kp", "ki", "kd", "filter"),
+    "super-twisting": _law({"type": "supertwisting", **_SPLIT}, *_OBSERVER, "slope", "layer"),
+    "Slotine-Li": _law({"type": "slotineli", **_SPLIT}, *_OBSERVER, "adaptation", "layer"),
+    "PID + inversion, exact velocities": _law({"type": "pid"}, "kp", "ki", "kd"),
+}
+
+
+class Setting(NamedTuple):
+    """How large a contest is.
+
+    Attributes:
+        evaluations: candidates for each law, arm and seed.
+        seeds: searches of each law and arm.
+        fit: draws that are searched on.
+        held_out: draws that are judged on.
+    """
+
+    evaluations: int = 241
+    seeds: int = 2
+    fit: int = FIT
+    held_out: int = HELD_OUT
+
+
+#: A contest of minutes.
+QUICK = Setting(evaluations=60, seeds=1, fit=2, held_out=2)
+
+
+class Entry(NamedTuple):
+    """What one search of one law on one arm found.
+
+    Attributes:
+        arm: its name.
+        law: label.
+        known: what the law measures and knows, in words.
+        seed: of the search.
+        untuned: objective and variation of its defaults on the held-out draws; None where they fail.
+        budgets: budget -> what was chosen for it: objective and variation on the held-out draws, the
+            objective on those searched, and the numbers.
+        names: of the numbers.
+    """
+
+    arm: str
+    law: str
+    known: str
+    seed: int
+    untuned: list[float] | None
+    budgets: dict[str, dict[str, Any]]
+    names: list[str]
+
+
+def budgets(robot: Robot) -> tuple[float, ...]:
+    """Return the budgets of torque variation of an arm [N m]."""
+    share = _SMALL_SHARE if scales(robot).gravity.max() < _SMALL else 1.0
+    return tuple(share * budget for budget in BUDGETS)
+
+
+def draws(robot: Robot, count: int, first: int) -> list[Draw]:
+    """Return scenarios of an arm: 16 bits, one sample late, unknown load, wrong inertia, torque step."""
+    mass = scales(robot).mass
+    reality = Reality.bare(
+        sample_time=[1e-3],
+        delay=(1.0, 1.0),
+        encoder_bits=(16.0, 16.0),
+        payload=(0.0, min(_LOAD / mass, _LOAD_SHARE)),
+        inertia_scale=(0.8, 1.2),
+        effort_share=0.0,
+        step_share=1.0,
+        speed=(2.0, 4.0),
+        duration=(1.0, 2.5),
+        t_final=5.0,
+    )
+    return [reality.draw(robot, first + index) for index in range(count)]
+
+
+def run(
+    folder: Path,
+    arms: Sequence[str],
+    laws: Sequence[str],
+    setting: Setting,
+    told: Callable[[str], None] = lambda text: None,
+) -> list[Entry]:
+    """Run a contest, or go on with the one of a folder, and return its entries.
+
+    Raises:
+        NameNotFound: for a law that there is not.
+        RolloutError: when the folder holds another contest, or cannot be written to.
+        ArmgpiError: when an arm cannot be loaded.
+    """
+    for law in laws:
+        if law not in CONTENDERS:
+            raise NameNotFound("contender", law, CONTENDERS)
+    experiments.prepare(folder)
+    # More seeds may come later.
+    asked = json.dumps(setting._replace(seeds=0)._asdict(), indent=1) + "\n"
+    there = folder / "contest.json"
+    if there.exists() and there.read_text(encoding="utf-8") != asked:
+        raise RolloutError(f"{folder}: holds a contest of another size; choose another folder")
+    files.write(there, asked)
+    return [
+        _entry(folder, arm, law, seed, setting, told)
+        for seed in range(setting.seeds)
+        for arm in arms
+        for law in laws
+    ]
+
+
+def _entry(
+    folder: Path, arm: str, law: str, seed: int, setting: Setting, told: Callable[[str], None]
+) -> Entry:
+    """Return one entry, read from the folder where it is there."""
+    name = f"{arm} {law} {seed}".replace(" ", "_").replace(",", "").replace("+", "plus")
+    done, table = folder / f"{name}.json", folder / f"{name}.csv"
+    if done.exists():
+        try:
+            return Entry(**json.loads(done.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            raise RolloutError(f"{done}: cannot be read: {error}; remove it") from None
+    study = Study(problem(arm, law, seed, setting))
+    kept = rows_of(table.read_text(encoding="utf-8"), study.problem) if table.exists() else []
+    study.run(lambda study: _keep(table, study), kept)
+    entry = _judged(arm, law, seed, study)
+    files.write(done, json.dumps(entry._asdict(), indent=1) + "\n")
+    best = [each["held_out"] for each in entry.budgets.values()]
+    told(f"{arm}, {law}, seed {seed}: {' / '.join(f'{value:.3g}' for value in best) or 'nothing holds'}")
+    return entry
+
+
+def _keep(table: Path, study: Study) -> None:
+    """Keep all candidates so far."""
+    files.write(table, study.table())
+
+
+def problem(arm: str, law: str, seed: int, setting: Setting) -> Problem:
+    """Return what is searched for one law on one arm."""
+    robot = Robot.load(arm, fingers(arm))
+    contender = CONTENDERS[law]
+    searched, held_out = draws(robot, setting.fit, 0), draws(robot, setting.held_out, _APART)
+    made = config.controller(contender.section, searched[0].context)
+    return Problem(
+        Space(contender.section, made, contender.free),
+        Objective("itae"),
+        Evaluator(searched, KEPT),
+        Evaluator(held_out, KEPT),
+        budgets=budgets(robot),
+        evaluations=setting.evaluations,
+        population=8,
+        seed=seed,
+    )
+
+
+def _judged(arm: str, law: str, seed: int, study: Study) -> Entry:
+    """Return what a study found."""
+    given = study.given()
+    found = {
+        f"{each.budget:g}": {
+            "held_out": each.held_out.objective,
+            "variation": each.held_out.means["total_variation"],
+            "fit": each.row.objective,
+            "values": study.problem.space.values(each.row.x).tolist(),
+        }
+        for each in study.validated()
+    }
+    untuned = [given.objective, given.means["total_variation"]] if given.sound else None
+    section = CONTENDERS[law].section
+    known = described(section)
+    if section.get("feedforward"):
+        known = known.replace(
+            "the inertia matrix",
+            {"gravity": "inertia and gravity"}.get(section["feedforward"], "the whole model"),
+        )
+    return Entry(arm, law, known, seed, untuned, found, study.problem.space.names)
+
+
+def medians(entries: Iterable[Entry], arm: str) -> dict[str, dict[str, float]]:
+    """Return law -> budget -> median over seeds of the error on held-out draws; infinite where most fail."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for entry in entries:
+        if entry.arm == arm:
+            for budget in _budgets_of(arm):
+                value = entry.budgets.get(budget, {}).get("held_out", math.inf)
+                found.setdefault(entry.law, {}).setdefault(budget, []).append(value)
+    return {
+        law: {budget: float(np.median(values)) for budget, values in row.items()}
+        for law, row in found.items()
+    }
+
+
+def _budgets_of(arm: str) -> list[str]:
+    """Return the budgets of an arm as the entries have them."""
+    return [f"{budget:g}" for budget in budgets(Robot.load(arm, fingers(arm)))]
+
+
+def classes(entries: Iterable[Entry]) -> dict[str, list[str]]:
+    """Return the laws by what they measure and know, both in the order of the contest."""
+    known = {entry.law: entry.known for entry in entries}
+    ordered = [law for law in CONTENDERS if law in known]
+    return {group: [law for law in ordered if known[law] == group] for group in dict.fromkeys(known.values())}
+
+
+def markdown(entries: Sequence[Entry]) -> str:
+    """Return the contest as Markdown: a table for each arm, laws by what they know, the best in bold."""
+    parts = []
+    for arm in dict.fromkeys(entry.arm for entry in entries):
+        rows = medians(entries, arm)
+        names = _budgets_of(arm)
+        head = (f"{arm}: torque variation up to [N m]", *names, "untuned (variation)")
+        lines = [head, ("---",) * len(head)]
+        for group, laws in classes(entries).items():
+            here = [law for law in laws if law in rows]
+            lines.append((f"*{group}*", *("",) * (len(head) - 1)))
+            best = {name: min((rows[law][name] for law in here), default=math.inf) for name in names}
+            for law in here:
+                cells = [_cell(rows[law][name], best[name]) for name in names]
+                lines.append((law, *cells, _untuned(entries, arm, law)))
+        parts.append("\n".join("| " + " | ".join(line) + " |" for line in lines))
+    return "\n\n".join(parts) + "\n"
+
+
+def _cell(value: float, best: float) -> str:
+    """Return an error; bold where it is the best of its class, or as good."""
+    if not math.isfinite(value):
+        return "-"
+    return f"**{value:.3g}**" if value <= WITHIN * best else f"{value:.3g}"
+
+
+def _untuned(entries: Iterable[Entry], arm: str, law: str) -> str:
+    """Return what the defaults of a law are on the held-out draws."""
+    found = next((each.untuned for each in entries if (each.arm, each.law) == (arm, law)), None)
+    return "-" if found is None else f"{found[0]:.3g} ({found[1]:.3g})"
+
+
+def verdict(entries: Sequence[Entry]) -> str:
+    """Return, class by class, how much the best GPI's error is over the best other law's, at each budget."""
+    head = ("class", "arm", *(f"budget {i + 1}" for i in range(len(BUDGETS))))
+    lines = [head, ("---",) * len(head)]
+    for group, laws in classes(entries).items():
+        ours = [law for law in laws if CONTENDERS[law].gpi]
+        theirs = [law for law in laws if not CONTENDERS[law].gpi]
+        if not ours or not theirs:
+            continue
+        for arm in dict.fromkeys(entry.arm for entry in entries):
+            rows = medians(entries, arm)
+            cells = []
+            for name in _budgets_of(arm):
+                one, other = (
+                    min((rows[law][name] for law in side if law in rows), default=math.inf)
+                    for side in (ours, theirs)
+                )
+                cells.append(_ratio(one, other))
+            lines.append((group, arm, *cells))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _ratio(one: float, other: float) -> str:
+    """Return a quotient of errors, or which side has none."""
+    if math.isinf(one) and math.isinf(other):
+        return "neither"
+    if math.isinf(other):
+        return "GPI alone"
+    return "others alone" if math.isinf(one) else f"{one / other:.2f}"

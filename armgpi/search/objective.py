@@ -1,0 +1,221 @@
+"""What a search wants: an expression of metrics, how it is taken over scenarios, and constraints."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+from armgpi.errors import NameNotFound, ParameterError
+from armgpi.loop import metrics
+
+_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "abs": np.abs,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "max": np.maximum,
+    "min": np.minimum,
+}
+_OPERATORS: Mapping[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+#: Longest expression, so that none nests too deeply.
+_LONGEST = 500
+
+
+def known_names() -> dict[str, str]:
+    """Return what an expression may name -> the metric: its name, or its heading where that is one word."""
+    found = {each.heading.casefold(): name for name, each in metrics.declared().items()}
+    return {key: name for key, name in found.items() if key.isidentifier()} | {
+        name: name for name in metrics.declared()
+    }
+
+
+class Expression:
+    """Arithmetic on metrics, each of which is one number for the arm, such as ``itae + 0.5*variation``.
+
+    Attributes:
+        text: as it was written.
+        names: of the metrics in it.
+    """
+
+    def __init__(self, text: str, name: str = "objective") -> None:
+        """Read the text.
+
+        Raises:
+            NameNotFound: when it names what is no metric.
+            ParameterError: when it is no arithmetic.
+        """
+        self.text = text
+        try:
+            if not isinstance(text, str) or len(text) > _LONGEST:
+                raise ValueError
+            self._tree = ast.parse(text.strip(), mode="eval").body
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            raise ParameterError(
+                name, text, "arithmetic on metrics, such as 'itae + 0.5*variation'"
+            ) from None
+        self._known, self._name = known_names(), name
+        self.names = sorted({self._known[each] for each in self._named(self._tree)})
+
+    def __call__(self, values: Mapping[str, Array]) -> Array:
+        """Return the value where metrics have these values; arrays of any one shape."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self._value(self._tree, values), dtype=np.float64)
+
+    def _named(self, node: ast.AST) -> list[str]:
+        """Return the names in a tree, refusing what is no arithmetic."""
+        if isinstance(node, ast.Name):
+            if node.id not in self._known:
+                raise NameNotFound("metric", node.id, sorted(self._known))
+            return [node.id]
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            return []
+        if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
+            parts = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]
+            return [name for part in parts for name in self._named(part)]
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+            arity = 2 if node.func.id in ("max", "min") else 1
+            if node.func.id in _FUNCTIONS and len(node.args) == arity:
+                return [name for part in node.args for name in self._named(part)]
+        said = f"sums, products, powers and {', '.join(_FUNCTIONS)} of metrics and numbers"
+        raise ParameterError(self._name, self.text, said)
+
+    def _value(self, node: Any, values: Mapping[str, Array]) -> Any:
+        """Return the value of a tree."""
+        if isinstance(node, ast.Name):
+            return values[self._known[node.id]]
+        if isinstance(node, ast.Constant):
+            return float(node.value)  # type: ignore[arg-type]  # a number, as `_named` saw
+        if isinstance(node, ast.Call):
+            return _FUNCTIONS[node.func.id](*(self._value(part, values) for part in node.args))  # type: ignore[attr-defined]
+        if isinstance(node, ast.BinOp):
+            return _OPERATORS[type(node.op)](self._value(node.left, values), self._value(node.right, values))
+        return _OPERATORS[type(node.op)](self._value(node.operand, values))
+
+
+class Constraint:
+    """A bound on an expression that holds in every scenario, such as ``peak_error <= 0.05``."""
+
+    def __init__(self, text: str) -> None:
+        """Read the text.
+
+        Raises:
+            NameNotFound: when it names what is no metric.
+            ParameterError: when it is no bound.
+        """
+        sides = text.replace("<=", "<").replace(">=", ">") if isinstance(text, str) else ""
+        found = [sign for sign in "<>" if sides.count(sign) == 1 and len(sides.split(sign)) == 2]
+        if len(found) != 1 or "=" in sides:
+            raise ParameterError("constraints", text, "a bound on a metric, such as 'peak_error <= 0.05'")
+        left, right = sides.split(found[0])
+        if found[0] == ">":
+            left, right = right, left
+        self.text = text
+        self._small, self._large = Expression(left, "constraints"), Expression(right, "constraints")
+        self.names = sorted({*self._small.names, *self._large.names})
+
+    def violation(self, values: Mapping[str, Array]) -> Array:
+        """Return by how much it is broken, relative to the bound; 0 where it holds, infinite where NaN."""
+        small, large = np.broadcast_arrays(self._small(values), self._large(values))
+        with np.errstate(all="ignore"):
+            beyond = (small - large) / np.maximum(np.abs(large), 1e-9)
+        return np.asarray(np.where(small <= large, 0.0, np.where(np.isnan(beyond), math.inf, beyond)))
+
+
+class Judged(NamedTuple):
+    """What candidates are worth, arrays of shape (candidates,).
+
+    Attributes:
+        objective: over all scenarios; infinite where one of them failed.
+        failed: share of scenarios that diverged, or have no objective.
+        violation: mean of what constraints were broken by.
+    """
+
+    objective: Array
+    failed: Array
+    violation: Array
+
+    @property
+    def feasible(self) -> npt.NDArray[np.bool_]:
+        """Which of them fail nowhere and break nothing."""
+        return np.asarray((self.failed == 0.0) & (self.violation == 0.0) & np.isfinite(self.objective))
+
+    def scores(self, extra: Array | float = 0.0) -> Array:
+        """Return what an optimiser minimises: the objective, or for what is not feasible more than any of it.
+
+        Args:
+            extra: a violation besides.
+        """
+        broken = np.minimum(self.violation + extra, 1e3) + 1e3 * self.failed
+        bad = ~self.feasible | (broken > 0.0)
+        return np.asarray(np.where(bad, 1e12 * (1.0 + broken), np.where(bad, 0.0, self.objective)))
+
+
+#: How an objective is taken over scenarios.
+OVER = ("mean", "median", "worst", "cvar")
+
+
+class Objective:
+    """An expression over scenarios, with constraints.
+
+    Attributes:
+        expression: of metrics, for one scenario.
+        over: "mean", "median", "worst" or "cvar": the mean of the worst.
+        share: how much of the scenarios are the worst.
+        constraints: what has to hold in every scenario.
+        names: of the metrics in all of it.
+    """
+
+    def __init__(
+        self, text: str, over: str = "mean", share: float = 0.1, constraints: Sequence[str] = ()
+    ) -> None:
+        """Read the expressions.
+
+        Raises:
+            NameNotFound: when one names what is no metric.
+            ParameterError: when one is none, or `over` or `share` is not as it should be.
+        """
+        if over not in OVER:
+            raise ParameterError("over", over, f"one of {', '.join(OVER)}")
+        if not 0.0 < share <= 1.0:
+            raise ParameterError("share", share, "in (0, 1]")
+        self.expression, self.over, self.share = Expression(text), over, share
+        self.constraints = [Constraint(each) for each in constraints]
+        parts = [self.expression.names, *(each.names for each in self.constraints)]
+        self.names = sorted({name for part in parts for name in part})
+
+    def judge(self, values: Mapping[str, Array], failed: Array) -> Judged:
+        """Return what candidates are worth.
+
+        Args:
+            values: metric -> one number per candidate and scenario, (candidates, scenarios).
+            failed: which of them diverged, likewise.
+        """
+        each = np.broadcast_to(self.expression(values), failed.shape)
+        failed = failed | ~np.isfinite(each)
+        broken = np.zeros(failed.shape)
+        for constraint in self.constraints:
+            broken = broken + np.where(failed, 0.0, constraint.violation(values))
+        whole = np.where(failed.any(axis=1), math.inf, self._taken(np.where(failed, 0.0, each)))
+        return Judged(whole, failed.mean(axis=1), broken.mean(axis=1))
+
+    def _taken(self, each: Array) -> Array:
+        """Return one number for the scenarios of each candidate."""
+        if self.over == "cvar":
+            worst = math.ceil(self.share * each.shape[1] - 1e-9)
+            return np.asarray(np.sort(each, axis=1)[:, -worst:].mean(axis=1))
+        how: Any = {"mean": np.mean, "median": np.median, "worst": np.max}[self.over]
+        return np.asarray(how(each, axis=1))

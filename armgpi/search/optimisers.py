@@ -1,0 +1,148 @@
+"""What proposes candidates in the cube [0, 1]^d: an evolution strategy, and a swarm as in the paper's field.
+
+Each has a generator of its own, so that the same seed proposes the same candidates, whatever else draws
+random numbers. What was proposed and told is all of their state: replaying it resumes a search bit by bit.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, Protocol
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import BackendError, ParameterError
+
+#: First step size, as a share of the range.
+_STEP = 0.25
+#: A swarm's inertia and attractions: Clerc and Kennedy, 2002.
+_INERTIA, _PULL = 0.7298, 1.49618
+
+
+class Optimiser(Protocol):
+    """A search that is asked and told by turns."""
+
+    def ask(self) -> Array:
+        """Return candidates, shape (k, d), in [0, 1]."""
+
+    def tell(self, scores: Array) -> None:
+        """Take the scores of the candidates asked for last: finite, less is better."""
+
+    def inject(self, x: Array) -> None:
+        """Take a good candidate from elsewhere into the next ones."""
+
+
+class CMA:
+    """Evolution strategy with covariance matrix adaptation, by the library `cma` (N. Hansen).
+
+    It begins anew with twice the candidates, at a random place, where it has converged.
+    """
+
+    def __init__(self, start: Array, seed: int, population: int | None = None) -> None:
+        """Begin at a place.
+
+        Raises:
+            BackendError: when the library is not installed.
+        """
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of plotting, which is not used
+                import cma
+        except ModuleNotFoundError:
+            raise BackendError("a search needs the package 'cma': pip install 'armgpi[tune]'") from None
+        self._library = cma
+        self._random = np.random.default_rng(seed)
+        self._population = population
+        self._restart(np.asarray(start, dtype=np.float64))
+
+    def _restart(self, start: Array) -> None:
+        """Begin at a place with what is now the number of candidates."""
+        # One dimension is none to the library: a second one that nothing depends on stands beside it.
+        self._d = len(start)
+        x = start if self._d > 1 else np.append(start, 0.5)
+        # Without `randn` its constructor seeds NumPy's global generator.
+        options = {
+            "bounds": [0.0, 1.0],
+            "randn": lambda *shape: self._random.standard_normal(shape),
+            "seed": np.nan,
+            "verbose": -9,
+            "verb_log": 0,
+        }
+        if self._population is not None:
+            options["popsize"] = self._population
+        self._strategy = self._library.CMAEvolutionStrategy(np.clip(x, 0.02, 0.98), _STEP, options)
+        self._population = self._strategy.popsize
+        self._asked: list[Any] = []
+
+    def ask(self) -> Array:
+        """Return candidates; see :meth:`Optimiser.ask`."""
+        if self._strategy.stop():
+            assert self._population is not None
+            self._population *= 2
+            self._restart(self._random.uniform(size=self._d))
+        self._asked = self._strategy.ask()
+        return np.asarray(np.clip(np.array(self._asked)[:, : self._d], 0.0, 1.0))
+
+    def tell(self, scores: Array) -> None:
+        """Take scores; see :meth:`Optimiser.tell`."""
+        # The library takes NaN without a word.
+        self._strategy.tell(self._asked, np.where(np.isfinite(scores), scores, 1e300).tolist())
+
+    def inject(self, x: Array) -> None:
+        """Take a candidate; see :meth:`Optimiser.inject`."""
+        self._strategy.inject([x if self._d > 1 else np.append(x, 0.5)], force=True)
+
+
+class Swarm:
+    """Particle swarm: each is drawn to the best place of its own and to that of all."""
+
+    def __init__(self, start: Array, seed: int, population: int | None = None) -> None:
+        """Begin around a place."""
+        self._random = np.random.default_rng(seed)
+        count = population or 10 + len(start)
+        self._x = self._random.uniform(size=(count, len(start)))
+        self._x[0] = start
+        self._v = 0.25 * (self._random.uniform(size=self._x.shape) - self._x)
+        self._best, self._scores = self._x.copy(), np.full(count, np.inf)
+
+    def ask(self) -> Array:
+        """Return candidates; see :meth:`Optimiser.ask`."""
+        if np.isfinite(self._scores).any():
+            leader = self._best[int(np.argmin(self._scores))]
+            own, common = self._random.uniform(size=(2, *self._x.shape))
+            self._v = _INERTIA * self._v + _PULL * (
+                own * (self._best - self._x) + common * (leader - self._x)
+            )
+            moved = self._x + self._v
+            self._x = np.clip(moved, 0.0, 1.0)
+            self._v = np.where(moved == self._x, self._v, -0.5 * self._v)
+        return self._x.copy()
+
+    def tell(self, scores: Array) -> None:
+        """Take scores; see :meth:`Optimiser.tell`."""
+        better = scores < self._scores
+        self._best = np.where(better[:, None], self._x, self._best)
+        self._scores = np.where(better, scores, self._scores)
+
+    def inject(self, x: Array) -> None:
+        """Put a candidate in the place of the worst one; see :meth:`Optimiser.inject`."""
+        worst = int(np.argmax(self._scores))
+        self._best[worst] = self._x[worst] = x
+        self._scores[worst] = np.inf
+
+
+#: Name in files -> what proposes.
+METHODS: dict[str, type[CMA] | type[Swarm]] = {"cma": CMA, "pso": Swarm}
+
+
+def make(method: str, start: Array, seed: int, population: int | None = None) -> Optimiser:
+    """Return an optimiser by its name.
+
+    Raises:
+        ParameterError: when there is none of that name.
+        BackendError: when its library is not installed.
+    """
+    if method not in METHODS:
+        raise ParameterError("method", method, f"one of {', '.join(METHODS)}")
+    return METHODS[method](start, seed, population)

@@ -1,0 +1,141 @@
+"""Figures of searches: convergence, front and gains of a study; fronts of laws held against each other."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from armgpi.search.contend import CONTENDERS, Entry, classes, medians
+from armgpi.search.results import convergence, front
+from armgpi.search.study import Row, Study, Validated
+from armgpi.viz import plots, style
+
+
+def study_picture(study: Study, found: Sequence[Validated], given: Row) -> bytes:
+    """Return a figure of a study as PNG: how it converged, its front, and what became of the numbers."""
+    with plots.styled():
+        figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+        left, middle, right = figure.subplots(1, 3)
+        _convergence(left, study)
+        _front(middle, study, found, given)
+        _gains(right, study, found)
+    return png(figure)
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as PNG."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=150)
+    return content.getvalue()
+
+
+def _name(budget: float) -> str:
+    return "best" if math.isinf(budget) else f"up to {budget:g}"
+
+
+def _convergence(axes: Axes, study: Study) -> None:
+    """Draw the best objective over the candidates."""
+    for index, (budget, best) in enumerate(zip(study.problem.budgets, convergence(study), strict=True)):
+        shown = np.where(np.isfinite(best), best, np.nan)
+        axes.plot(np.arange(1, len(best) + 1), shown, color=style.look(index).color, label=_name(budget))
+    _log(axes.set_yscale, [row.objective for row in study.rows])
+    axes.set_xlabel("candidate")
+    axes.set_ylabel(plots.text(study.problem.objective.expression.text))
+    axes.set_title("convergence")
+    if len(study.problem.budgets) > 1:
+        axes.legend(fontsize="x-small")
+
+
+def _front(axes: Axes, study: Study, found: Sequence[Validated], given: Row) -> None:
+    """Draw what candidates cost, which no other beats, and what was found on held-out scenarios."""
+    against = study.problem.against
+    rows, best = study.ranked(), front(study)
+    axes.scatter(*_costs(rows, against), s=6, color=style.QUIET, alpha=0.5, label="candidates", linewidths=0)
+    axes.plot(
+        *_costs(best, against), color=style.PALETTE[0], linewidth=1.2, label="front", drawstyle="steps-post"
+    )
+    held = [each.held_out for each in found]
+    axes.scatter(
+        *_costs(held, against), marker="D", s=28, color=style.PALETTE[1], label="best, held out", zorder=3
+    )
+    if given.sound:
+        axes.scatter(
+            *_costs([given], against), marker="s", s=28, color=style.PALETTE[2], label="default, held out"
+        )
+    shown = [*rows, *held]
+    _log(axes.set_xscale, [row.means[against] for row in shown])
+    _log(axes.set_yscale, [row.objective for row in shown])
+    axes.set_xlabel(plots.text(against))
+    axes.set_ylabel(plots.text(study.problem.objective.expression.text))
+    axes.set_title("front")
+    axes.legend(fontsize="x-small")
+
+
+def _gains(axes: Axes, study: Study, found: Sequence[Validated]) -> None:
+    """Draw where the numbers are in their ranges, before and after."""
+    space = study.problem.space
+    places = np.arange(len(space.names))
+    axes.scatter(space.start, places, marker="s", s=28, color=style.PALETTE[2], label="default")
+    for index, each in enumerate(found):
+        axes.scatter(
+            each.row.x, places, marker="D", s=24, color=style.look(index).color, label=_name(each.budget)
+        )
+    axes.set_yticks(places, [plots.text(name) for name in space.names])
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_xticks([0.0, 1.0], ["low", "high"])
+    axes.invert_yaxis()
+    axes.set_title("numbers in their ranges")
+    axes.legend(fontsize="x-small")
+
+
+def _costs(rows: Sequence[Row], against: str) -> tuple[list[float], list[float]]:
+    return [row.means[against] for row in rows], [row.objective for row in rows]
+
+
+def _log(scale: Any, values: Sequence[float]) -> None:
+    """Take a logarithmic scale where all that is finite is positive."""
+    finite = [value for value in values if math.isfinite(value)]
+    if finite and min(finite) > 0.0:
+        scale("log")
+
+
+def contest_picture(entries: Sequence[Entry]) -> bytes:
+    """Return the fronts of a contest as PNG: a row for each arm, a column for each class of knowledge."""
+    arms = list(dict.fromkeys(entry.arm for entry in entries))
+    groups = classes(entries)
+    with plots.styled():
+        figure = Figure(figsize=(3.6 * len(groups), 2.9 * len(arms) + 1.2), layout="constrained")
+        panels = figure.subplots(len(arms), len(groups), squeeze=False)
+        for row, arm in enumerate(arms):
+            values = medians(entries, arm)
+            for column, (group, laws) in enumerate(groups.items()):
+                axes = panels[row, column]
+                for index, law in enumerate(law for law in laws if law in values):
+                    spent = [float(budget) for budget in values[law]]
+                    error = [x if math.isfinite(x) else math.nan for x in values[law].values()]
+                    color, dashes = style.look(index)
+                    own = CONTENDERS[law].gpi
+                    axes.plot(
+                        spent,
+                        error,
+                        color=color,
+                        linestyle=dashes if own else (0, (4, 1.5)),
+                        marker="o" if own else "x",
+                        markersize=3.5,
+                        linewidth=1.1,
+                        label=law,
+                    )
+                axes.set_xscale("log")
+                axes.set_yscale("log")
+                axes.set_title(plots.text(f"{arm}: {group}"), fontsize="small")
+                axes.set_xlabel("torque variation up to [N m]")
+                if column == 0:
+                    axes.set_ylabel("ITAE, held out [rad s²]")
+                axes.legend(fontsize=5.5)
+    return png(figure)

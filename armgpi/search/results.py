@@ -1,0 +1,208 @@
+"""A study's folder: what was asked, every candidate, and what was found."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from armgpi import files
+from armgpi.config import experiment as experiments
+from armgpi.errors import RolloutError
+from armgpi.search.setup import Wanted, best_file
+from armgpi.search.study import Row, Study, Validated, rows_of
+
+STUDY, EVALUATIONS = "study.yaml", "evaluations.csv"
+
+
+def asked(wanted: Wanted) -> tuple[str, dict[str, bytes]]:
+    """Return what a study is, as YAML, and the files that belong beside it."""
+    text, copied = experiments.portable(wanted.experiment)
+    tune = yaml.safe_dump({"tune": wanted.tune.model_dump()}, sort_keys=False, allow_unicode=True)
+    return text + tune, copied
+
+
+def begin(folder: Path, wanted: Wanted, resume: bool) -> list[Row]:
+    """Make or enter a study's folder, and return the candidates that it has.
+
+    Raises:
+        RolloutError: when it holds another study, holds this one and is not to be resumed, or cannot be
+            written to.
+    """
+    experiments.prepare(folder)
+    text, copied = asked(wanted)
+    there = folder / STUDY
+    if there.exists():
+        if _read(there) != text:
+            raise RolloutError(f"{folder}: holds another study; choose another folder, or remove it")
+        if not resume:
+            raise RolloutError(f"{folder}: holds this study already; resume it, or choose another folder")
+        evaluations = folder / EVALUATIONS
+        return rows_of(_read(evaluations), wanted.problem) if evaluations.exists() else []
+    if (folder / "experiment.yaml").exists():
+        raise RolloutError(f"{folder}: holds an experiment; choose another folder")
+    for name, content in copied.items():
+        files.write(folder / name, content)
+    files.write(there, text)
+    return []
+
+
+def _read(path: Path) -> str:
+    """Return the text of a file of the folder."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise RolloutError(f"{path}: cannot be read: {error}") from None
+
+
+def keep(folder: Path, study: Study) -> None:
+    """Write all candidates so far."""
+    files.write(folder / EVALUATIONS, study.table())
+
+
+def finish(folder: Path, wanted: Wanted, study: Study, found: Sequence[Validated], given: Row) -> list[Path]:
+    """Write what was found.
+
+    Returns:
+        The paths of the files.
+    """
+    contents: dict[str, str | bytes] = {
+        "front.csv": front_table(study, found),
+        "gains.csv": gains_table(study, found),
+        "convergence.csv": convergence_table(study),
+        "report.md": report(study, found, given),
+    }
+    for each in found:
+        name = "best.yaml" if math.isinf(each.budget) else f"best-{each.budget:g}.yaml"
+        loaded = best_file(wanted, each.row.x)
+        text, copied = experiments.portable(wanted.experiment._replace(config=loaded.config))
+        contents |= {name: text, **copied}
+    if found and not math.isinf(found[0].budget):
+        contents["best.yaml"] = contents[f"best-{_middle(found).budget:g}.yaml"]
+    return [files.write(folder / name, content) for name, content in contents.items()]
+
+
+def _middle(found: Sequence[Validated]) -> Validated:
+    """Return the one in the middle of a front."""
+    return found[len(found) // 2]
+
+
+def _csv(rows: Sequence[Sequence[Any]]) -> str:
+    """Return rows as CSV, numbers exact."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(
+        [repr(cell) if isinstance(cell, float) else cell for cell in row] for row in rows
+    )
+    return text.getvalue()
+
+
+def front(study: Study) -> list[Row]:
+    """Return the candidates of the search that no other beats in both costs, by what they spend."""
+    against = study.problem.against
+    found: list[Row] = []
+    for row in sorted(study.ranked(), key=lambda row: (row.means[against], row.objective)):
+        if not found or row.objective < found[-1].objective:
+            found.append(row)
+    return found
+
+
+def front_table(study: Study, found: Sequence[Validated]) -> str:
+    """Return the front as CSV; what was validated has its values on the held-out scenarios as well."""
+    problem, against = study.problem, study.problem.against
+    held = {each.row.x.tobytes(): each.held_out for each in found}
+    head = ["objective", against, "held_out_objective", f"held_out_{against}", *problem.space.names]
+    rows: list[list[Any]] = [head]
+    every = {row.x.tobytes(): row for row in (*front(study), *(each.row for each in found))}
+    for row in sorted(every.values(), key=lambda row: row.means[against]):
+        other = held.get(row.x.tobytes())
+        seen = ["", ""] if other is None else [other.objective, other.means[against]]
+        values = [float(value) for value in problem.space.values(row.x)]
+        rows.append([row.objective, row.means[against], *seen, *values])
+    return _csv(rows)
+
+
+def gains_table(study: Study, found: Sequence[Validated]) -> str:
+    """Return what was searched, number by number and joint by joint, against what it was before."""
+    space = study.problem.space
+    budgets = ["best" if math.isinf(each.budget) else f"best_{each.budget:g}" for each in found]
+    rows: list[list[Any]] = [["number", "joint", "default", *budgets, "low", "high"]]
+    starts = [each.start for each in space.dimensions]
+    columns: list[Any] = [starts, *(space.values(each.row.x) for each in found)]
+    for place, each in enumerate(space.dimensions):
+        joint = "all" if each.joint is None else space.joints[each.joint]
+        rows.append(
+            [
+                each.name,
+                joint,
+                *(float(column[place]) for column in columns),
+                float(each.low),
+                float(each.high),
+            ]
+        )
+    return _csv(rows)
+
+
+def convergence_table(study: Study) -> str:
+    """Return the best objective after each candidate, for every budget."""
+    budgets = study.problem.budgets
+    best = convergence(study)
+    heads = ["best" if math.isinf(budget) else f"best_{budget:g}" for budget in budgets]
+    rows: list[list[Any]] = [["evaluation", "generation", *heads]]
+    for index, row in enumerate(study.rows):
+        rows.append([index + 1, row.generation, *(float(value) for value in best[:, index])])
+    return _csv(rows)
+
+
+def convergence(study: Study) -> Any:
+    """Return the best objective after each candidate for every budget, (budgets, candidates)."""
+    against = study.problem.against
+    values = [
+        [row.objective if row.sound and row.means[against] <= budget else math.inf for row in study.rows]
+        for budget in study.problem.budgets
+    ]
+    return np.minimum.accumulate(np.array(values), axis=1)
+
+
+def report(study: Study, found: Sequence[Validated], given: Row) -> str:
+    """Return what was found as Markdown."""
+    problem, against = study.problem, study.problem.against
+    fit, held = len(problem.search.draws), len(problem.held_out.draws)
+    head = (
+        *("", f"{problem.objective.expression.text}, {fit} scenarios", f"{against}, {fit} scenarios"),
+        *(f"the same, {held} held out", f"{against}, held out"),
+    )
+    lines = [head, ("---",) * len(head), ("default", *_cells(study.rows[0], given, against))]
+    for each in found:
+        name = "best" if math.isinf(each.budget) else f"best, {against} up to {each.budget:g}"
+        lines.append((name, *_cells(each.row, each.held_out, against)))
+    table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    missing = len(problem.budgets) - len(found)
+    remark = ""
+    if missing and math.isinf(problem.budgets[0]):
+        where = "held-out scenarios" if study.ranked() else "scenarios that were searched on"
+        remark = f"\nNo candidate holds on the {where}: there is no best one.\n"
+    elif missing:
+        remark = f"\nFor {missing} of the budgets no candidate holds.\n"
+    return f"{len(study.rows)} candidates.\n\n{table}\n{remark}"
+
+
+def _cells(row: Row, held_out: Row, against: str) -> list[str]:
+    """Return the values of a candidate on both sets of scenarios."""
+    return [text for each in (row, held_out) for text in (_objective(each), _short(each.means[against]))]
+
+
+def _objective(row: Row) -> str:
+    """Return an objective, or why there is none."""
+    if row.failed:
+        return f"fails in {100.0 * row.failed:.0f} %"
+    return _short(row.objective) + ("" if row.sound else " (breaks a constraint)")
+
+
+def _short(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "-"

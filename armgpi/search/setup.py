@@ -1,0 +1,176 @@
+"""From an experiment file with a section `tune` to what is searched."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import config
+from armgpi.config import Experiment, Origin
+from armgpi.config.reading import beside, checked, read_data
+from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
+from armgpi.parameter import parameters
+from armgpi.plants.reality import Reality
+from armgpi.search.evaluation import Evaluator
+from armgpi.search.objective import Objective, known_names
+from armgpi.search.space import Range, Space
+from armgpi.search.spec import TuneSection
+from armgpi.search.study import KEPT, Problem
+
+#: Held-out draws begin so many draws after those that are searched on.
+_APART = 1 << 20
+#: Which key of the section each argument of what is made from it is.
+_ARGUMENTS = ("objective", "constraints", "over", "share", "against", "free")
+
+
+class Wanted(NamedTuple):
+    """A search as a file asks for it.
+
+    Attributes:
+        experiment: what the file describes besides.
+        label: of the controller that is searched.
+        tune: the section `tune`.
+        section: of the controller, plain data.
+        problem: what is searched.
+        data: the file as plain data, without `tune`.
+    """
+
+    experiment: Experiment
+    label: str
+    tune: TuneSection
+    section: dict[str, Any]
+    problem: Problem
+    data: dict[str, Any]
+
+
+def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "compiled") -> Wanted:
+    """Read an experiment file with a section `tune`.
+
+    Args:
+        path: of the file.
+        changes: keys of `tune` that are changed.
+        backend: as for :func:`armgpi.simulate`.
+
+    Raises:
+        ConfigError: when something in it is not as it should be; it names the key.
+    """
+    data, origin = read_data(path)
+    found = data.pop("tune", None)
+    if not isinstance(found, dict | None):
+        raise origin.error(("tune",), "expected a mapping")
+    tune = checked(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
+    given = beside(config.check(data, origin), path)
+    data = {**given.model_dump(exclude_unset=True)}
+    data.setdefault("controllers", [{"type": "gpi"}])
+    experiment = config.build(given, origin)
+    index = _chosen(tune, experiment, origin)
+    label = list(experiment.controllers)[index]
+    section = {**data["controllers"][index]}
+    section.pop("label", None)
+    problem = _problem(experiment, label, section, tune, origin, backend)
+    return Wanted(experiment, label, tune, section, problem, data)
+
+
+def _chosen(tune: TuneSection, experiment: Experiment, origin: Origin) -> int:
+    """Return which controller is searched."""
+    if tune.controller is None:
+        return 0
+    names = [*experiment.controllers]
+    types = [section.type for section in experiment.config.controllers]
+    for known in (names, types):
+        if tune.controller in known:
+            return known.index(tune.controller)
+    raise origin.error(("tune", "controller"), str(NameNotFound("controller", tune.controller, names)))
+
+
+def _problem(
+    experiment: Experiment,
+    label: str,
+    section: Mapping[str, Any],
+    tune: TuneSection,
+    origin: Origin,
+    backend: str,
+) -> Problem:
+    """Return what is searched; errors name the key of `tune`."""
+    try:
+        free = None
+        if tune.free is not None:
+            free = {
+                key: Range() if each is None else Range(each.low, each.high, each.per_joint)
+                for key, each in tune.free.items()
+            }
+        space = Space(section, experiment.controllers[label], free)
+        objective = Objective(tune.objective, tune.over, tune.share, tune.constraints)
+        if tune.against not in known_names():
+            raise NameNotFound("metric", tune.against, sorted(known_names()))
+    except (ParameterError, NameNotFound) as error:
+        raise origin.error(_path(error, tune), str(error)) from error
+    against = known_names()[tune.against]
+    names = sorted({*objective.names, against, *KEPT})
+    reality, first = reality_of(experiment)
+    try:
+        searched, held_out = (
+            Evaluator([reality.draw(experiment.robot, begin + i) for i in range(count)], names, backend)
+            for begin, count in ((first, tune.scenarios), (first + _APART, tune.held_out))
+        )
+    except ArmgpiError as error:
+        raise origin.error(("reality",), str(error)) from error
+    return Problem(
+        space,
+        objective,
+        searched,
+        held_out,
+        against,
+        tuple(tune.budgets or (math.inf,)),
+        tune.method,
+        tune.evaluations,
+        tune.population,
+        tune.seed,
+    )
+
+
+def _path(error: ParameterError | NameNotFound, tune: TuneSection) -> tuple[str, ...]:
+    """Return the key that an error is about."""
+    if isinstance(error, NameNotFound):
+        if error.kind != "metric":
+            return ("tune", "free")
+        if error.name == tune.against:
+            return ("tune", "against")
+        inside = str(error.name) in tune.objective
+        return ("tune", "objective" if inside else "constraints")
+    name = error.name.split(".")[0]
+    return ("tune", *error.name.split(".")) if name == "free" else ("tune", name)
+
+
+def reality_of(experiment: Experiment) -> tuple[Reality, int]:
+    """Return what scenarios are drawn from, and the index of the first draw.
+
+    It is the file's `reality`; or else one of geared drives with the sample time, delay and encoder of the
+    plant.
+    """
+    given = experiment.config.reality
+    if given is not None:
+        return Reality(**{name: getattr(given, name) for name in parameters(Reality)}), given.index
+    plant: Any = experiment.config.plant
+    delay = float(plant.delay or 0)
+    changes: dict[str, Any] = {"sample_time": [experiment.config.sample_time], "delay": (delay, delay)}
+    bits = plant.encoder_bits
+    if isinstance(bits, int | float):
+        changes["encoder_bits"] = (float(bits), float(bits))
+    return Reality.geared(experiment.config.seed, **changes), 0
+
+
+def best_file(wanted: Wanted, x: Any) -> config.Loaded:
+    """Return the experiment with the searched controller as found, first, and as it was given after it."""
+    tuned = {**wanted.problem.space.with_values(np.asarray(x)), "label": "tuned"}
+    data = {**wanted.data, "controllers": [tuned, {**wanted.section, "label": "default"}]}
+    origin = Origin("best.yaml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)
+        built = config.build(config.check(data, origin), origin)
+    return config.Loaded(built.config, origin)

@@ -1,0 +1,257 @@
+"""What a search varies: parameters of a controller's section, from their declarations."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.config.schema import KINDS, Kind
+from armgpi.control.controller import Controller
+from armgpi.errors import NameNotFound, ParameterError
+from armgpi.parameter import Parameter, parameters
+
+#: Searched where nothing is said only while the key that each is for is not zero, or asked for by name alone.
+_NEEDS = {"rolloff_ratio": "rolloff", "second_ratio": "", "second_zeta": ""}
+#: Least value of what is varied by factors and may be zero.
+_LEAST = 1e-12
+
+
+class Range(NamedTuple):
+    """How a free parameter is searched, where it is not as declared.
+
+    Attributes:
+        low: lowest value; the declared one when not given.
+        high: highest value; likewise.
+        per_joint: whether it may differ from joint to joint.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    per_joint: bool = False
+
+
+class Dimension(NamedTuple):
+    """One number that is searched.
+
+    Attributes:
+        key: of the section, with a dot before a key of a group.
+        end: "lower" or "upper" of a box; empty for what is none.
+        joint: whose it is; None for all.
+        basis: of which basis function; None for what is no table.
+        low: lowest value.
+        high: highest value.
+        log: whether it is varied by factors.
+        start: value to begin with.
+    """
+
+    key: str
+    end: str
+    joint: int | None
+    basis: int | None
+    low: float
+    high: float
+    log: bool
+    start: float
+
+    @property
+    def name(self) -> str:
+        """What it is called, but for its joint."""
+        basis = "" if self.basis is None else str(self.basis + 1)
+        return ".".join(part for part in (self.key, self.end, basis) if part)
+
+    def value(self, x: float) -> float:
+        """Return the value at a place in [0, 1]."""
+        x = min(max(x, 0.0), 1.0)
+        if self.log:
+            return float(self.low * (self.high / self.low) ** x)
+        return float(self.low + (self.high - self.low) * x)
+
+    def place(self, value: float) -> float:
+        """Return the place of a value in [0, 1], the nearer end of one outside."""
+        value = min(max(value, self.low), self.high)
+        if self.log:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+
+class Space:
+    """The free numbers of a controller's section, as a cube [0, 1]^d.
+
+    Attributes:
+        section: the section, as plain data.
+        dimensions: the free numbers.
+        names: what they are called, in the same order.
+        joints: names of the joints.
+    """
+
+    def __init__(
+        self, section: Mapping[str, Any], made: Controller, free: Mapping[str, Range] | None = None
+    ) -> None:
+        """Find what is free.
+
+        Args:
+            section: of a controller, plain data.
+            made: the controller that it describes, for the values to begin with.
+            free: keys and how they are searched; all that declare a range of search when not given.
+
+        Raises:
+            NameNotFound: when a key is not one of the controller's numbers.
+            ParameterError: when a range leaves the bounds of its parameter, or nothing is free.
+        """
+        self.section = copy.deepcopy(dict(section))
+        kind = KINDS[section["type"]]
+        known = numbers(kind)
+        chosen = {key: Range() for key in _default(known, section)} if free is None else dict(free)
+        if not chosen:
+            raise ParameterError("free", list(chosen), f"some of {', '.join(known)}")
+        self.dimensions: list[Dimension] = []
+        for key, searched in chosen.items():
+            if key not in known:
+                raise NameNotFound("number to search", key, known)
+            low, high = _ends(key, known[key], searched)
+            self.dimensions += _dimensions(
+                key, known[key], _begin(key, known[key], kind, made), low, high, searched
+            )
+        self.joints = made.robot.joint_names
+        self.names = [
+            each.name if each.joint is None else f"{each.name} {self.joints[each.joint]}"
+            for each in self.dimensions
+        ]
+
+    @property
+    def start(self) -> Array:
+        """Where the section's own values are, shape (d,)."""
+        return np.array([each.place(each.start) for each in self.dimensions])
+
+    def values(self, x: Array) -> Array:
+        """Return the numbers at a place in the cube, shape (d,)."""
+        return np.array([each.value(float(at)) for each, at in zip(self.dimensions, x, strict=True)])
+
+    def with_values(self, x: Array) -> dict[str, Any]:
+        """Return the section with the numbers at a place in the cube."""
+        section = copy.deepcopy(self.section)
+        for key in dict.fromkeys(each.key for each in self.dimensions):
+            own = [
+                (each, float(value))
+                for each, value in zip(self.dimensions, self.values(x), strict=True)
+                if each.key == key
+            ]
+            *groups, last = key.split(".")
+            place = section
+            for group in groups:
+                place[group] = {**(place.get(group) or {})}
+                place = place[group]
+            place[last] = _value(own)
+        return section
+
+
+def numbers(kind: Kind) -> dict[str, Parameter]:
+    """Return what can be searched of a controller: key -> parameter; those of groups have a dot."""
+    found: dict[str, Parameter] = {}
+    for name, each in kind.parameters.items():
+        key = each.key or name
+        if each.kind == "group" and each.group is not None:
+            inside = parameters(each.group).items()
+            found |= {f"{key}.{x.key or part}": x for part, x in inside if x.kind == "table" and x.search}
+        elif each.search is not None and not each.structural:
+            found[key] = each
+    return found
+
+
+def _default(known: Mapping[str, Parameter], section: Mapping[str, Any]) -> list[str]:
+    """Return the keys that are free when nothing is said."""
+    return [
+        key
+        for key, each in known.items()
+        if each.kind != "table" and (key not in _NEEDS or section.get(_NEEDS[key]))
+    ]
+
+
+def _ends(key: str, declared: Parameter, searched: Range) -> tuple[float, float]:
+    """Return the lowest and highest value.
+
+    Raises:
+        ParameterError: when they leave the bounds of the parameter, or are no range.
+    """
+    assert declared.search is not None
+    low = declared.search[0] if searched.low is None else searched.low
+    high = declared.search[1] if searched.high is None else searched.high
+    for end in (low, high):
+        if not declared.inside(np.array(end)):
+            raise ParameterError(f"free.{key}", end, f"within the bounds of {key}: {declared.bounds}")
+    if not low < high:
+        raise ParameterError(f"free.{key}", [low, high], "a lowest value below the highest")
+    if declared.log and low <= 0.0:
+        raise ParameterError(f"free.{key}", low, f"above {_LEAST:g}: it is varied by factors")
+    return low, high
+
+
+def _begin(key: str, declared: Parameter, kind: Kind, made: Any) -> Any:
+    """Return the value to begin with: an array over the joints, a box of two, or a table."""
+    holder: Any = made
+    if kind.variant is not None and key.split(".")[0] in _keys(kind.variant):
+        holder = getattr(made, kind.part)
+    for group in key.split(".")[:-1]:
+        holder = getattr(holder, group)
+    value = getattr(holder, declared.name, None) if holder is not None else None
+    n = made.robot.n
+    if declared.kind == "table":
+        size = getattr(made, kind.part).size
+        return np.zeros((n, size)) if value is None else value
+    if declared.kind == "box":
+        low, high = value if value is not None else (np.full(n, 30.0), np.full(n, 30.0))
+        return low, high
+    if value is None:  # as another one is: begin in the middle
+        low, high = declared.search or (0.0, 1.0)
+        value = math.sqrt(low * high) if declared.log else 0.5 * (low + high)
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), (n,) if declared.per_joint else ())
+
+
+def _keys(owner: type) -> set[str]:
+    """Return the keys of a class."""
+    return {each.key or name for name, each in parameters(owner).items()}
+
+
+def _dimensions(
+    key: str, declared: Parameter, begin: Any, low: float, high: float, searched: Range
+) -> list[Dimension]:
+    """Return the numbers of one parameter."""
+    log = declared.log
+    ends = [("", begin)]
+    if isinstance(begin, tuple):
+        # One value that does not vary is one number, a box has two.
+        same = np.array_equal(*begin)
+        ends = [("", begin[0])] if same else [("lower", begin[0]), ("upper", begin[1])]
+    found = []
+    for end, start in ends:
+        # A table's last axis is that of the basis functions.
+        functions = range(start.shape[-1]) if declared.kind == "table" else [None]
+        joints = range(len(start)) if searched.per_joint and start.ndim else [None]
+        for joint in joints:
+            for basis in functions:
+                value = start if basis is None else start[..., basis]
+                value = value if joint is None else value[joint]
+                shared = np.clip(value, low, high)
+                mean = math.exp(np.log(shared).mean()) if log else float(np.mean(shared))
+                found.append(Dimension(key, end, joint, basis, low, high, log, mean))
+    return found
+
+
+def _value(own: Sequence[tuple[Dimension, float]]) -> Any:
+    """Return the value of a key from its numbers, as an experiment file has it."""
+    if own[0][0].end:
+        ends = [[pair for pair in own if pair[0].end == end] for end in ("lower", "upper")]
+        lower, upper = (np.array(_value([(d._replace(end=""), v) for d, v in part])) for part in ends)
+        # Whichever is the smaller one is the lower end.
+        low, high = np.minimum(lower, upper), np.maximum(lower, upper)
+        return {"lower": low.tolist(), "upper": high.tolist()}
+    values = [value for _, value in own]
+    joints = {each.joint for each, _ in own}
+    if own[0][0].basis is None:
+        return values if None not in joints else values[0]
+    return values if None in joints else np.reshape(values, (len(joints), -1)).tolist()

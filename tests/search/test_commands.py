@@ -1,0 +1,219 @@
+"""`armgpi tune` and `armgpi contend`, as a user calls them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import yaml
+
+from armgpi import files
+from armgpi.cli import main
+from armgpi.search import contend
+from armgpi.search.study import Study
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "tune.yaml"
+#: Short rollouts are not worth a compiler.
+NUMPY = ("--backend", "numpy")
+SHORT: dict[str, Any] = {
+    "robot": {"name": "anthropomorphic3"},
+    "controllers": [{"type": "gpi", "rolloff": 1}],
+    "reality": {
+        "sample_time": [0.002],
+        "delay": [1, 1],
+        "effort_share": 0.0,
+        "payload": [0.0, 0.02],
+        "duration": [0.15, 0.3],
+        "t_final": 0.6,
+    },
+    "tune": {"evaluations": 30, "scenarios": 2, "held_out": 2, "objective": "itae + 1e-4*variation"},
+}
+
+
+class Answer(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+    """Call `armgpi` in this process."""
+
+    def call(*arguments: object) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["armgpi", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        return Answer(int(end.value.code or 0), captured.out, captured.err)
+
+    return call
+
+
+def study_file(folder: Path, **tune: Any) -> Path:
+    """Return a file with a short study."""
+    path = folder / "study.yaml"
+    path.write_text(yaml.safe_dump({**SHORT, "tune": {**SHORT["tune"], **tune}}), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a study that ran to its end."""
+    folder = tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            sys, "argv", ["armgpi", "tune", *NUMPY, str(study_file(folder)), "--out", str(folder / "study")]
+        )
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    return folder
+
+
+def test_a_study_leaves_what_it_found(whole: Path, cli: Callable[..., Answer]) -> None:
+    folder = whole / "study"
+    with (folder / "evaluations.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) >= 30
+    best = yaml.safe_load((folder / "best.yaml").read_text())["controllers"]
+    assert [each["label"] for each in best] == ["tuned", "default"]
+    with (folder / "gains.csv").open() as file:
+        gains = {row["number"]: row for row in csv.DictReader(file)}
+    assert float(gains["omega"]["best"]) == best[0]["omega"]
+    with (folder / "front.csv").open() as file:
+        front = [(float(r["total_variation"]), float(r["objective"])) for r in csv.DictReader(file)]
+    assert front == sorted(front)
+    assert "| best |" in (folder / "report.md").read_text()
+    assert (folder / "study.png").read_bytes().startswith(b"\x89PNG")
+    answer = cli("compare", "--config", folder / "best.yaml", "--json")
+    assert answer.code == 0
+    assert [each["label"] for each in json.loads(answer.out)] == ["tuned", "default"]
+
+
+def test_a_killed_study_ends_with_the_same_bytes(
+    whole: Path, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    folder = tmp_path / "study"
+    shutil.copytree(whole / "study", folder)
+    lines = (folder / "evaluations.csv").read_text().splitlines(keepends=True)
+    # As a kill leaves it: the first generations, and no result.
+    kept = [line for line in lines if line.startswith(("generation", "0,", "1,"))]
+    for path in folder.iterdir():
+        if path.name != "study.yaml":
+            path.unlink()
+    (folder / "evaluations.csv").write_text("".join(kept))
+    assert cli("tune", *NUMPY, whole / "study.yaml", "--out", folder, "--resume").code == 0
+    for path in (whole / "study").iterdir():
+        assert (folder / path.name).read_bytes() == path.read_bytes() or path.suffix == ".png", path.name
+
+
+def test_a_folder_with_a_study_is_not_overwritten(
+    whole: Path, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    again = cli("tune", *NUMPY, whole / "study.yaml", "--out", whole / "study")
+    assert (again.code, "this study already" in again.err) == (2, True)
+    other = cli("tune", *NUMPY, study_file(tmp_path, seed=9), "--out", whole / "study", "--resume")
+    assert (other.code, "another study" in other.err) == (2, True)
+    none = cli("tune", *NUMPY, whole / "study.yaml", "--out", tmp_path / "empty", "--resume")
+    assert (none.code, "no study" in none.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("tune", "named"),
+    [
+        ({"objective": "itae + chatter"}, "chatter"),
+        ({"objective": "sqrt(-itae)", "evaluations": 60}, "sqrt(-itae)"),
+        ({"objective": "itae +"}, "tune.objective"),
+        ({"constraints": ["peak < "]}, "tune.constraints"),
+        ({"constraints": ["peek_error < 1"]}, "peek_error"),
+        ({"against": "noise"}, "noise"),
+        ({"free": {"omega": {"low": -5}}}, "tune.free.omega"),
+        ({"free": {"omega": {"low": 5, "high": 2}}}, "tune.free.omega"),
+        ({"free": ["omgea"]}, "omgea"),
+        ({"free": []}, "tune.free"),
+        ({"method": "gradient"}, "tune.method"),
+        ({"evaluations": 0}, "tune.evaluations"),
+        ({"budgets": [-1.0]}, "tune.budgets"),
+        ({"controller": "pdi"}, "pdi"),
+        ({"nonsense": 1}, "nonsense"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_it(
+    cli: Callable[..., Answer], tmp_path: Path, tune: dict[str, Any], named: str
+) -> None:
+    answer = cli("tune", *NUMPY, study_file(tmp_path, **tune), "--out", tmp_path / "out")
+    last = answer.err.strip().splitlines()[-1]
+    assert answer.code == 2, answer.err
+    assert last.startswith("error: ")
+    assert named in last
+
+
+def test_files_that_are_no_study_are_refused(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    (tmp_path / "tune.yaml").write_text("robot: {name: anthropomorphic3}\ntune: 3\n")
+    for name in ("list.yaml", "tune.yaml", "missing.yaml"):
+        answer = cli("tune", *NUMPY, tmp_path / name, "--out", tmp_path / "out")
+        assert (answer.code, name in answer.err) == (2, True)
+
+
+def test_a_full_disk_is_one_line_and_loses_nothing(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = files.write
+    written: list[Path] = []
+
+    def write(path: Path, content: Any) -> Path:
+        if len(written) > 2:
+            monkeypatch.setattr("armgpi.files._fill", full)
+        written.append(path)
+        return real(path, content)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    fill = files._fill
+    monkeypatch.setattr(files, "write", write)
+    answer = cli("tune", *NUMPY, study_file(tmp_path), "--out", tmp_path / "out")
+    assert (answer.code, "No space left" in answer.err) == (2, True)
+    monkeypatch.setattr("armgpi.files._fill", fill)
+    monkeypatch.setattr(files, "write", real)
+    assert cli("tune", *NUMPY, study_file(tmp_path), "--out", tmp_path / "out", "--resume").code == 0
+
+
+def test_a_study_in_which_nothing_holds_has_no_best(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    path = study_file(tmp_path, constraints=["peak_error <= 1e-9"], evaluations=10)
+    answer = cli("tune", *NUMPY, path, "--out", tmp_path / "out")
+    assert (answer.code, "No candidate holds" in answer.out) == (1, True)
+    assert not (tmp_path / "out" / "best.yaml").exists()
+
+
+def test_the_example_is_a_study(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    answer = cli("tune", EXAMPLE, "--out", tmp_path / "out", "--evaluations", 2)
+    assert answer.code in (0, 1), answer.err
+    assert (tmp_path / "out" / "report.md").exists()
+
+
+def test_a_contest_is_the_same_search_for_all(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contend, "QUICK", contend.Setting(30, 1, 1, 1))
+    laws = ("--law", "GPI, roll-off", "--law", "ADRC, order 3")
+    answer = cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws)
+    assert answer.code == 0, answer.err
+    assert "| GPI, roll-off |" in answer.out
+    assert (tmp_path / "contest.png").exists()
+    # What is there is not run again.
+    monkeypatch.setattr(Study, "run", None)
+    assert cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws).out == answer.out
+    assert cli("contend", "anthropomorphic3", "--out", tmp_path, *laws).code == 2
+    for bad in (["--law", "magic"], ["--evaluations", "1"], ["--seeds", "0"], ["nobody"]):
+        assert cli("contend", *bad, "--out", tmp_path / "other").code == 2

@@ -1,0 +1,313 @@
+"""A search: what is free, wanted and proposed, and that a stopped one ends as one that never stopped."""
+
+from __future__ import annotations
+
+import builtins
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
+from armgpi.config.schema import KINDS
+from armgpi.errors import BackendError, NameNotFound, ParameterError, RolloutError
+from armgpi.plants.reality import together
+from armgpi.search.evaluation import Evaluated, Evaluator
+from armgpi.search.objective import Constraint, Expression, Objective
+from armgpi.search.optimisers import METHODS, make
+from armgpi.search.space import Range, Space, numbers
+from armgpi.search.study import Problem, Study, rows_of
+
+ARM = Robot.load("anthropomorphic3")
+REALITY = Reality.geared(
+    sample_time=[1e-3], delay=(1.0, 1.0), payload=(0.0, 0.02), duration=(0.15, 0.3), t_final=0.6
+)
+DRAWS = [REALITY.draw(ARM, index) for index in range(3)]
+places = st.floats(0.0, 1.0)
+
+
+def space(section: dict[str, Any], free: Mapping[str, Range] | None = None) -> Space:
+    return Space(section, config.controller(section, DRAWS[0].context), free)
+
+
+# What is free.
+
+
+def test_a_section_keeps_its_values_at_the_start() -> None:
+    section = {"type": "gpi", "omega": [20.0, 25.0, 30.0], "zeta": 0.8, "p": 15.0}
+    free = {"omega": Range(per_joint=True), "zeta": Range(), "p": Range()}
+    again = space(section, free).with_values(space(section, free).start)
+    np.testing.assert_allclose(again["omega"], section["omega"])
+    assert again["zeta"] == pytest.approx(0.8)
+    assert again["p"] == pytest.approx(15.0)
+
+
+@given(st.lists(places, min_size=2, max_size=2))
+def test_a_box_has_its_lower_end_below_its_upper_one(x: list[float]) -> None:
+    made = space({"type": "network", "omega": {"lower": 20.0, "upper": 60.0}}, {"omega": Range(5.0, 100.0)})
+    box = made.with_values(np.array(x))["omega"]
+    assert 5.0 * (1 - 1e-12) <= box["lower"] <= box["upper"] <= 100.0 * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("per_joint", [False, True])
+def test_weights_are_numbers_to_search(per_joint: bool) -> None:
+    made = space({"type": "network"}, {"weights.omega": Range(per_joint=per_joint)})
+    assert len(made.names) == (12 if per_joint else 4)
+    section = made.with_values(np.linspace(0.0, 1.0, len(made.names)))
+    table = np.array(section["weights"]["omega"])
+    assert table.shape == ((3, 4) if per_joint else (4,))
+    np.testing.assert_allclose(table.ravel(), np.linspace(-40.0, 40.0, table.size))
+    config.controller(section, DRAWS[0].context)
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_whatever_is_free_makes_a_controller(name: str) -> None:
+    random = np.random.default_rng(1)
+    made = space({"type": name})
+    assert made.dimensions
+    for x in (np.zeros(len(made.names)), np.ones(len(made.names)), random.uniform(size=len(made.names))):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)  # of loops too fast for their delay
+            config.controller(made.with_values(x), DRAWS[0].context)
+
+
+@pytest.mark.parametrize(
+    ("free", "error", "named"),
+    [
+        ({"omega": Range(low=-1.0)}, ParameterError, "positive"),
+        ({"omega": Range(low=50.0, high=20.0)}, ParameterError, "lowest"),
+        ({"omgea": Range()}, NameNotFound, "omega"),
+        ({"realisation": Range()}, NameNotFound, "realisation"),
+        ({}, ParameterError, "omega"),
+    ],
+)
+def test_what_cannot_be_searched_is_named(free: Any, error: type[Exception], named: str) -> None:
+    with pytest.raises(error, match=named):
+        space({"type": "gpi"}, free)
+
+
+def test_what_has_no_effect_is_not_free_by_default() -> None:
+    assert "rolloff_ratio" not in space({"type": "gpi"}).names
+    assert "rolloff_ratio" in space({"type": "gpi", "rolloff": 1}).names
+    assert "second_ratio" in numbers(KINDS["gpi"])
+
+
+# What is wanted.
+
+positive = st.floats(1e-3, 1e3)
+
+
+@given(positive, positive)
+def test_an_expression_is_its_arithmetic(a: float, b: float) -> None:
+    values = {"itae": np.array([[a]]), "total_variation": np.array([[b]])}
+    text = "itae + 0.5*variation - max(itae, 2)/sqrt(total_variation)**2"
+    assert Expression(text)(values)[0, 0] == pytest.approx(a + 0.5 * b - max(a, 2.0) / math.sqrt(b) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("itae + chatter", NameNotFound),
+        ("__import__('os')", ParameterError),
+        ("itae.real", ParameterError),
+        ("itae if itae else 1", ParameterError),
+        ("itae +", ParameterError),
+        ("max(itae)", ParameterError),
+        ("(" * 600 + "itae" + ")" * 600, ParameterError),
+        (3.0, ParameterError),
+    ],
+)
+def test_what_is_no_arithmetic_on_metrics_is_refused(text: Any, error: type[Exception]) -> None:
+    with pytest.raises(error):
+        Expression(text)
+
+
+@pytest.mark.parametrize("text", ["itae", "itae == 1", "1 < itae < 2", "itae <= sum(1)", None])
+def test_what_is_no_bound_is_refused(text: Any) -> None:
+    with pytest.raises(ParameterError):
+        Constraint(text)
+
+
+def test_objectives_over_scenarios_are_means_and_tails() -> None:
+    each = np.array([[4.0, 1.0, 3.0, 2.0]])
+    found = {
+        over: Objective("itae", over, 0.5).judge({"itae": each}, each > 9.0).objective[0]
+        for over in ("mean", "median", "worst", "cvar")
+    }
+    assert found == {"mean": 2.5, "median": 2.5, "worst": 4.0, "cvar": 3.5}
+
+
+def test_candidates_rank_by_failures_then_by_what_they_break_then_by_their_objective() -> None:
+    objective = Objective("itae", constraints=["peak_error <= 0.1"])
+    values = {
+        "itae": np.array([[9.0, 9.0], [1.0, 1.0], [1.0, 1.0], [0.1, np.inf], [np.nan, 1.0], [2.0, 2.0]]),
+        "peak_error": np.array([[0.1, 0.1], [0.2, 0.1], [0.9, 0.9], [0.1, np.inf], [0.1, 0.1], [0.1, 0.0]]),
+    }
+    judged = objective.judge(values, np.isinf(values["itae"]))
+    order = np.argsort(judged.scores(), kind="stable")
+    assert order[:4].tolist() == [5, 0, 1, 2]
+    assert judged.feasible.tolist() == [True, False, False, False, False, True]
+    assert np.isfinite(judged.scores()).all()
+
+
+# What proposes.
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_search_finds_the_least_of_a_bowl_and_leaves_other_generators_alone(method: str) -> None:
+    aim = np.array([0.2, 0.7, 0.5])
+    np.random.seed(3)  # noqa: NPY002 (the global generator is what must not change)
+    state: Any = np.random.get_state
+    before = state()[1].copy()
+    searches = [make(method, np.full(3, 0.9), seed=1) for _ in range(2)]
+    for _ in range(60):
+        x, again = (search.ask() for search in searches)
+        np.testing.assert_array_equal(x, again)
+        assert ((x >= 0.0) & (x <= 1.0)).all()
+        for search in searches:
+            search.tell(((x - aim) ** 2).sum(axis=1))
+    np.testing.assert_allclose(x[np.argmin(((x - aim) ** 2).sum(axis=1))], aim, atol=1e-2)
+    np.testing.assert_array_equal(state()[1], before)
+
+
+def test_an_optimiser_takes_one_number_and_converges_more_than_once() -> None:
+    search = make("cma", np.array([0.5]), seed=0)
+    sizes = set()
+    for _ in range(300):
+        x = search.ask()
+        sizes.add(len(x))
+        assert x.shape[1:] == (1,)
+        search.tell(np.where(x[:, 0] > 0.9, math.nan, abs(x[:, 0] - 0.25)))
+    assert len(sizes) > 1
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *more: Any, **options: Any) -> Any:
+        if name == "cma":
+            raise ModuleNotFoundError(name)
+        return real(name, *more, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(BackendError, match=r"armgpi\[tune\]"):
+        make("cma", np.array([0.5]), seed=0)
+
+
+# What a study does, on rollouts that cost nothing.
+
+
+class Bowl:
+    """Scenarios in which error and torque variation are known: faster is better, and costs."""
+
+    def __init__(self, fragile: bool = False) -> None:
+        self.draws = DRAWS
+        self.fragile = fragile
+
+    def __call__(self, sections: Sequence[Mapping[str, Any]]) -> Evaluated:
+        omega = np.array([[float(section["omega"])] * 3 for section in sections])
+        zeta = np.array([[float(section["zeta"])] * 3 for section in sections])
+        itae = 10.0 / omega + (zeta - 0.8) ** 2 + np.array([0.0, 0.1, 0.2])
+        failed = (omega > 100.0) if self.fragile else np.zeros(omega.shape, dtype=bool)
+        values = {"itae": itae, "total_variation": omega**2, "peak_error": itae}
+        return Evaluated({name: np.where(failed, np.inf, x) for name, x in values.items()}, failed)
+
+
+def problem(**options: Any) -> Problem:
+    made = space({"type": "gpi", "omega": 20.0}, {"omega": Range(5.0, 200.0), "zeta": Range()})
+    bowls: Any = (Bowl(), Bowl(fragile=True))
+    return Problem(made, Objective("itae"), *bowls, **{"evaluations": 120, "seed": 4, **options})
+
+
+def test_a_candidate_that_fails_where_nobody_looked_is_never_the_best() -> None:
+    study = Study(problem())
+    study.run()
+    assert study.problem.space.values(study.ranked()[0].x)[0] > 100.0
+    found = study.validated()
+    assert all(study.problem.space.values(each.row.x)[0] <= 100.0 for each in found)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("budgets", [(math.inf,), (400.0, 2500.0)])
+def test_a_search_that_was_stopped_ends_as_one_that_was_not(method: str, budgets: Any) -> None:
+    whole = Study(problem(method=method, budgets=budgets))
+    whole.run()
+    lines = whole.table().splitlines(keepends=True)
+    generations = [int(line.split(",")[0]) for line in lines[1:]]
+    for last in (0, 1, max(generations) // 2, max(generations)):
+        kept = "".join([lines[0], *(x for x, g in zip(lines[1:], generations, strict=True) if g <= last)])
+        again = Study(problem(method=method, budgets=budgets))
+        again.run(kept=rows_of(kept, again.problem))
+        assert again.table() == whole.table()
+
+
+def test_budgets_are_kept_and_a_larger_one_is_never_worse() -> None:
+    study = Study(problem(budgets=(400.0, 2500.0, 8000.0), evaluations=300))
+    study.run()
+    found = study.validated()
+    assert [each.budget for each in found] == [400.0, 2500.0, 8000.0]
+    assert all(each.row.means["total_variation"] <= each.budget for each in found)
+    errors = [each.row.objective for each in found]
+    assert errors == sorted(errors, reverse=True)
+    # The least error at a budget is known: omega is its root.
+    np.testing.assert_allclose(errors, 10.0 / np.sqrt([400.0, 2500.0, 8000.0]) + 0.1, rtol=0.05)
+
+
+def test_what_another_search_kept_is_refused() -> None:
+    study = Study(problem())
+    study.run()
+    with pytest.raises(RolloutError, match="not those of this search"):
+        Study(problem(seed=5)).run(kept=study.rows)
+    for damaged in ("", "a,b\n", study.table().replace("omega", "zeta", 1), study.table()[:-30]):
+        with pytest.raises(RolloutError):
+            rows_of(damaged, study.problem)
+
+
+def test_an_objective_without_a_value_anywhere_is_named() -> None:
+    hopeless = problem()._replace(objective=Objective("sqrt(-itae)"))
+    with pytest.raises(ParameterError, match="sqrt"):
+        Study(hopeless).run()
+
+
+# What candidates are, on real rollouts.
+
+
+def test_a_generation_is_its_candidates_one_by_one() -> None:
+    sections = [
+        {
+            "type": "network",
+            "omega": {"lower": low, "upper": 50.0},
+            "leak": 5.0,
+            "weights": {"omega": [w] * 4},
+        }
+        for low, w in ((20.0, 0.0), (25.0, 5.0))
+    ]
+    found = Evaluator(DRAWS, ["itae", "total_variation"], "numpy")(sections)
+    for row, section in enumerate(sections):
+        for column, draw in enumerate(DRAWS):
+            alone = together([draw])
+            law = config.controller(section, alone.context)
+            rollout = simulate(alone.plant, law, alone.reference, alone.t_final)
+            for name in ("itae", "total_variation"):
+                assert found.values[name][row, column] == pytest.approx(
+                    float(metrics.ALL[name](rollout).sum()), rel=1e-9
+                )
+
+
+def test_a_candidate_that_cannot_be_made_fails_alone() -> None:
+    sections = [{"type": "schedule", "leak": leak} for leak in (5.0, 1e4)]
+    found = Evaluator(DRAWS, ["itae"], "numpy")(sections)
+    assert found.failed.tolist() == [[False] * 3, [True] * 3]
+    with pytest.raises(Exception, match="leak"):
+        Evaluator(DRAWS, ["itae"], "numpy")(sections[1:])
+
+
+def test_what_cannot_differ_by_rollout_is_refused() -> None:
+    context, whole = together(DRAWS).context, together(DRAWS * 2).context
+    with pytest.raises(ParameterError, match="rolloff"):
+        config.controller_of_parts([{"type": "gpi", "rolloff": r} for r in (0, 1)], context, whole)
