@@ -35,11 +35,13 @@ if TYPE_CHECKING:
     from armgpi.control.schedule import GainSchedule as GainSchedule
     from armgpi.control.slotineli import SlotineLi as SlotineLi
     from armgpi.control.supertwisting import SuperTwisting as SuperTwisting
+    from armgpi.control.supervisor import FaultReport as FaultReport
+    from armgpi.control.supervisor import Supervised as Supervised
+    from armgpi.control.supervisor import Supervisor as Supervisor
     from armgpi.control.weights import Weights as Weights
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
     from armgpi.export.controller import ExportedController as ExportedController
-    from armgpi.export.faults import Faults as Faults
     from armgpi.export.files import export_controller as export_controller
     from armgpi.loop import metrics as metrics
     from armgpi.loop.closed_loop import ClosedLoop as ClosedLoop
@@ -100,6 +102,7 @@ _NAMES = {
     "control.schedule": ("GainSchedule",),
     "control.slotineli": ("SlotineLi",),
     "control.supertwisting": ("SuperTwisting",),
+    "control.supervisor": ("FaultReport", "Supervised", "Supervisor"),
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning"),
     "control.margins": ("default_omega",),
@@ -110,7 +113,6 @@ _NAMES = {
     "control.weights": ("Weights",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
     "export.controller": ("ExportedController",),
-    "export.faults": ("Faults",),
     "export.files": ("export_controller",),
     "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),

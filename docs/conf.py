@@ -8,6 +8,7 @@ from pathlib import Path as _FilePath
 
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
+from armgpi.control.supervisor import Supervisor as _Supervisor
 from armgpi.health import findings as _findings
 from armgpi.health import report as _report  # noqa: F401  # registers the checks
 from armgpi.loop import metrics as _metrics
@@ -160,6 +161,7 @@ myst_substitutions = {
     "metrics_table": metrics_table(),
     "options_table": options_table(),
     "plant_table": plant_table(),
+    "supervisor_table": _table([*_HEADS, *_rows(_parameters(_Supervisor))]),
     "reality_table": _table([*_HEADS, *_rows(_parameters(_Reality))]),
     "loads_table": _by_type(_Load),
     "controllers_table": controllers_table(),

@@ -19,11 +19,11 @@ from armgpi import (
     ClosedLoop,
     Encoder,
     ExportedController,
-    Faults,
     Measurement,
     RigidBodyPlant,
     Robot,
     Saturated,
+    Supervisor,
     Waypoints,
     export_controller,
 )
@@ -36,7 +36,7 @@ reference = Waypoints([[0.0, 0.2, -0.4], [0.8, 0.6, -0.9]], durations=1.5, holds
 
 with tempfile.TemporaryDirectory() as folder:
     log = record(plant, controller, reference, t_final=2.5)
-    done = export_controller(controller, folder, log, faults=Faults(resolution=2.0 * np.pi / 2**17))
+    done = export_controller(controller, folder, log, supervisor=Supervisor(resolution=2.0 * np.pi / 2**17))
     for path in done.files:
         print(f"{path.name:22} {path.stat().st_size:8,} bytes")
     print(f"state: {done.state_bytes} bytes; a step: {sum(done.code.typical)} operations")
@@ -65,4 +65,4 @@ for k in range(1200):
         break
 error = abs(loop.true_state(state).q[1] - target.q[1])
 print(f"{1e-3 * k:.3f} s: {report.status}, {report.reason}, joint {report.joint}; it is {error:.3f} rad off")
-print(f"torque from here on: {tau.round(3)} N m, the arm's weight")
+print(f"torque from here on: {tau.round(3)} N m, by the model alone: engage the brakes")

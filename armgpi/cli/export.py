@@ -15,7 +15,6 @@ from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
-    from armgpi.config import Experiment
     from armgpi.export.files import Export, Log
 
 Folder = Annotated[
@@ -27,11 +26,11 @@ Real = Annotated[
     typer.Option(metavar="TYPE", help="Number type in C: double (default) or float.", show_default=False),
 ]
 OnFault = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--on-fault",
         metavar="TORQUE",
-        help="Torque after a fault: hold (default) carries the arm's weight, or zero.",
+        help="Torque in FAULT, without a measurement: brake (default), hold or zero.",
         show_default=False,
     ),
 ]
@@ -44,7 +43,7 @@ Frozen = Annotated[
     ),
 ]
 Jump = Annotated[
-    float,
+    float | None,
     typer.Option(
         metavar="SAMPLES",
         help="Samples of travel at the velocity limit that a measurement may take at once: 2 by default, "
@@ -52,8 +51,16 @@ Jump = Annotated[
         show_default=False,
     ),
 ]
-
-
+TorqueRate = Annotated[
+    str | None,
+    typer.Option(
+        "--torque-rate",
+        metavar="NUMBERS",
+        help="Highest rate of change of torque [N m/s or N/s], in every state: 'j1=1000,j2=500', or one "
+        "number for all; no limit by default.",
+        show_default=False,
+    ),
+]
 Prefix = Annotated[
     str | None,
     typer.Option(
@@ -74,9 +81,10 @@ def export(
     out: Folder = None,
     real: Real = "double",
     name: Prefix = None,
-    on_fault: OnFault = "hold",
+    on_fault: OnFault = None,
     frozen: Frozen = None,
-    jump: Jump = 2.0,
+    jump: Jump = None,
+    torque_rate: TorqueRate = None,
     controller: opt.Controller = None,
     **options: Any,
 ) -> None:
@@ -87,9 +95,8 @@ def export(
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
-    sys.exit(
-        _export({**own, "prefix": name, "controllers": controller, "declared": given(context), **options})
-    )
+    own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller}
+    sys.exit(_export({**own, "declared": given(context), **options, "supervised": True}))
 
 
 def _export(options: dict[str, Any]) -> int:
@@ -106,7 +113,7 @@ def _export(options: dict[str, Any]) -> int:
     if options["real"] not in ("double", "float"):
         raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
     try:
-        from armgpi.export.code import generate
+        from armgpi.export.code import generate, supervise
         from armgpi.export.files import export_controller, record
         from armgpi.export.names import check_name
     except ModuleNotFoundError as error:
@@ -114,18 +121,16 @@ def _export(options: dict[str, Any]) -> int:
     experiment = configuration.build(*settings(options, compare=False))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     label, controller = next(iter(experiment.controllers.items()))
-    faults = _faults(options, experiment)
+    supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.
-    code = generate(controller, options["real"], faults)
+    code = generate(supervised, options["real"])
     try:
         check_name(options["prefix"], code.source)
     except ParameterError as error:
         raise refusal("--name", str(error)) from None
     experiments.prepare(options["out"])
-    log = record(experiment.plant, controller, experiment.reference, experiment.t_final)
-    done = export_controller(
-        controller, options["out"], log, real=options["real"], faults=faults, name=options["prefix"]
-    )
+    log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
+    done = export_controller(supervised, options["out"], log, real=options["real"], name=options["prefix"])
     _say(done, log, label, options["as_json"])
     for file in done.files:
         say(f"wrote {file}", err=True)
@@ -133,24 +138,6 @@ def _export(options: dict[str, Any]) -> int:
         say(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
         return FAILED
     return OK if done.measured is None or done.measured.agrees else FAILED
-
-
-def _faults(options: dict[str, Any], experiment: Experiment) -> Any:
-    """Return how faults are handled."""
-    from armgpi.errors import ArmgpiError, ParameterError
-    from armgpi.export.faults import Faults, bounds, suited
-
-    controller = next(iter(experiment.controllers.values()))
-    faults = Faults(action=options["on_fault"], frozen_samples=options["frozen"], jump=options["jump"])
-    names = {"action": "--on-fault", "frozen_samples": "--frozen", "jump": "--jump"}
-    try:
-        faults = suited(faults, experiment.config.plant, controller)
-        bounds(faults, controller)
-    except ParameterError as error:
-        raise refusal(names.get(error.name, ""), str(error)) from None
-    except ArmgpiError as error:
-        raise refusal("", str(error)) from error
-    return faults
 
 
 def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
@@ -174,7 +161,7 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         say(json.dumps(facts))
         return
     say(
-        f"{type(done.code.law.controller).__name__} of {done.code.law.controller.robot.name}, "
+        f"{type(done.code.law.controller.law).__name__} of {done.code.law.controller.robot.name}, "
         f"{done.code.law.n} joints, as C in {done.folder}"
     )
     say(f"  state                    {done.state_bytes} bytes")

@@ -191,6 +191,15 @@ TFinal = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="NUMBER", help="Seed of noise and drop-outs.")]
+SupervisedFlag = Annotated[
+    bool,
+    typer.Option(
+        "--supervised",
+        metavar=FLAG,
+        help="Put the controllers under a supervisor, which stops the arm when something is wrong; with the "
+        "bounds of the experiment file, or the default ones.",
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -273,6 +282,7 @@ def experiment(
     dt: SampleTime = None,
     t_final: TFinal = None,
     seed: Seed = None,
+    supervised: SupervisedFlag = False,
 ) -> None:
     """List the options that describe an experiment, for :func:`shared`."""
 

@@ -59,6 +59,14 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     over.take("dt", "sample_time")
     over.take("t_final", "t_final")
     over.take("seed", "seed")
+    if options["supervised"] and data.get("supervisor") is None:
+        over.put("--supervised", {}, "supervisor")
+    for name in ("on_fault", "frozen", "jump"):  # of `armgpi export`
+        if options.get(name) is not None:
+            over.take(name, "supervisor", name)
+    if options.get("torque_rate") is not None:
+        rate = per_joint(options["torque_rate"], "--torque-rate")
+        over.put("--torque-rate", rate, "supervisor", "torque_rate")
     origin = _choose_controllers(options, compare, data, origin, over.sources)
     for index in range(len(data["controllers"])):
         over.take("inertia_scale", "controllers", index, "inertia_scale")

@@ -190,18 +190,25 @@ class Arm:
 
     def _made(self, name: str) -> Kernel:
         n, model = self.model.n, self.model
-        count = {"forward": 3, "inverse": 3, "gravity": 1, "mass_matrix": 1}.get(name, 2)
+        count = {"forward": 3, "inverse": 3, "inverse_where": 3, "gravity": 1, "mass_matrix": 1}.get(name, 2)
         symbols = [[Scalar(ca.SX.sym(f"{letter}{i}")) for i in range(n)] for letter in "qxy"[:count]]
         arrays = [np.array(row, dtype=object) for row in symbols]
         q = arrays[0]
+        skip = None
         if name == "forward":
             result = model.forward(*arrays)
         elif name == "inverse":
             result = model.inverse(q, arrays[1], arrays[2])
+        elif name == "inverse_where":
+            on = Scalar(ca.SX.sym("on"))
+            symbols, skip = [[on], *symbols], 0
+            torque = model.inverse(q, arrays[1], arrays[2])
+            result = np.array([on * x for x in torque], dtype=object)
         elif name == "inertia_times":
             result = model.inverse(q, None, arrays[1], weight=False)
         elif name == "inertia_solve":
-            result = model.solved(q, arrays[1])
+            # The saturation residual, which is zero in most samples.
+            result, skip = model.solved(q, arrays[1]), 1
         elif name == "nonlinear_effects":
             result = model.inverse(q, arrays[1], None)
         elif name == "gravity":
@@ -210,13 +217,12 @@ class Arm:
             result = model.mass_matrix(q).ravel()
         kernel = Kernel(
             f"{name}_{self.model.digest}",
-            (n,) * count,
+            tuple(map(len, symbols)),
             len(result),
             [p.sx for p in model.parameters],
             [x.sx for row in symbols for x in row],
             flat(Symbols(result)),
-            # The saturation residual, which is zero in most samples.
-            1 if name == "inertia_solve" else None,
+            skip,
         )
         self._check(name, kernel)
         return kernel
@@ -230,13 +236,13 @@ class Arm:
         random = np.random.default_rng(0)
         for base, values in zip(self._bases, self._checked, strict=False):
             for _ in range(_STATES):
-                x = random.normal(size=(len(kernel.sizes), kernel.sizes[0]))
+                x = [random.normal(size=size) for size in kernel.sizes]
                 theirs = np.ravel(getattr(base, name)(*x))
-                ours = np.array(function(x.ravel(), values)).ravel()
+                ours = np.array(function(np.concatenate(x), values)).ravel()
                 size = np.abs(theirs).max()
                 if kernel.skip is None and name != "forward":
                     # Gravity's torque on a level arm is zero but for rounding: measure by another torque.
-                    other = base.inverse(*random.normal(size=(3, len(x[0]))))
+                    other = base.inverse(*random.normal(size=(3, len(x[-1]))))
                     size = max(size, 1e-3 * np.abs(other).max())
                 wrong = float(np.abs(ours - theirs).max() / size)
                 if not wrong <= _AGREEMENT:
@@ -265,6 +271,10 @@ class TracedDynamics:
     def inverse(self, q: Any, v: Any, a: Any) -> Symbols:
         """Return the torque."""
         return self._called("inverse", q, v, a)
+
+    def inverse_where(self, on: Any, q: Any, v: Any, a: Any) -> Symbols:
+        """Return the torque where it is asked for."""
+        return self._called("inverse_where", on, q, v, a)
 
     def inertia_times(self, q: Any, a: Any) -> Symbols:
         """Return D(q) a."""

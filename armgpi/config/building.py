@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ from armgpi.arrays import Array, quantity
 from armgpi.config.reading import Origin, Path_, check
 from armgpi.config.schema import KINDS, ExperimentConfig, Kind, PlantSection, ReferenceSection, RobotSection
 from armgpi.control.controller import Controller
+from armgpi.control.supervisor import Supervised, Supervisor, suited
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound, ParameterError
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.loads import Load
@@ -92,6 +93,7 @@ class Experiment(NamedTuple):
         t_final: how long [s].
         config: what they were made from, with every default filled in.
         plants: simulator -> what moves in it; more than `plant` where there are two of them.
+        supervisor: what all controllers are under; None for nothing.
     """
 
     robot: Robot
@@ -101,6 +103,7 @@ class Experiment(NamedTuple):
     t_final: float
     config: ExperimentConfig
     plants: dict[str, Plant]
+    supervisor: Supervisor | None = None
 
     @property
     def runs(self) -> dict[str, tuple[Plant, Controller]]:
@@ -156,9 +159,22 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             f"{_MAX_SAMPLES:.0e} samples of {config.sample_time:g} s) in a run, got {t_final:g} s"
         )
     filled = {"controllers": sections, "reference": moves, "t_final": t_final}
+    supervisor = _supervisor(config, controllers.values(), top.at("supervisor"))
     config = config.model_copy(update=filled)
     plant = next(iter(plants.values()))
-    return Experiment(robot, plant, controllers, reference, t_final, config, plants)
+    return Experiment(robot, plant, controllers, reference, t_final, config, plants, supervisor)
+
+
+def _supervisor(config: ExperimentConfig, controllers: Iterable[Controller], place: _Place) -> Any:
+    """Return the supervisor, whose bounds suit the sensors; None where the file asks for none."""
+    if config.supervisor is None:
+        return None
+    first, *_ = controllers
+    robot: Any = first.robot
+    with place.error_context():
+        given = _given(config.supervisor, parameters(Supervisor), robot, place)
+        supervisor = suited(Supervisor(**given), config.plant, first)
+        return Supervised(first, supervisor).supervisor  # which checks that it fits the arm
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:

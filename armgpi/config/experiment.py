@@ -44,6 +44,7 @@ def run(
         signals=isinstance(controller, GPI) and controller.gains.adaptive,
         progress=progress,
         backend=backend,
+        supervisor=experiment.supervisor,
     )
 
 
@@ -200,9 +201,9 @@ def portable(experiment: Experiment) -> tuple[str, dict[str, bytes]]:
 
 
 def overall_status(results: Iterable[dict[str, Any]]) -> Status:
-    """Return the status that the whole outcome has: interrupted before diverged before finished."""
+    """Return the status that the whole outcome has: the first of interrupted, diverged, stopped, finished."""
     statuses = {Status[record["status"].upper()] for record in results}
-    for status in (Status.INTERRUPTED, Status.DIVERGED):
+    for status in (Status.INTERRUPTED, Status.DIVERGED, Status.STOPPED):
         if status in statuses:
             return status
     return Status.FINISHED

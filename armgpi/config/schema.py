@@ -28,6 +28,7 @@ from pydantic import (
 )
 
 from armgpi.control.controller import Controller
+from armgpi.control.supervisor import Supervisor
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
@@ -389,6 +390,9 @@ class ReferenceSection(Section):
     tool_axis: Vector | None = None
 
 
+SupervisorSection: Any = section("supervisor", Supervisor)
+
+
 class ExperimentConfig(Section):
     """A whole experiment file.
 
@@ -399,6 +403,7 @@ class ExperimentConfig(Section):
             time, reference and length of the run, where the file does not.
         controllers: who controls it; `run` takes the first one, `compare` all.
         reference: where to.
+        supervisor: what all controllers are under; none when not given. `{}` has every default.
         sample_time: of the controllers [s].
         t_final: how long [s]; when not given, until the reference has ended and 2 s more.
         record_every: record every so many samples.
@@ -410,6 +415,7 @@ class ExperimentConfig(Section):
     reality: RealitySection | None = None
     controllers: list[ControllerSection] = Field(default=[SECTIONS["gpi"](type="gpi")], min_length=1)
     reference: ReferenceSection = ReferenceSection()
+    supervisor: SupervisorSection | None = None
     sample_time: Number = Field(default=1e-3, ge=1e-9)
     t_final: Positive | None = None
     record_every: Whole = Field(default=1, ge=1)

@@ -174,6 +174,17 @@ class Controller(Parametrised, ABC):
         cut: Array = np.minimum(np.maximum(tau, self._floor), self.effort)
         return cut
 
+    def within(self, lower: Array, upper: Array) -> Controller:
+        """Return the same controller with other torque limits, which may change from sample to sample.
+
+        Args:
+            lower: lowest torque [N m or N], shape (n,) or (batch, n).
+            upper: highest torque [N m or N], same shape.
+        """
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), _floor=lower, effort=upper)
+        return made
+
     def signals(self, state: Any) -> Mapping[str, Array]:
         """Return inner signals worth recording, name -> array (..., n); none by default."""
         return {}

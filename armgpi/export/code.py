@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import zlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from enum import IntEnum
 from importlib.resources import files
 from string import Template
 from typing import Any, NamedTuple
@@ -13,18 +15,17 @@ import casadi as ca
 import numpy as np
 
 from armgpi import __version__
-from armgpi.arrays import check_choice
+from armgpi.arrays import check_choice, check_type
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
+from armgpi.control.supervisor import COUNTED, Reason, State, Supervised, Supervisor
 from armgpi.errors import BackendError, ParameterError
-from armgpi.export.faults import Bounds, Faults, bounds
 from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
 from armgpi.export.layout import block, elementary, listed, members, rows
 from armgpi.export.names import identifiers, plain, source_of
-from armgpi.export.supervision import supervision
 from armgpi.parameter import meaning
 
 #: Number types: C's name, ending of literals and functions, largest number.
@@ -39,12 +40,39 @@ MEANING = {
     "v_ref": "reference velocities [rad/s or m/s]",
     "a_ref": "reference accelerations [rad/s^2 or m/s^2]",
 }
+#: Version of the interface of exported code: of functions and of what the state and the info begin with.
+ABI = 2
+_STATES = {
+    State.INIT: "the torque ramps to the law's first one",
+    State.RUN: "the law follows the reference",
+    State.STOPPING: "the law follows a reference that decelerates",
+    State.HOLD: "that reference has stopped; the law holds the arm there",
+    State.FAULT: "open loop: engage the brakes",
+}
+_REASONS = {
+    Reason.NONE: "there is no fault",
+    Reason.BEFORE_INIT: "step came before init",
+    Reason.LATE: "more samples were missed than may be",
+    Reason.SATURATED: "a torque was at its limit for too long",
+    Reason.FOLLOWING: "a position is too far from the reference",
+    Reason.REFERENCE: "the reference is not finite, or jumps",
+    Reason.POSITION: "a position is beyond its limits",
+    Reason.FROZEN: "a position should have changed, and did not",
+    Reason.JUMP: "a position moved faster than its joint can",
+    Reason.NOT_FINITE: "a measurement, or the law's torque, is not finite",
+}
+_ACTIONS = {
+    "brake": "the model's along the reference that decelerates, then its weight there",
+    "hold": "what carries the arm's weight at the last good position",
+    "zero": "zero",
+}
 _KERNEL_NOTES = {
     "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
     "inertia_solve": "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
     "gravity": "Work out the torque y that gravity asks for at q.",
     "nonlinear_effects": "Work out y = C(q, x) x + G(q), for velocities x.",
     "inverse": "Work out the torque z for velocities x and accelerations y.",
+    "inverse_where": "Work out w[0] times the torque z for velocities x and accelerations y.",
 }
 
 
@@ -74,7 +102,7 @@ class Code(NamedTuple):
         source: text of armgpi_controller.c, or of the source by another name.
         law: what it was written from.
         real: "double" or "float".
-        bounds: what it takes for a fault.
+        layout: a hash of what the state is made of.
         typical: operations of a step whose torque is within its limits.
         worst_case: operations of any step, the one that meets a fault as well.
     """
@@ -83,56 +111,69 @@ class Code(NamedTuple):
     source: str
     law: Law
     real: str
-    bounds: Bounds
+    layout: int
     typical: Counts
     worst_case: Counts
 
 
-def generate(controller: Controller, real: str = "double", faults: Faults | None = None) -> Code:
+def generate(controller: Controller, real: str = "double", supervisor: Supervisor | None = None) -> Code:
     """Return a controller as C.
 
     Args:
         controller: for a single rollout.
         real: number type, "double" or "float".
-        faults: how faults are handled; as :class:`Faults` has it when not given.
+        supervisor: what is taken for a fault; as :class:`armgpi.Supervisor` has it when not given.
 
     Raises:
         ParameterError: when an argument is not as it should be.
         BackendError: when the controller does what has no C.
     """
     check_choice(real, "real", _REALS)
-    if not isinstance(controller, Controller):
-        raise ParameterError("controller", controller, "a Controller")
-    limits = bounds(Faults() if faults is None else faults, controller)
+    supervised = supervise(controller, supervisor)
 
     def written() -> Code:
-        return _Writer(trace_controller(controller), real, limits).code()
+        return _Writer(trace_controller(supervised), real).code()
 
     try:
         code = written()
         if code.law.user_defined:
             check_repeatable(code.source, lambda: written().source)
     except NotElementwise as error:
-        raise BackendError(f"{type(controller).__name__} cannot be written as C: {error}") from None
+        raise BackendError(f"{type(supervised.law).__name__} cannot be written as C: {error}") from None
     if real == "float" and code.law.whole:
+        name, whole = type(supervised.law).__name__, code.law.whole[0].removeprefix("law.")
         raise BackendError(
-            f"{type(controller).__name__} cannot be written as C in single precision: its state has an int, "
-            f"{code.law.whole[0]!r}, and a float counts no further than 16,777,216; choose double"
+            f"{name} cannot be written as C in single precision: its state has an int, {whole!r}, and "
+            "a float counts no further than 16,777,216; choose double"
         )
     return code
+
+
+def supervise(controller: Controller, supervisor: Supervisor | None = None) -> Supervised:
+    """Return a controller under its supervisor, or under this one.
+
+    Raises:
+        ParameterError: when it has one, and another is given.
+    """
+    check_type(controller, "controller", Controller, "a Controller")
+    if not isinstance(controller, Supervised):
+        return Supervised(controller, supervisor)
+    if supervisor is not None:
+        raise ParameterError("supervisor", supervisor, "left out, as the controller has one")
+    return controller
 
 
 class _Writer:
     """Puts a law into C."""
 
-    def __init__(self, law: Law, real: str, limits: Bounds) -> None:
-        self.law, self.real, self.bounds = law, real, limits
+    def __init__(self, law: Law, real: str) -> None:
+        self.law, self.real = law, real
         self.ending = _REALS[real][1]
         self.dialect = Dialect("armgpi_real_t", "uint32_t", self.literal, ())
         robot = law.controller.robot
         self.names = robot.joint_names
         tables = law.tables
-        # The supervision compares with it, whether the law does or not.
+        # What the torque is checked against at last, whether the law uses it or not.
         if not any(table.path == "effort" for table in tables):
             effort = np.broadcast_to(law.controller.effort, (law.n,))
             tables = [Table("EFFORT", "effort", (law.n,), [], effort.tolist()), *tables]
@@ -153,53 +194,53 @@ class _Writer:
 
     def code(self) -> Code:
         """Return header and source."""
-        law, limits = self.law, self.bounds
-        robot = law.controller.robot
+        law = self.law
+        supervised = law.controller
         functions = [
             # In this order, as kernels are numbered by their first use.
             self.routine("law_init", law.init, writes_torque=False),
             self.routine("law_step", law.step, writes_torque=True),
-            self.hold(),
         ]
         kernels = [self.kernel(kernel) for kernel in self.kernels.values()]
-        frozen, hold = limits.frozen_samples > 0, limits.action == "hold"
-        weighed = frozen or hold
-        if not weighed:  # without a caller it would be a warning
-            functions.pop()
-            used = {call.kernel.name for call in (*law.init.calls, *law.step.calls)}
-            kernels = [text for name, text in zip(self.kernels, kernels, strict=True) if name in used]
         body = "\n".join([*kernels, *functions])
+        inner = type(supervised.law).__name__
         fill = {
             **self._shared(),
             "tables": "\n".join(map(self.table, self.tables)),
             "names": listed(f'    "{plain(name)}"' for name in self.names),
             "inputs": str(sum(INPUT_BITS.get(name, 0) for name in law.inputs)),
-            "dt_double": repr(float(law.controller.dt)),
+            "dt_double": repr(float(supervised.dt)),
             "real_max": _REALS[self.real][2],
-            "law": f"{type(law.controller).__name__}.init and {type(law.controller).__name__}.step",
+            "law": f"{inner}.init and {inner}.step, under Supervised.init and Supervised.step,",
             "helpers": elementary(body, self.ending),
             "kernels": "\n".join(kernels),
             "law_functions": "\n".join(functions),
             "zero": self.literal(0.0),
-            **supervision(limits, law.inputs, self.names, self.ending, self.literal),
+            "one": self.literal(1.0),
+            "missed": str(supervised.supervisor.missed),
+            "counted": self.literal(COUNTED),
+            "filled": ", ".join({"q_measured": "q", "q_ref": "r"}.get(name, name) for name in law.inputs),
         }
-        # The frozen check works out the arm's weight in every sample, and the torque to hold is it once more.
-        law_step, law_hold = self._cost("law_step", law.step), self._cost("law_hold", law.hold)
-        # D(q)^-1 of the saturation residual, which is zero in a typical step.
-        skipped = [call.kernel.name for call in law.step.calls if call.kernel.skip is not None]
-        typical = self.counts["law_step"].plus(
-            *(self.counts[call.kernel.name] for call in law.step.calls if call.kernel.name not in skipped)
-        )
-        checking = law_hold if frozen else Counts(0, 0, 0)
+        law_step = self._cost("law_step", law.step)
+        # D(q)^-1 of the saturation residual, and the torque of the open loop: neither in a typical step.
+        used = [call.kernel.name for call in law.step.calls if call.kernel.skip is None]
+        typical = self.counts["law_step"].plus(*(self.counts[name] for name in used))
         return Code(
-            Template(template("armgpi_controller.h")).substitute(self._header(robot)),
+            Template(template("armgpi_controller.h")).substitute(self._header(supervised.robot)),
             Template(template("armgpi_controller.c")).substitute(fill),
             law,
             self.real,
-            limits,
-            typical.plus(checking),
-            law_step.plus(checking, law_hold if hold else Counts(0, 0, 0)),
+            self.layout,
+            typical,
+            law_step,
         )
+
+    @property
+    def layout(self) -> int:
+        """A hash of what the state is made of: version, number type, and each part with its size."""
+        parts = [f"{part.name}[{len(part.symbols)}]" for part in self.law.state]
+        text = " ".join([str(ABI), self.real, *map(plain, self.names), *parts])
+        return zlib.crc32(text.encode()) or 1
 
     def routine(self, name: str, routine: Routine, writes_torque: bool) -> str:
         """Return a function of the law that writes the state."""
@@ -230,37 +271,20 @@ class _Writer:
             for place, new, local in zip(places, after, locals_, strict=True)
             if f"const armgpi_real_t {new} = {local};" not in same
         ]
+        lines = [*reads, *lines, *writes]
+        note, last = "/* Work out the state before the first sample. */", ""
         if writes_torque:
-            # A torque beyond its limit is a fault, and after a fault the state must be the last good one.
-            tail = ["joint = first_beyond(tau, EFFORT);"]
-            if writes:
-                tail += ["if (joint == ARMGPI_N) {", *(f"    {line}" for line in writes), "}"]
-            lines = ["uint32_t joint;", *reads, *lines, *tail, "return joint;"]
-            note = (
-                "/* Work out the torque, and the next state, which is written when no torque is beyond its\n"
-                "   limit. Return the first joint whose torque is, ARMGPI_N when none is. */"
-            )
-            kind, last = "uint32_t", ", armgpi_real_t tau[ARMGPI_N]"
-        else:
-            lines = [*reads, *lines, *writes]
-            note = "/* Work out the state before the first sample. */"
-            kind, last = "void", ""
+            note, last = "/* Work out the torque and the next state. */", ", armgpi_real_t tau[ARMGPI_N]"
         parameters = ",\n    ".join(f"const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
-        head = f"static {kind} {name}(armgpi_state_t *state,\n    {parameters}{last})"
+        head = f"static void {name}(armgpi_state_t *state,\n    {parameters}{last})"
         return f"{note}\n{head}\n{block(lines, ['state', *self.law.inputs])}"
-
-    def hold(self) -> str:
-        """Return the function of the torque that carries the arm's weight."""
-        targets = [f"tau[{j}]" for j in range(self.law.n)]
-        lines = self._lines("law_hold", self.law.hold, [], targets, range(self.law.n))
-        note = "/* Work out the torque that carries the arm's weight, within the limits. */"
-        head = "static void law_hold(const armgpi_real_t q_measured[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])"
-        return f"{note}\n{head}\n{block(lines, ['q_measured'])}"
 
     def kernel(self, kernel: Kernel) -> str:
         """Return a function of the arm."""
-        letters = "qxyz"[: len(kernel.sizes)]
-        result = "qxyz"[len(kernel.sizes)] if len(kernel.sizes) < 4 else "r"
+        # A first argument that switches it is no vector of the arm's.
+        switched = kernel.skip == 0
+        letters = ("w" if switched else "") + "qxyz"[: len(kernel.sizes) - switched]
+        result = "qxyz"[len(kernel.sizes) - switched]
         inputs, begin = [], 0
         for letter, size in zip(letters, kernel.sizes, strict=True):
             inputs += [(kernel.inputs[begin + i], f"{letter}[{i}]") for i in range(size)]
@@ -338,7 +362,7 @@ class _Writer:
         robot: Any = self.law.controller.robot
         parameters = ",\n".join(f"    const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
         return {
-            "title": f"{type(self.law.controller).__name__} controller of {plain(robot.name)}, "
+            "title": f"{type(self.law.controller.law).__name__} controller of {plain(robot.name)}, "
             f"{self.law.n} joint{'s' if self.law.n > 1 else ''}, {self.law.controller.dt:g} s",
             "version": __version__,
             "source": source_of(robot),
@@ -365,24 +389,6 @@ class _Writer:
             )
             for part in law.state
         ]
-        fields_of_status = [
-            ("armgpi_status_t status;", "what it is in"),
-            ("armgpi_reason_t reason;", "of a fault"),
-            ("uint32_t fault_joint;", "joint concerned, see armgpi_joint_t"),
-            ("armgpi_real_t q_last[ARMGPI_N];", "last good measurement [rad or m]"),
-            ("armgpi_real_t tau_fault[ARMGPI_N];", "torque while in FAULT [N m or N]"),
-        ]
-        if self.bounds.frozen_samples:
-            fields_of_status += [
-                ("armgpi_real_t q_ref_mark[ARMGPI_N];", "reference when the measurement last changed"),
-                ("armgpi_real_t excess_mark[ARMGPI_N];", "torque less weight, likewise [N m or N]"),
-                ("uint32_t frozen_count[ARMGPI_N];", "samples that it should have changed in since"),
-                ("uint32_t first;", "1 before the first sample"),
-            ]
-        what = {
-            "hold": "the torque that carries the arm's weight\n * at the last good configuration",
-            "zero": "zero",
-        }
         return {
             **self._shared(),
             "joints": "\n".join(joints),
@@ -390,11 +396,23 @@ class _Writer:
             "dt": self.literal(law.controller.dt),
             "real": _REALS[self.real][0],
             "enum": listed(enum),
-            "supervision": members(fields_of_status).rstrip("\n"),
+            "abi": str(ABI),
+            "layout": f"0x{self.layout:08X}U",
+            "statuses": _numbered("STATUS", State, _STATES),
+            "reasons": _numbered("REASON", Reason, _REASONS),
+            "missed": str(law.controller.supervisor.missed),
             "fields": members(fields),
             "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),
-            "action": what[self.bounds.action],
+            "action": _ACTIONS[law.controller.supervisor.on_fault],
         }
+
+
+def _numbered(kind: str, names: type[IntEnum], notes: Mapping[Any, str]) -> str:
+    """Return macros for the numbers of an enumeration, with their notes in a column."""
+    width = max(len(each.name) for each in names)
+    return "\n".join(
+        f"#define ARMGPI_{kind}_{each.name:{width}} {int(each)}U /* {notes[each]} */" for each in names
+    )
 
 
 def template(name: str) -> str:
@@ -415,7 +433,7 @@ def _size(part: Table) -> str:
 def _remark(root: Any, path: str) -> str:
     """Return the path of a part in Python, and what it means."""
     said = plain(meaning(root, path))
-    return f"{path}{': ' if said else ''}{said}"
+    return f"{path.removeprefix('law.')}{': ' if said else ''}{said}"
 
 
 def _kind(kernel: Kernel) -> str:

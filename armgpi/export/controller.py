@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import ctypes
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import LARGEST, check_path, check_type
+from armgpi.arrays import LARGEST, check_path, check_type, check_whole
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
+from armgpi.control.supervisor import FaultReport, Reason, State
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.names import check_name, plain, renamed
 from armgpi.references.reference import Target
@@ -20,9 +21,6 @@ from armgpi.robot.robot import Robot
 #: As the Makefile compiles. No fused multiply-add, so that every machine gives the same bits.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 HEADER, SOURCE = "armgpi_controller.h", "armgpi_controller.c"
-#: Names of the status and of the reasons of a fault, by their numbers in C.
-STATUS = ("before init", "run", "fault")
-REASONS = ("none", "before init", "measurement", "reference", "jump", "frozen", "torque")
 #: What a step is given, with the bit that says so; see `armgpi_info.inputs`.
 _ARGUMENTS = (("q_measured", 0), ("v_measured", 1), ("q_ref", 0), ("v_ref", 2), ("a_ref", 4))
 
@@ -31,6 +29,8 @@ class _Info(ctypes.Structure):
     """What the code was made for: `armgpi_info`."""
 
     _fields_: ClassVar = [
+        ("abi", ctypes.c_uint32),
+        ("layout", ctypes.c_uint32),
         ("n", ctypes.c_uint32),
         ("real_bytes", ctypes.c_uint32),
         ("state_bytes", ctypes.c_uint32),
@@ -39,20 +39,6 @@ class _Info(ctypes.Structure):
         ("joints", ctypes.POINTER(ctypes.c_char_p)),
         ("effort", ctypes.c_void_p),
     ]
-
-
-class FaultReport(NamedTuple):
-    """What an exported controller says of itself.
-
-    Attributes:
-        status: "before init", "run" or "fault".
-        reason: "none", or of a fault "before init", "measurement", "reference", "jump", "frozen" or "torque".
-        joint: name of the joint concerned, None without a fault.
-    """
-
-    status: str
-    reason: str
-    joint: str | None
 
 
 class ExportedController(Controller):
@@ -91,13 +77,13 @@ class ExportedController(Controller):
         self._start(robot, header, source, name)
 
     @classmethod
-    def of(cls, controller: Controller, real: str = "double", faults: Any = None) -> ExportedController:
+    def of(cls, controller: Controller, real: str = "double", supervisor: Any = None) -> ExportedController:
         """Return a controller as it would be exported, without a folder.
 
         Args:
             controller: for a single rollout.
             real: number type in C, "double" or "float".
-            faults: how faults are handled, an :class:`armgpi.Faults`.
+            supervisor: what is taken for a fault, an :class:`armgpi.Supervisor`.
 
         Raises:
             ParameterError: when an argument is not as it should be.
@@ -105,7 +91,7 @@ class ExportedController(Controller):
         """
         from armgpi.export.code import generate
 
-        code = generate(controller, real, faults)
+        code = generate(controller, real, supervisor)
         made = cls.__new__(cls)
         robot: Any = controller.robot
         made._start(robot, code.header, code.source)
@@ -118,13 +104,13 @@ class ExportedController(Controller):
         self._library = build.library(whole, FLAGS)
         try:
             info = _Info.in_dll(self._library, renamed("armgpi_info", name))
-            self._init, self._step = (
-                getattr(self._library, renamed(function, name)) for function in ("armgpi_init", "armgpi_step")
-            )
+            wanted = ("armgpi_init", "armgpi_reset", "armgpi_step", "armgpi_step_late")
+            functions = [getattr(self._library, renamed(function, name)) for function in wanted]
+            self._init, self._reset, self._step, self._late = functions
         except (ValueError, AttributeError) as error:
             raise BackendError(f"this is no exported controller: {error}") from None
-        for function in (self._init, self._step):
-            function.restype = ctypes.c_int
+        for function in functions:
+            function.restype = ctypes.c_uint32
         # By name and order: another arm with as many joints would run, and break.
         names = [info.joints[j].decode() for j in range(info.n)]
         if names != [plain(name) for name in robot.joint_names]:
@@ -150,21 +136,47 @@ class ExportedController(Controller):
         self._init(ctypes.c_void_p(state.ctypes.data), *pointers)
         return state
 
+    def reset(
+        self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]
+    ) -> npt.NDArray[np.uint64]:
+        """Return the state of a start from where the arm is now; see :meth:`Supervised.reset`."""
+        after = state.copy()
+        _keep, pointers = self._arguments(measurement, target)
+        self._reset(ctypes.c_void_p(after.ctypes.data), *pointers)
+        return after
+
+    def advance(
+        self,
+        measurement: Measurement | FullState,
+        target: Target,
+        state: npt.NDArray[np.uint64],
+        elapsed: int = 1,
+    ) -> ControlStep:
+        """Return torque and next state for a sample that comes late; see :meth:`Supervised.advance`."""
+        elapsed = check_whole(elapsed, "elapsed", 1, 2**32 - 1)
+        return self._stepped(self._late, measurement, target, state, ctypes.c_uint32(elapsed))
+
     def step(
         self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]
     ) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""
+        return self._stepped(self._step, measurement, target, state)
+
+    def _stepped(
+        self, function: Any, measurement: Any, target: Target, state: npt.NDArray[np.uint64], *first: Any
+    ) -> ControlStep:
+        """Return torque and next state by one of the functions of a step."""
         after = state.copy()  # C writes into it, and states here never change
         tau = np.empty(self.robot.n, dtype=self._dtype)
         _keep, pointers = self._arguments(measurement, target)
-        self._step(ctypes.c_void_p(after.ctypes.data), *pointers, ctypes.c_void_p(tau.ctypes.data))
+        function(ctypes.c_void_p(after.ctypes.data), *first, *pointers, ctypes.c_void_p(tau.ctypes.data))
         return ControlStep(tau.astype(np.float64, copy=False), after)
 
     def report(self, state: npt.NDArray[np.uint64]) -> FaultReport:
         """Return what a state says of itself."""
-        status, reason, joint = (int(x) for x in state.view(np.uint32)[:3])
-        fault = STATUS[status] == "fault"
-        return FaultReport(STATUS[status], REASONS[reason], self.robot.joint_names[joint] if fault else None)
+        _, status, reason, joint = (int(x) for x in state.view(np.uint32)[:4])
+        name = self.robot.joint_names[joint] if reason else None
+        return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
 
     def _arguments(
         self, measurement: Measurement | FullState, target: Target

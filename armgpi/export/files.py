@@ -17,9 +17,9 @@ from armgpi import __version__, files
 from armgpi.arrays import Array, check_number, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.control.supervisor import FARTHEST, Supervised, Supervisor
 from armgpi.errors import BackendError, RolloutError
-from armgpi.export.code import MEANING, Code, Counts, generate, template
-from armgpi.export.faults import Faults
+from armgpi.export.code import MEANING, Code, Counts, generate, supervise, template
 from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
 from armgpi.loop.closed_loop import ClosedLoop
@@ -35,8 +35,9 @@ _TOLERANCE = 1e-12
 #: The same where roundings add up: the states of the printed law grow without bound and cancel (docs,
 #: theory); where torque is saturated, D(q)^-1, which the two work out in different ways, is integrated.
 _LOOSE = 1e-9
-#: How far the replay moves the reference to time a step whose torque is at its limits [rad or m].
-_FAR = 10.0
+#: How far the replay moves the reference to time a step whose torque is at its limits, as a share of the
+#: distance that is a fault.
+_FAR = 0.8
 #: How long the replay times steps [s].
 _TIMING = 0.2
 #: How long it may take in all [s].
@@ -135,7 +136,7 @@ def export_controller(
     log: Log | None = None,
     *,
     real: str = "double",
-    faults: Faults | None = None,
+    supervisor: Supervisor | None = None,
     name: str | None = None,
     measure: bool = True,
 ) -> Export:
@@ -147,7 +148,7 @@ def export_controller(
         log: what to replay (:func:`armgpi.export.files.record`); when not given, 0.1 s at rest in the middle
             of the joint ranges.
         real: number type in C, "double" or "float".
-        faults: how faults are handled; :class:`armgpi.Faults` as it is when not given.
+        supervisor: what is taken for a fault; :class:`armgpi.Supervisor` as it is when not given.
         name: what files, functions, types and macros begin with in place of `armgpi`, as in `left_arm_step`;
             with one each, several controllers go into one program.
         measure: whether to compile and run the replay, where there is a compiler.
@@ -164,7 +165,8 @@ def export_controller(
     check_type(log, "log", Log | None, "a Log, as record returns it")
     check_type(measure, "measure", bool, "True or False")
     # Everything is generated, and refused if need be, before a file is written.
-    code = generate(controller, real, faults)
+    controller = supervise(controller, supervisor)
+    code = generate(controller, real)
     texts = _texts(code, _at_rest(controller) if log is None else log)
     check_name(name, f"{code.source} {texts['main.c']}")
     code = code._replace(header=renamed(code.header, name), source=renamed(code.source, name))
@@ -183,7 +185,7 @@ def export_controller(
     return Export(folder, files.write_set(folder, texts), code, measured, state_bytes)
 
 
-def _at_rest(controller: Controller) -> Log:
+def _at_rest(controller: Supervised) -> Log:
     """Return a short log of a controller whose arm does not move."""
     robot: Any = controller.robot
     n = robot.n
@@ -211,7 +213,8 @@ def _texts(code: Code, log: Log) -> dict[str, str]:
     # A joint without a limit is measured by its largest torque in the log.
     largest = np.maximum(np.abs(log.tau).max(axis=0), 1e-300)
     scale = np.where(np.isfinite(effort), effort, largest)
-    adding = getattr(code.law.controller, "realisation", "") == "paper" or (np.abs(log.tau) >= effort).any()
+    printed = getattr(code.law.controller.law, "realisation", "") == "paper"
+    adding = printed or (np.abs(log.tau) >= effort).any()
     tolerance = 0.0 if code.real == "float" else _LOOSE if adding else _TOLERANCE
     suffix = "F" if code.real == "float" else ""
     q_ref = names.index("q_ref")
@@ -222,11 +225,10 @@ def _texts(code: Code, log: Log) -> dict[str, str]:
         "scale": ",\n".join(f"    {x!r}" for x in scale.tolist()),
         "q_ref": f"{q_ref}U",
         "step_call": ", ".join("q_ref" if i == q_ref else f"in[{i}U]" for i in range(len(names))),
-        "init_call": ", ".join(f"timed[0U][{i}U]" for i in range(len(names))),
         "init_now": ", ".join("moved" if i == q_ref else f"timed[k][{i}U]" for i in range(len(names))),
         "init_in": ", ".join(f"in[{i}U]" for i in range(len(names))),
         "zero": f"0.0{suffix}",
-        "far": f"{_FAR}{suffix}",
+        "far": f"{_FAR * float(np.min(code.law.controller.bounds.following)):.6g}{suffix}",
     }
     return {
         "armgpi_controller.h": code.header,
@@ -293,21 +295,15 @@ def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]
 
 
 def _state_bytes(code: Code) -> int:
-    """Return the size of the state where integers have 32 bits and numbers are aligned to their size."""
-    real, n = (4 if code.real == "float" else 8), code.law.n
-    frozen = code.bounds.frozen_samples > 0
-    size = 12  # status, reason and joint
-    for reals, integers in ((2 * n, 0), (2 * n * frozen, (n + 1) * frozen)):
-        size = -(-size // real) * real + reals * real if reals else size
-        size += 4 * integers
-    law = sum(len(part.symbols) for part in code.law.state)
-    size = -(-size // real) * real + law * real if law else size
-    return -(-size // real) * real
+    """Return the size of the state: four integers of 32 bits, then numbers, aligned to their size."""
+    real = 4 if code.real == "float" else 8
+    numbers = sum(len(part.symbols) for part in code.law.state)
+    return -(-(16 + real * numbers) // real) * real
 
 
 def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | None) -> str:
     """Return the README."""
-    law, limits = code.law, code.bounds
+    law = code.law
     controller = law.controller
     robot: Any = controller.robot
     lower, upper, velocity, _ = robot.limits
@@ -319,22 +315,14 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         for j, (name, kind, unit) in enumerate(zip(robot.joint_names, robot.joint_types, units, strict=True))
     ]
     start = {
-        "hold": "The torque begins with the one that carries the arm's weight: release the brakes under it.",
+        "hold": "The first torque of the law is the one that holds the arm: release the brakes under it.",
         "zero": "The torque begins at zero, but for a feedforward (an arm that rests on something).",
-    }.get(getattr(controller, "start", ""), "")
-    action = {
-        "hold": "at what carries the arm's weight at the last good configuration, within the limits",
-        "zero": "at zero",
-    }[limits.action]
-    hold = (
-        "The holding torque is the model's G(q), with the load of the nominal model: an arm "
-        "that carries another load, or is moving, will drift under it. It bridges the time until the "
-        "brakes grip."
-    )
+    }.get(getattr(controller.law, "start", ""), "")
     return (
         Template(template("README.md"))
         .substitute(
-            title=f"{type(controller).__name__} controller of {plain(robot.name)}",
+            title=f"{type(controller.law).__name__} controller of {plain(robot.name)}",
+            contains=_contains(robot),
             version=__version__,
             source=source_of(robot),
             samples=samples,
@@ -344,12 +332,10 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             argument_notes="\n".join(f"- `{name}`: {MEANING[name]}." for name in law.inputs),
             joints="\n".join(joints),
             start=f"{start} " if start else "",
-            action=action,
-            jump=_jump_text(limits.jump, robot),
-            frozen=_frozen_text(code),
-            hold_note=hold if limits.action == "hold" else "",
+            **_faults(controller),
             real=code.real,
             state_bytes=state_bytes,
+            layout=f"{code.layout:08X}",
             typical=_counts(code.typical),
             worst_case=_counts(code.worst_case),
             measured=_measured(measured),
@@ -358,6 +344,49 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         .rstrip()
         + "\n"
     )
+
+
+def _contains(robot: Any) -> str:
+    """Return what the torque contains."""
+    if compensated(robot):
+        return (
+            "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
+            "torque interfaces do. On a robot that does not, the arm falls."
+        )
+    return (
+        "**The torque contains gravity**: it carries the arm. On a robot that compensates gravity itself "
+        "(Franka, UR) it would do so twice: export with `--gravity robot` for those."
+    )
+
+
+def compensated(robot: Any) -> bool:
+    """Tell whether a nominal model has no gravity, as that of a robot which compensates it itself."""
+    return not np.abs(robot.gravity(robot.middle() + 0.1 * np.arange(1, robot.n + 1))).max() > 0.0
+
+
+def _faults(controller: Supervised) -> dict[str, str]:
+    """Return what the README says of faults: name -> text."""
+    given, bounds, robot = controller.supervisor, controller.bounds, controller.robot
+    action = {
+        "brake": "the model's torque along the decelerating reference, then the arm's weight where it ends",
+        "hold": "the torque that carries the arm's weight at the last good position",
+        "zero": "zero torque",
+    }[given.on_fault]
+    rate = ""
+    if given.torque_rate is not None:
+        rate = f" It changes by at most {_few(bounds.rate)} N m or N from sample to sample, in every state."
+    return {
+        "action": action,
+        "rate": rate,
+        "deceleration": _few(bounds.slowing / controller.dt),
+        "missed": str(given.missed),
+        "jump": _jump_text(bounds.jump if given.jump else None, robot),
+        "step": _jump_text(bounds.step if given.reference_jump else None, robot),
+        "frozen": _frozen_text(controller),
+        "margin": _few(np.broadcast_to(given.position_margin, (robot.n,))),
+        "following": _few(bounds.following),
+        "saturated": f"for {given.saturated:g} s" if given.saturated else "never: switched off at export",
+    }
 
 
 _FLOAT = """\
@@ -371,25 +400,25 @@ def _jump_text(jump: Array | None, robot: Any) -> str:
     """Return when a position has jumped."""
     if jump is None:
         return "never: switched off at export"
-    checked = np.isfinite(jump)
+    checked = jump < FARTHEST
     if not checked.any():
         return "never: no joint has a velocity limit"
     listed = ", ".join(f"{x:.4g}" for x in jump[checked])
     names = [plain(name) for name, known in zip(robot.joint_names, checked, strict=True) if not known]
     rest = f"; not for {', '.join(names)}, without a velocity limit" if names else ""
-    return f"a position changed by more than {listed} rad or m in one sample{rest}"
+    return f"by more than {listed} rad or m in one sample{rest}"
 
 
-def _frozen_text(code: Code) -> str:
+def _frozen_text(controller: Supervised) -> str:
     """Return when a position is frozen."""
-    limits = code.bounds
-    if not limits.frozen_samples:
+    samples = controller.frozen_samples
+    if not samples:
         return "never: switched off at export"
     return (
-        f"a position did not change at all for {limits.frozen_samples} samples in which it should have: "
-        f"since it last changed, its reference has moved by more than {_few(limits.travel)} rad or m, or "
-        f"torque less the arm's weight by more than {_few(limits.torque)} N m or N. An arm at rest "
-        "is no fault"
+        f"a position did not change at all for {samples} samples in which it should have: since it last "
+        f"changed, its reference has moved by more than {_few(controller.bounds.travel)} rad or m, or the "
+        "torque is at its limit; at once where the joint was moving with its reference. An arm at rest is "
+        "no fault"
     )
 
 

@@ -15,6 +15,7 @@ from armgpi.codegen.state import children, flatten, join, leaves_like, numbers, 
 from armgpi.codegen.symbols import NotElementwise, Symbols, flat
 from armgpi.codegen.trace import Trace, Tracer, state_part, tracing
 from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.control.supervisor import Supervised
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot.robot import Robot
@@ -30,8 +31,8 @@ _RESERVED = frozenset(
         """
         auto break case char const continue default do double else enum extern float for goto if inline int
         long register restrict return short signed sizeof static struct switch typedef union unsigned void
-        volatile while status reason fault_joint q_last tau_fault q_ref_mark excess_mark frozen_count first
-        JUMP FROZEN_TRAVEL FROZEN_TORQUE FROZEN_SAMPLES JOINT_NAMES REAL_MAX NAN INFINITY HUGE_VAL EOF NULL
+        volatile while status reason fault_joint layout MISSED COUNTED JOINT_NAMES REAL_MAX NAN INFINITY
+        HUGE_VAL EOF NULL
         """,
     )
 )
@@ -60,7 +61,7 @@ class Routine(NamedTuple):
 
     Attributes:
         calls: its uses of the dynamics, in order.
-        outputs: expressions: of the torque (of `step` and `hold`), then of the state (of `step` and `init`).
+        outputs: expressions: of the torque (of `step`), then of the state.
     """
 
     calls: list[Call]
@@ -71,25 +72,23 @@ class Law(NamedTuple):
     """A controller as expressions.
 
     Attributes:
-        controller: the controller.
+        controller: the controller under its supervisor.
         inputs: name -> n symbols, for what it is given of :data:`INPUTS`.
         tables: its constants.
         state: the parts of its state.
         init: works out the state before the first sample.
         step: works out torque and next state.
-        hold: works out the torque that carries the arm's weight, within the limits.
         user_defined: whether there are laws among it that do not come with armgpi.
         first: the state of a controller at rest: an example of it.
         whole: paths of the parts of its state that are whole numbers, an int in Python.
     """
 
-    controller: Controller
+    controller: Supervised
     inputs: dict[str, list[Any]]
     tables: list[Table]
     state: list[Table]
     init: Routine
     step: Routine
-    hold: Routine
     user_defined: bool
     first: Any
     whole: list[str]
@@ -100,15 +99,13 @@ class Law(NamedTuple):
         return self.controller.robot.n
 
 
-def trace_controller(controller: Controller) -> Law:
+def trace_controller(controller: Supervised) -> Law:
     """Return a controller's law as expressions.
 
     Raises:
         ParameterError: when it is not a controller for a single rollout.
         NotElementwise: when it does what has no C.
     """
-    if not isinstance(controller, Controller):
-        raise ParameterError("controller", controller, "a Controller")
     if controller.batch is not None or not isinstance(controller.robot, Robot):
         size = "several" if controller.batch is None else controller.batch
         raise ParameterError(
@@ -121,7 +118,7 @@ def trace_controller(controller: Controller) -> Law:
             return _traced(controller, trace, tracer)
 
 
-def _traced(controller: Controller, trace: Trace, tracer: _ControllerTracer) -> Law:
+def _traced(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> Law:
     """Call `init` and `step` with symbols."""
     n = controller.robot.n
     law: Any = tracer(controller)
@@ -155,19 +152,13 @@ def _traced(controller: Controller, trace: Trace, tracer: _ControllerTracer) -> 
         shape = np.shape(value)
         symbols = Symbols.new(f"s{len(parts)}", shape)
         given.append(symbols)
-        path = path or "value"  # of a state that is one array
-        parts.append(Table(names(path, str.lower), path, shape, flat(symbols), []))
+        parts.append(Table(names(_short(path), str.lower), path, shape, flat(symbols), []))
     tau, after = law.step(measured, target, unflatten(first, given))
     step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, first)])
     step.calls.extend(taken())
 
-    # PID with a nominal model of its own for gravity holds by that one.
-    holding = getattr(law, "bias_robot", law.robot)
-    torque = law.limited(holding.dynamics.gravity(inputs["q_measured"]))
-    hold = Routine(taken(), flat(np.broadcast_to(torque, (n,))))
-
     arguments = {name: flat(x) for name, x in inputs.items()}
-    used = _used(init, step, hold)
+    used = _used(init, step)
     # The supervision needs positions and their reference, used by the law or not.
     wanted = {"q_measured", "q_ref", *(("v_measured",) if measures_velocity else ())}
     kept = {
@@ -177,7 +168,7 @@ def _traced(controller: Controller, trace: Trace, tracer: _ControllerTracer) -> 
     }
     tables = [table for table in tracer.tables if used & {x.element_hash() for x in table.symbols}]
     whole = [part.path for part, (_, value) in zip(parts, state, strict=True) if isinstance(value, int)]
-    return Law(controller, kept, tables, parts, init, step, hold, trace.user_defined, first, whole)
+    return Law(controller, kept, tables, parts, init, step, trace.user_defined, first, whole)
 
 
 class _ControllerTracer(Tracer):
@@ -202,7 +193,7 @@ class _ControllerTracer(Tracer):
             path = self._paths.get(id(values), "inertia_scale")
             entries = [float(x) for x in np.ravel(values)]
             self.tables.append(
-                Table(self._names(path, str.upper), path, values.shape, flat(symbols), entries)
+                Table(self._names(_short(path), str.upper), path, values.shape, flat(symbols), entries)
             )
         return symbols
 
@@ -224,6 +215,11 @@ class _ControllerTracer(Tracer):
             items = iter(getattr(value, "__dict__", {}).items())
         for key, item in items:
             self._find(item, join(path, str(key)), seen)
+
+
+def _short(path: str) -> str:
+    """Return a path without the supervisor around the law; a state that is one array has a name as well."""
+    return "value" if path == "law" else path.removeprefix("law.")
 
 
 class _Names:

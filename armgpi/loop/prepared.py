@@ -15,6 +15,7 @@ import xarray as xr
 
 from armgpi.arrays import ArrayLike, check_choice, check_number, check_type, check_whole
 from armgpi.control.controller import Controller
+from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
@@ -58,6 +59,7 @@ def prepare(
     signals: bool = False,
     divergence: float = DIVERGENCE,
     backend: str = "auto",
+    supervisor: Supervisor | None = None,
 ) -> PreparedLoop:
     """Return a closed loop that runs with new numbers as often as wanted, traced and compiled once.
 
@@ -74,11 +76,15 @@ def prepare(
             [rad or m], or when a velocity or torque is not finite.
         backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
             where there can be none; "auto" for generated code where it saves more time than it takes to make.
+        supervisor: puts the controller under a supervisor; see :func:`armgpi.simulate`.
 
     Raises:
         ParameterError: when an argument is not as it should be, or the parts do not match.
         ArrayError: when an array is not as it should be.
     """
+    check_type(supervisor, "supervisor", Supervisor | None, "a Supervisor")
+    if supervisor is not None:
+        controller = Supervised(controller, supervisor)
     return PreparedLoop(
         ClosedLoop(plant, controller, reference),
         t_final,
@@ -121,7 +127,10 @@ class PreparedLoop:
         check_type(signals, "signals", bool, "True or False")
         self._every = check_whole(record_every, "record_every", 1)
         self._divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
-        self._metrics, self._signals, self._backend = record == "metrics", signals, backend
+        self._metrics, self._backend = record == "metrics", backend
+        # Its signals say what the faults were.
+        self._supervised = isinstance(loop.controller, Supervised) and not self._metrics
+        self._signals = signals or self._supervised
         self._known: dict[Any, Any] = {}
         self._variables: dict[str, Variable] | None = None
         self._reference_checked = False
@@ -176,6 +185,8 @@ class PreparedLoop:
         recording = Recording.new(shape, self.steps, loop.dt, every)
         run = self._finished(loop, state, recording, progress)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
+        if self._supervised and recording.stored:
+            recording.note_faults()
         if self._metrics:
             return self._summary(loop, run, shape, final, made_from)
         return to_dataset(

@@ -10,6 +10,8 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 ``disturbance``           disturbance torque of the loads, where there are any         N m
 ``status``, ``t_end``     how and when the rollout ended                               , s
 ``lower`` ... ``effort``  limits of the plant's joints                                 rad, N m
+``supervisor``            state of the supervisor, where there is one
+``fault``, ...            reason, joint (index) and time of its fault                  , , s
 ========================  ===========================================================  ==============
 
 (m instead of rad and N instead of N m for prismatic joints; ``joint_type`` says which, and the attribute
@@ -22,7 +24,7 @@ import io
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from os import PathLike
 from pathlib import Path
@@ -37,6 +39,7 @@ from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import Array, check_path, check_type
+from armgpi.control.supervisor import SIGNALS, Reason
 from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
@@ -66,12 +69,25 @@ _QUANTITIES = {
 }
 
 
+#: What is said of the fault of a supervised rollout.
+_FAULTS: dict[str, dict[str, Any]] = {
+    "fault": {
+        "long_name": "why the supervisor stopped the arm",
+        "flag_values": np.array([int(reason) for reason in Reason], dtype=np.int32),
+        "flag_meanings": " ".join(reason.name.lower() for reason in Reason),
+    },
+    "fault_joint": {"long_name": "index of the joint concerned, -1 for none"},
+    "t_fault": {"long_name": "time of the fault", "units": "s"},
+}
+
+
 class Status(IntEnum):
     """How a rollout ended."""
 
     FINISHED = 0
     DIVERGED = 1
     INTERRUPTED = 2
+    STOPPED = 3
 
 
 @dataclass
@@ -87,6 +103,7 @@ class Recording:
         status: of every rollout, shape (rollouts,).
         t_end: when each ended [s], shape (rollouts,).
         stored: how many samples are there.
+        faults: of supervised rollouts, what :meth:`note_faults` found: name -> array (rollouts,).
     """
 
     times: Array
@@ -97,6 +114,7 @@ class Recording:
     status: npt.NDArray[np.int32]
     t_end: Array
     stored: int = 0
+    faults: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
     def new(cls, shape: tuple[int, ...], steps: int, dt: float, every: int) -> Recording:
@@ -135,6 +153,28 @@ class Recording:
         running = self.running
         self.t_end[running] = samples * self.dt
         self.status[running] = Status.INTERRUPTED
+
+    def note_faults(self) -> None:
+        """Note what the supervisor's signals say of faults; a rollout with one was stopped."""
+        last = {}
+        for name in SIGNALS:
+            # The last number that is one, of the first joint: they are all the same.
+            values = self.variables[name].reshape(len(self.times), len(self.status), -1)[..., 0]
+            there = len(values) - 1 - np.argmax(np.isfinite(values[::-1]), axis=0)
+            last[name] = np.nan_to_num(values[there, np.arange(len(self.status))])
+        for name in SIGNALS[1:]:  # the same all along, or of no use before the end
+            del self.variables[name]
+        _, reason, joint, since = last.values()
+        faulty = reason > 0.0
+        t_fault = np.where(faulty, self.times[there] - since * self.dt, np.nan)
+        self.faults = {
+            "fault": reason.astype(np.int32),
+            "fault_joint": np.where(faulty, joint, -1.0).astype(np.int32),
+            "t_fault": t_fault,
+        }
+        stopped = faulty & self.running
+        self.status[stopped] = Status.STOPPED
+        self.t_end[stopped] = t_fault[stopped]
 
     def store(self, first: int, samples: Mapping[str, Array]) -> None:
         """Store the samples `first`, `first` + 1, ... of every variable, (k, rollouts, n), thinned.
@@ -209,6 +249,8 @@ def to_dataset(
     )
     t_end = recording.t_end if batched else recording.t_end[0]
     variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
+    for name, values in recording.faults.items():
+        variables[name] = (per_rollout, values if batched else values[0], dict(_FAULTS[name]))
     for name, limit in robot.limits._asdict().items():
         variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
     return xr.Dataset(
@@ -275,13 +317,17 @@ def _status() -> dict[str, Any]:
 
 
 def describe_end(rollout: xr.Dataset) -> list[str]:
-    """Return in words how each rollout ended: "finished", "diverged at 1.25 s", ..."""
+    """Return in words how each rollout ended: "finished", "diverged at 1.25 s", "stopped at 1.25 s: ..."."""
     words = []
-    for status, t_end in zip(
-        np.atleast_1d(rollout["status"].values), np.atleast_1d(rollout["t_end"].values), strict=True
-    ):
+    rows = rollout if "rollout" in rollout["status"].dims else rollout.expand_dims("rollout")
+    for index, (status, t_end) in enumerate(zip(rows["status"].values, rows["t_end"].values, strict=True)):
         name = Status(int(status)).name.lower()
-        words.append(name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s")
+        said = name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s"
+        if status == Status.STOPPED and "fault" in rows:
+            reason = Reason(int(rows["fault"].values[index])).name
+            joint = rows["joint"].values[int(rows["fault_joint"].values[index])]
+            said += f": {reason} ({joint})"
+        words.append(said)
     return words
 
 

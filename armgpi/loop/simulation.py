@@ -6,6 +6,7 @@ import xarray as xr
 
 from armgpi.arrays import ArrayLike
 from armgpi.control.controller import Controller
+from armgpi.control.supervisor import Supervisor
 from armgpi.loop.prepared import prepare
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import Plant
@@ -25,6 +26,7 @@ def simulate(
     divergence: float = DIVERGENCE,
     progress: bool | None = None,
     backend: str = "numpy",
+    supervisor: Supervisor | None = None,
 ) -> xr.Dataset:
     """Run a closed loop and return its rollout.
 
@@ -42,6 +44,8 @@ def simulate(
         progress: show a progress bar; when not given, on a terminal and for long runs.
         backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
             where there can be none; "auto" for generated code where it saves more time than it takes to make.
+        supervisor: puts the controller under a supervisor, see :mod:`armgpi.control.supervisor`. A rollout
+            with a fault has the status "stopped", the time of its fault, and what the arm did afterwards.
 
     Returns:
         A dataset with the dimensions time, joint and, for a batch, rollout: see :mod:`armgpi.loop.rollout`. A
@@ -62,5 +66,6 @@ def simulate(
         signals=signals,
         divergence=divergence,
         backend=backend,
+        supervisor=supervisor,
     )
     return loop.run(q0=q0, v0=v0, progress=progress)

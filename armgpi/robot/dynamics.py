@@ -56,6 +56,19 @@ class Dynamics(Protocol):
             Torques [N m or N], same shape.
         """
 
+    def inverse_where(self, on: Array, q: Array, v: Array, a: Array) -> Array:
+        """Return `on` times the torque of :meth:`inverse`, without work where `on` is all zero.
+
+        Args:
+            on: 1 where the torque is asked for, 0 elsewhere, shape (1,) or (batch, 1).
+            q: positions [rad or m], shape (n,) or (batch, n).
+            v: velocities [rad/s or m/s], same shape.
+            a: accelerations [rad/s^2 or m/s^2], same shape.
+
+        Returns:
+            Torques [N m or N], same shape.
+        """
+
     def inertia_times(self, q: Array, a: Array) -> Array:
         """Return D(q) a.
 
@@ -137,7 +150,15 @@ class Workspace(threading.local):
         return Workspace, (self.model,)
 
 
-class PinocchioDynamics:
+class _Conditional:
+    """What dynamics give only where it is asked for."""
+
+    def inverse_where(self: Any, on: Array, q: Array, v: Array, a: Array) -> Array:
+        """Return `on` times the torque; see :meth:`Dynamics.inverse_where`."""
+        return on * self.inverse(q, v, a) if np.count_nonzero(on) else np.zeros_like(q)
+
+
+class PinocchioDynamics(_Conditional):
     """Kernels of one Pinocchio model.
 
     Batches go through Pinocchio's parallel versions, which agree with the single ones bit by bit (in
@@ -241,7 +262,7 @@ class _Rows(threading.local):
         self.data = self.model.createData()
 
 
-class VariedDynamics:
+class VariedDynamics(_Conditional):
     """One arm with another load, rotor inertia or gravity in each row of a batch.
 
     What varies is what was declared to, whatever the numbers are: generated code has it as an input.
@@ -346,7 +367,7 @@ class VariedDynamics:
             model.gravity = pin.Motion(self.gravity_vector[i], np.zeros(3))
 
 
-class CoupledDynamics:
+class CoupledDynamics(_Conditional):
     """Equations of motion of joints that others follow: all coordinates are ``ratio @ q + offset``.
 
     The ratio J is constant, so the equations are those of the whole model projected on the free joints:
@@ -429,6 +450,10 @@ class ScaledDynamics:
         """Return the torque; see :meth:`Dynamics.inverse`."""
         return self.scale * self.base.inverse(q, v, a)
 
+    def inverse_where(self, on: Array, q: Array, v: Array, a: Array) -> Array:
+        """Return `on` times the torque; see :meth:`Dynamics.inverse_where`."""
+        return self.scale * self.base.inverse_where(on, q, v, a)
+
     def inertia_times(self, q: Array, a: Array) -> Array:
         """Return D(q) a; see :meth:`Dynamics.inertia_times`."""
         return self.scale * self.base.inertia_times(q, a)
@@ -474,7 +499,7 @@ def stacked(parts: Sequence[Dynamics]) -> Dynamics:
     return groups[0][0] if len(groups) == 1 else StackedDynamics(groups)
 
 
-class StackedDynamics:
+class StackedDynamics(_Conditional):
     """One robot per row of the batch, equal ones in groups, so that each is called once per batch.
 
     Attributes:

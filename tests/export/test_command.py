@@ -52,7 +52,7 @@ def test_a_folder_is_written_and_its_figures_are_told(export: Callable[..., Answ
     code, out, err = export(ARM, "--t-final", "0.2", "--encoder-bits", "16", "--delay", "2", "-o", tmp_path)
     assert code == 0, out + err
     assert all(f"wrote {tmp_path / name}" in err for name in FILES)
-    assert "224 bytes" in out
+    assert "360 bytes" in out
     readme = (tmp_path / "README.md").read_text()
     assert "`q3` | revolute" in readme
     assert "for 52 samples" in readme  # 50 ms, and the delay
@@ -75,7 +75,7 @@ def test_figures_come_as_json(export: Callable[..., Answer], tmp_path: Path) -> 
     assert figures["agrees"] is (True if COMPILER else None)
     header = (tmp_path / "armgpi_controller.h").read_text()
     assert "typedef float armgpi_real_t;" in header
-    assert "frozen_count" not in header
+    assert (tmp_path / "README.md").read_text().count("never: switched off at export") == 2
     assert "v_measured" in header
 
 
@@ -120,9 +120,9 @@ def test_a_controller_that_loses_the_arm_is_told(export: Callable[..., Answer], 
         ((ARM, "-o", "file"), "file: cannot be written to"),
         ((ARM, "-o", "file/below"), "cannot be written to"),
         ((ARM, "-o", "new", "--real", "half"), "--real: must be one of double, float, got 'half'"),
-        ((ARM, "-o", "new", "--on-fault", "stop"), "--on-fault: action must be one of hold, zero"),
-        ((ARM, "-o", "new", "--frozen", "-1"), "--frozen: frozen_samples must be a whole number"),
-        ((ARM, "-o", "new", "--jump", "nan"), "--jump: jump must be"),
+        ((ARM, "-o", "new", "--on-fault", "stop"), "--on-fault: expected 'brake', 'hold' or 'zero'"),
+        ((ARM, "-o", "new", "--frozen", "-1"), "--frozen: expected"),
+        ((ARM, "-o", "new", "--jump", "nan"), "--jump: expected"),
         ((ARM, "-o", "new", "--effort", "0"), "effort limit 0"),
         ((ARM, "-o", "new", "--effort", "0.01"), "the torque that holds the arm"),
     ],

@@ -34,33 +34,34 @@ typedef enum {
 $enum
 } armgpi_joint_t;
 
-/* What a state is in. All zero bytes, as a static variable has them, are a state before its init. */
-typedef enum {
-    ARMGPI_STATUS_BEFORE_INIT = 0,
-    ARMGPI_STATUS_RUN = 1,
-    ARMGPI_STATUS_FAULT = 2
-} armgpi_status_t;
+/* Version of this interface, and a hash of what the state is made of: equal ones can read each other. */
+#define ARMGPI_ABI ${abi}U
+#define ARMGPI_LAYOUT $layout
+/* Samples that may be missed in a row. */
+#define ARMGPI_MISSED ${missed}U
 
-/* Why a state is in ARMGPI_STATUS_FAULT. */
-typedef enum {
-    ARMGPI_REASON_NONE = 0,
-    ARMGPI_REASON_BEFORE_INIT = 1, /* step came before init */
-    ARMGPI_REASON_MEASUREMENT = 2, /* a measured number is not finite */
-    ARMGPI_REASON_REFERENCE = 3,   /* a number of the reference is not finite */
-    ARMGPI_REASON_JUMP = 4,        /* a position moved faster than its joint can */
-    ARMGPI_REASON_FROZEN = 5,      /* a position should have changed */
-    ARMGPI_REASON_TORQUE = 6       /* the law's torque is not finite, or beyond its limit */
-} armgpi_reason_t;
+/* What a state is in. */
+typedef uint32_t armgpi_status_t;
+$statuses
 
-/* All that changes. Allocate it where you like; nothing in it is for others to write. */
+/* Why it is not in RUN any more; of several reasons in one sample the one with the highest number. */
+typedef uint32_t armgpi_reason_t;
+$reasons
+
+/* All that changes. Allocate it where you like; nothing in it is for others to write. All zero bytes, as a static
+   variable has them, are a state before its init. Its size is the same on every machine. */
 typedef struct {
-    /* Supervision. */
-$supervision
-    /* The law, by its names in Python. */
+    uint32_t layout;        /* ARMGPI_LAYOUT after init */
+    armgpi_status_t status; /* what it is in */
+    armgpi_reason_t reason; /* of a fault */
+    uint32_t fault_joint;   /* joint concerned, see armgpi_joint_t */
+    /* Supervisor and law, by their names in Python. */
 $fields} armgpi_state_t;
 
 /* What the code was made for. */
 typedef struct {
+    uint32_t abi;                 /* ARMGPI_ABI */
+    uint32_t layout;              /* ARMGPI_LAYOUT */
     uint32_t n;                   /* number of joints */
     uint32_t real_bytes;          /* size of armgpi_real_t */
     uint32_t state_bytes;         /* size of armgpi_state_t */
@@ -73,7 +74,8 @@ typedef struct {
 extern const armgpi_info_t armgpi_info;
 
 /*
- * Start: the controller is in RUN, or in FAULT with torque zero when an argument is not finite.
+ * Start: the controller is in INIT, or in FAULT with torque zero when an argument is implausible: not finite, beyond
+ * the limits, or a reference too far from the measurement. The torque begins at zero, within its rate.
 $argument_notes
  */
 armgpi_status_t armgpi_init(armgpi_state_t *state,
@@ -82,15 +84,25 @@ $parameters);
 /*
  * Take one sample.
 $argument_notes
- *   tau_out     torque to hold until the next sample [N m or N]; finite and within the limits, always
- * While in FAULT tau_out is $action, and arguments are not read. armgpi_reset leads back.
+ *   tau_out     torque to hold until the next sample [N m or N]; finite and within limits and rate, always
+ * While in STOPPING and HOLD the law stops and holds the arm; go on calling. In FAULT tau_out is
+ * $action. armgpi_reset leads back.
  */
 armgpi_status_t armgpi_step(armgpi_state_t *state,
 $parameters,
     armgpi_real_t tau_out[ARMGPI_N]);
 
 /*
- * Leave FAULT, by a decision of the caller: as init, from where the arm is now.
+ * Take a sample that comes `elapsed` sample times after the last one. What was missed is filled by interpolation;
+ * more than ARMGPI_MISSED samples are a fault. With elapsed 1 it is armgpi_step.
+ */
+armgpi_status_t armgpi_step_late(armgpi_state_t *state, uint32_t elapsed,
+$parameters,
+    armgpi_real_t tau_out[ARMGPI_N]);
+
+/*
+ * Leave STOPPING, HOLD or FAULT, by a decision of the caller: as init, from where the arm is now; the torque goes on
+ * from the last one, within its rate.
  */
 armgpi_status_t armgpi_reset(armgpi_state_t *state,
 $parameters);

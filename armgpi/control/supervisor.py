@@ -1,0 +1,706 @@
+"""The supervisor around a controller: it checks every sample, stops the arm under control, and holds it.
+
+States: INIT (the torque ramps to the law's first one), RUN, STOPPING (the law follows a reference that
+decelerates), HOLD (it has stopped, and is held by the law), FAULT (open loop: nothing is measured that can
+be trusted, or the law does not get the arm to follow). Only a reset leads back.
+
+It is elementwise, like a law: what NumPy runs here is what exported C does.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import LARGEST, Array, check_type, check_whole, per_joint, quantity
+from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
+from armgpi.errors import ParameterError
+from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
+from armgpi.references.reference import Target
+
+#: What a rollout records of the supervisor: status, reason and joint of a fault, samples since then.
+SIGNALS = ("supervisor", "supervisor_reason", "supervisor_joint", "supervisor_since")
+#: Which joints, or rollouts (..., 1).
+Mask = npt.NDArray[np.bool_]
+
+
+class State(IntEnum):
+    """What a supervised controller is in."""
+
+    INIT = 0
+    RUN = 1
+    STOPPING = 2
+    HOLD = 3
+    FAULT = 4
+
+
+class Reason(IntEnum):
+    """Why it stops; of several in one sample the one with the highest number."""
+
+    NONE = 0
+    BEFORE_INIT = 1
+    LATE = 2
+    SATURATED = 3
+    FOLLOWING = 4
+    REFERENCE = 5
+    POSITION = 6
+    FROZEN = 7
+    JUMP = 8
+    NOT_FINITE = 9
+
+
+#: Positions beyond this are no measurements: sine and cosine would lose digits and time [rad or m].
+FARTHEST = 1e4
+#: Velocities and accelerations beyond this are none [rad/s, rad/s^2 or m].
+_FASTEST = 1e6
+#: A measurement that does not change for so long [s], while it should, is frozen.
+_FROZEN_TIME = 0.05
+#: Counts by which a reference has to move before a measurement has to.
+_FROZEN_COUNTS = 16.0
+#: Share of the reference's velocity above which a joint was in motion, and cannot stand still at once.
+_IN_MOTION = 0.1
+#: Time constant of the velocities from which a stop begins [s].
+_SMOOTHING = 5e-3
+#: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
+_NEAR = 0.05
+#: Resolution of positions where none is given: a turn, or the travel of a prismatic joint, in 2^16 counts.
+_BITS = 16
+#: Standard deviations of noise that count as resolution.
+_SIGMAS = 6.0
+#: Samples since a fault are counted up to here, which single precision can.
+COUNTED = 1e7
+
+
+@with_parameters
+class Supervisor(Parametrised):
+    """What a supervisor takes for a fault, and how it stops the arm.
+
+    A frozen sensor and an arm at rest both repeat one number. They differ in what was asked of the arm since
+    the number last changed: the reference has moved on by 16 counts, or the torque is at its limit.
+    """
+
+    on_fault: str = parameter(
+        "torque in FAULT: brake follows the decelerating reference by the nominal model, hold carries the "
+        "arm's weight at the last good position, zero",
+        kind="choice",
+        default="brake",
+        choices=("brake", "hold", "zero"),
+        structural=True,
+    )
+    deceleration: PerJoint = parameter(
+        "deceleration of a stop",
+        unit="rad/s^2 or m/s^2",
+        default=10.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
+    stop_velocity: PerJoint = parameter(
+        "velocity at which a stop begins, at most",
+        unit="rad/s or m/s",
+        default=None,
+        none="the velocity limits",
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
+    torque_rate: PerJoint = parameter(
+        "highest rate of change of torque, in every state; the anti-windup knows of it",
+        unit="N m/s or N/s",
+        default=None,
+        none="no limit",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    jump: float = parameter(
+        "JUMP: samples of travel at the velocity limit that a measurement may take at once; one more than "
+        "may get lost in a row; 0 for no check",
+        default=2.0,
+        least=0.0,
+    )
+    reference_jump: float = parameter(
+        "REFERENCE: samples of travel at the velocity limit that the reference may take at once; 0 for no "
+        "check",
+        default=2.0,
+        least=0.0,
+    )
+    frozen_samples: int | None = parameter(
+        "FROZEN: samples for which a measurement repeats itself that should change; 0 for no check",
+        kind="integer",
+        default=None,
+        none="those of 0.05 s, and of the delay",
+        least=0,
+        most=2**20,
+        key="frozen",
+    )
+    resolution: PerJoint = parameter(
+        "a count: what positions may differ by without a motion",
+        unit="rad or m",
+        default=None,
+        none="the encoder's, or a turn / 2^16",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    position_margin: PerJoint = parameter(
+        "POSITION: how far beyond its limits a joint may be",
+        unit="rad or m",
+        default=0.1,
+        least=0.0,
+        per_joint=True,
+    )
+    following: PerJoint = parameter(
+        "FOLLOWING: largest distance from the reference",
+        unit="rad or m",
+        default=0.5,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    saturated: float = parameter(
+        "SATURATED: how long a torque may be at its limit; shorter times add up, times below it count back; "
+        "0 for no check",
+        unit="s",
+        default=0.5,
+        least=0.0,
+    )
+    missed: int = parameter(
+        "LATE: samples that may be missed in a row; after as many without a good measurement it is FAULT",
+        kind="integer",
+        default=20,
+        least=0,
+        most=1000,
+    )
+
+
+class Bounds(NamedTuple):
+    """The numbers that a supervised controller compares with, each of shape (n,) or (batch, n).
+
+    Attributes:
+        jump: largest change of a position from sample to sample [rad or m].
+        step: largest change of the reference, likewise.
+        lower: lowest position [rad or m].
+        upper: highest position [rad or m].
+        following: largest distance from the reference [rad or m].
+        travel: of the reference, which asks a position to change [rad or m].
+        slowing: change of velocity in a sample of a stop [rad/s or m/s].
+        stop_velocity: at which a stop begins, at most [rad/s or m/s].
+        rate: change of torque in a sample, at most [N m or N].
+    """
+
+    jump: Array
+    step: Array
+    lower: Array
+    upper: Array
+    following: Array
+    travel: Array
+    slowing: Array
+    stop_velocity: Array
+    rate: Array
+
+
+class Watch(NamedTuple):
+    """What the supervisor keeps.
+
+    From `status` to `ready` they are of shape (1,) or (batch, 1), the others of (n,) or (batch, n).
+
+    Attributes:
+        status: number of its state.
+        reason: number of the reason of a fault, 0 for none.
+        joint: index of the joint that it concerns.
+        since: samples since the fault.
+        bad: samples in a row without a good measurement.
+        late: 1 when the measurement that comes is too late.
+        ready: 1 when there was a good measurement.
+        q: last good measurement [rad or m].
+        v: its velocity, smoothed [rad/s or m/s].
+        r: reference that is followed [rad or m].
+        rv: its velocity, smoothed [rad/s or m/s].
+        tau: last torque [N m or N].
+        still: samples for which the measurement should have changed.
+        mark: reference when the measurement last changed [rad or m].
+        cut: samples for which the torque was at its limit.
+    """
+
+    status: Array
+    reason: Array
+    joint: Array
+    since: Array
+    bad: Array
+    late: Array
+    ready: Array
+    q: Array
+    v: Array
+    r: Array
+    rv: Array
+    tau: Array
+    still: Array
+    mark: Array
+    cut: Array
+
+
+class SupervisedState(NamedTuple):
+    """State of a supervised controller.
+
+    Attributes:
+        supervisor: what the supervisor keeps.
+        law: state of the controller in it.
+    """
+
+    supervisor: Watch
+    law: Any
+
+
+class FaultReport(NamedTuple):
+    """What a supervised controller of one rollout says of itself.
+
+    Attributes:
+        status: "init", "run", "stopping", "hold" or "fault".
+        reason: name of a :class:`Reason` in lower case; "none" without a fault.
+        joint: name of the joint concerned, None without a fault.
+    """
+
+    status: str
+    reason: str
+    joint: str | None
+
+
+class _Seen(NamedTuple):
+    """What a sample looks like.
+
+    Attributes:
+        q: measured positions where they are good, the last good ones elsewhere.
+        lost: whether a measurement is not good, (1,).
+        frozen: whether one is frozen, (1,).
+        failing: whether a joint does not follow, or was at its torque limit for too long, (1,).
+        worst: reason with the highest number, 0 for none, (1,).
+        joint: first joint that it concerns, (1,).
+        still: see :class:`Watch`.
+        near: which joints are near their reference.
+    """
+
+    q: Array
+    lost: Mask
+    frozen: Mask
+    failing: Mask
+    worst: Array
+    joint: Array
+    still: Array
+    near: Mask
+
+
+class Supervised(Controller):
+    """A controller under a supervisor: its torque is finite and within limits and rate, whatever comes.
+
+    Attributes:
+        law: the controller.
+        supervisor: the bounds, as they were given.
+        bounds: the same as numbers for this arm and sample time.
+        frozen_samples: samples that make a measurement frozen, 0 for no check.
+    """
+
+    def __init__(self, law: Controller, supervisor: Supervisor | None = None) -> None:
+        """Put a controller under a supervisor.
+
+        Args:
+            law: the controller.
+            supervisor: what it takes for a fault; as :class:`Supervisor` has it when not given.
+
+        Raises:
+            ParameterError: when the controller is none, or is supervised already.
+            ArrayError: when a bound does not fit the joints.
+        """
+        check_type(law, "law", Controller, "a Controller")
+        if isinstance(law, Supervised):
+            raise ParameterError("law", law, "a controller that is not supervised yet")
+        supervisor = Supervisor() if supervisor is None else supervisor
+        check_type(supervisor, "supervisor", Supervisor, "a Supervisor")
+        # Checked by the law; its arrays, as one array is one table in exported C.
+        for name in ("robot", "dt", "effort"):
+            self.keep(name, getattr(law, name))
+        self.batch, self._floor = law.batch, law._floor
+        self.law, self.supervisor = law, supervisor
+        self.measurement_type = law.measurement_type  # type: ignore[misc]  # of this one, not of the class
+        self.knows = law.knows  # type: ignore[misc]
+        self.bounds = _bounds(law, supervisor)
+        self._smoothing = self.dt / (self.dt + _SMOOTHING)
+        self.frozen_samples = supervisor.frozen_samples
+        if self.frozen_samples is None:
+            self.frozen_samples = frozen_samples(self.dt)
+        self._lost = max(supervisor.jump - 1.0, 0.0) * self.dt
+        self._cut_samples = supervisor.saturated / self.dt
+        # PID with a nominal model of its own for gravity brakes by that one.
+        self._brakes = getattr(law, "bias_robot", law.robot).dynamics
+        self._uses = _uses(law)
+
+    def init(self, measurement: Any, target: Target) -> SupervisedState:
+        """Return the state before the first sample; FAULT, with torque zero, when it is implausible."""
+        given, asked = measurement.q, target.q
+        bounds = self.bounds
+        code = np.where(_beyond(given - asked, bounds.following), float(Reason.FOLLOWING), 0.0)
+        code = np.where(_beyond(asked, FARTHEST), float(Reason.REFERENCE), code)
+        outside = (given < bounds.lower) | (given > bounds.upper)
+        code = np.where(outside, float(Reason.POSITION), code)
+        code = np.where(self._not_finite(measurement), float(Reason.NOT_FINITE), code)
+        worst, joint = _worst(code)
+        good = worst == 0.0
+        zero = np.zeros_like(code)
+        none = zero[..., :1]
+        q, r = np.where(good, given, 0.0), np.where(good, asked, 0.0)
+        v = np.where(good, measurement.v, 0.0) if self.measurement_type is FullState else zero
+        rest = Target(r, zero, zero)
+        law = self.law.init(self._shown(q, v), self._given(rest, target, worst != 0.0))
+        watch = Watch(
+            status=np.where(good, float(State.INIT), float(State.FAULT)),
+            reason=worst,
+            joint=joint,
+            since=none,
+            bad=none,
+            late=none,
+            ready=np.where(good, 1.0, 0.0),
+            q=q,
+            v=zero,
+            r=r,
+            rv=zero,
+            tau=zero,
+            still=zero,
+            mark=r,
+            cut=zero,
+        )
+        return SupervisedState(watch, law)
+
+    def reset(self, measurement: Any, target: Target, state: SupervisedState) -> SupervisedState:
+        """Return the state of a start from where the arm is now, by a decision of the caller.
+
+        Args:
+            measurement: as for :meth:`init`.
+            target: likewise.
+            state: the one to leave; the torque goes on from its last one, within the rate.
+        """
+        made = self.init(measurement, target)
+        return made._replace(supervisor=made.supervisor._replace(tau=state.supervisor.tau))
+
+    def advance(
+        self, measurement: Any, target: Target, state: SupervisedState, elapsed: int = 1
+    ) -> ControlStep:
+        """Return torque and next state for a sample that comes several sample times after the last one.
+
+        The samples between are filled by interpolation. More of them than `missed` are the fault LATE.
+
+        Args:
+            measurement: as for :meth:`step`.
+            target: likewise.
+            state: likewise.
+            elapsed: sample times since the last sample; 1 when none was missed.
+
+        Raises:
+            ParameterError: when `elapsed` is no whole number from 1 on.
+        """
+        elapsed = check_whole(elapsed, "elapsed", 1)
+        watch = state.supervisor
+        if elapsed - 1 > self.supervisor.missed:
+            one = np.ones_like(watch.late)
+            late = watch._replace(late=one, bad=one * min(elapsed - 1.0, COUNTED))
+            return self.step(measurement, target, state._replace(supervisor=late))
+        for i in range(1, elapsed):
+            part = i / elapsed
+            q = watch.q + part * (measurement.q - watch.q)
+            q_ref = watch.r + part * (target.q - watch.r)
+            filled = self.step(measurement._replace(q=q), target._replace(q=q_ref), state)
+            state = filled.state
+        return self.step(measurement, target, state)
+
+    def step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
+        """Return torque and next state; see :meth:`Controller.step`. Neither is ever NaN."""
+        watch, before = state
+        active = watch.status <= float(State.RUN)
+        seen = self._checked(measurement, target, watch, active)
+        entering = active & (seen.worst > 0.0)
+        stopping = ~active | entering
+        blind = np.where(seen.lost, watch.bad + 1.0, 0.0)
+        dead = (watch.status == float(State.FAULT)) | (blind > float(self.supervisor.missed)) | seen.frozen
+        dead = dead | (~active & seen.failing)
+        aim = self._aim(target, watch, seen, entering, stopping)
+
+        lower, upper, law = self._floor, self.effort, self.law
+        if self.supervisor.torque_rate is not None:
+            lower = np.maximum(lower, watch.tau - self.bounds.rate)
+            upper = np.minimum(upper, watch.tau + self.bounds.rate)
+            law = law.within(lower, upper)
+        v = watch.v
+        if self.measurement_type is FullState:
+            v = np.where(seen.lost, watch.v, measurement.v)
+        asked, after = law.step(self._shown(seen.q, v), self._given(aim, target, stopping), before)
+        # A law whose torque is no number has a state that is none: it cannot go on.
+        unsound = _any(_beyond(asked, LARGEST))
+        dead = dead | unsound
+        opened = dead | seen.lost
+        tau = np.where(opened, self._open_loop(opened, dead, watch, aim), asked)
+        tau = np.minimum(np.maximum(tau, lower), upper)
+        ramping = (watch.status == float(State.INIT)) & self._held_back(asked, lower, upper)
+        going = np.where(ramping, float(State.INIT), float(State.RUN))
+        stopped = np.where(_any(aim.v != 0.0) | seen.lost, float(State.STOPPING), float(State.HOLD))
+        status = np.where(dead, float(State.FAULT), np.where(stopping, stopped, going))
+        broken = unsound & (watch.reason == 0.0)
+        reason = np.where(entering, seen.worst, np.where(broken, float(Reason.NOT_FINITE), watch.reason))
+        at_limit = np.where(np.abs(tau) >= self.effort, 1.0, -1.0)
+        # Not over a gap: a quotient there would not have the same bits in C.
+        smoothing = np.where(seen.lost | (watch.bad > 0.0), 0.0, self._smoothing)
+        made = Watch(
+            status=status,
+            reason=reason,
+            joint=np.where(entering, seen.joint, watch.joint),
+            since=np.minimum(watch.since + np.where(watch.reason > 0.0, 1.0, 0.0), COUNTED),
+            bad=np.minimum(blind, COUNTED),
+            late=np.zeros_like(watch.late),
+            ready=watch.ready,
+            q=seen.q,
+            v=watch.v + smoothing * ((seen.q - watch.q) * (1.0 / self.dt) - watch.v),
+            r=aim.q,
+            rv=np.where(stopping, aim.v, watch.rv + self._smoothing * (aim.v - watch.rv)),
+            tau=tau,
+            still=seen.still,
+            mark=np.where(seen.q == watch.q, watch.mark, aim.q),
+            cut=np.where(entering, 0.0, np.minimum(np.maximum(watch.cut + at_limit, 0.0), COUNTED)),
+        )
+        return ControlStep(tau, SupervisedState(made, _chosen(opened | ramping, before, after)))
+
+    def report(self, state: SupervisedState) -> FaultReport:
+        """Return what a state of one rollout says of itself."""
+        status, reason, joint = (int(x[0]) for x in state.supervisor[:3])
+        name = self.robot.joint_names[joint] if reason else None
+        return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
+
+    def signals(self, state: SupervisedState) -> dict[str, Array]:
+        """Return what :data:`SIGNALS` names, the same for all joints, and the signals of the law."""
+        watch = state.supervisor
+        own = (watch.status, watch.reason, watch.joint, watch.since)
+        said = {name: value + np.zeros_like(watch.q) for name, value in zip(SIGNALS, own, strict=True)}
+        return {**said, **self.law.signals(state.law)}
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        return {**self.law.describe(), "supervisor": self.supervisor.values()}
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"Supervised({self.law!r})"
+
+    def _checked(self, measurement: Any, target: Target, watch: Watch, active: Mask) -> _Seen:
+        """Return what a sample looks like."""
+        bounds, given = self.bounds, measurement.q
+        finite = ~self._not_finite(measurement)
+        good = finite & (np.abs(given - watch.q) <= bounds.jump * (1.0 + watch.bad))
+        strayed = self._strayed(target, watch)
+        r = np.where(active & ~strayed, target.q, watch.r)
+        q = np.where(good, given, watch.q)
+        # Since the number last changed, the reference has moved on, or the torque has reached its limit.
+        moved = np.abs(r - watch.mark)
+        unmoved = good & (given == watch.q)
+        asked = unmoved & ((moved > bounds.travel) | (np.abs(watch.tau) >= self.effort))
+        still = np.where(asked, watch.still + 1.0, 0.0)
+        frozen = good & self._frozen(still, moved, unmoved, watch)
+        e = q - r
+        away = np.abs(e) > bounds.following
+        cut = watch.cut > self._cut_samples if self._cut_samples else away & ~away
+        code = np.where(cut, float(Reason.SATURATED), np.where(watch.late > 0.0, float(Reason.LATE), 0.0))
+        for wrong, reason in (
+            (away, Reason.FOLLOWING),
+            (strayed, Reason.REFERENCE),
+            ((given < bounds.lower) | (given > bounds.upper), Reason.POSITION),
+            (frozen, Reason.FROZEN),
+            (~good, Reason.JUMP),
+            (~finite, Reason.NOT_FINITE),
+        ):
+            code = np.where(wrong, float(reason), code)
+        return _Seen(q, _any(~good), _any(frozen), _any(away | cut), *_worst(code), still, np.abs(e) <= _NEAR)
+
+    def _not_finite(self, measurement: Any) -> Mask:
+        """Tell which joints have a measurement that is no number, or farther than any arm."""
+        wrong = _beyond(measurement.q, FARTHEST)
+        if self.measurement_type is FullState:
+            wrong = wrong | _beyond(measurement.v, _FASTEST)
+        return wrong
+
+    def _strayed(self, target: Target, watch: Watch) -> Mask:
+        """Tell which joints have a reference that is no number, or that jumps."""
+        wrong = _beyond(target.q - watch.r, self.bounds.step * (1.0 + watch.bad))
+        for used, rate in zip(self._uses, target[1:], strict=True):
+            if used:  # what the law does not use need not be there
+                wrong = wrong | _beyond(rate, _FASTEST)
+        return wrong
+
+    def _frozen(self, still: Array, moved: Array, unmoved: Mask, watch: Watch) -> Mask:
+        """Tell which joints have a measurement that is frozen."""
+        if not self.frozen_samples:
+            return unmoved & ~unmoved
+        # A joint that moved with its reference cannot stand still at once: there is no need to wait. One that
+        # starts, or turns round, may stick.
+        far = moved > self.bounds.travel + self._lost * np.abs(watch.rv)
+        moving = watch.v * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
+        return (still >= float(self.frozen_samples)) | (unmoved & far & moving)
+
+    def _aim(self, target: Target, watch: Watch, seen: _Seen, entering: Mask, stopping: Mask) -> Target:
+        """Return the reference to follow: the one given, or the one of a stop."""
+        # Where the joint did not follow, the stop begins where it is, and as fast as it is.
+        apart = entering & ~seen.near
+        r, v = np.where(apart, seen.q, watch.r), np.where(apart, watch.v, watch.rv)
+        v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
+        less = np.minimum(np.maximum(v, -self.bounds.slowing), self.bounds.slowing)
+        after = v - less
+        r = r + (0.5 * self.dt) * (v + after)
+        now = (target.q - watch.r) * (1.0 / self.dt)
+        return Target(
+            np.where(stopping, r, target.q),
+            np.where(stopping, after, now),
+            np.where(stopping, less * (-1.0 / self.dt), 0.0),
+        )
+
+    def _given(self, aim: Target, target: Target, stopping: Mask) -> Target:
+        """Return the target for the law: its rates are those given, while there is no stop."""
+        return Target(aim.q, np.where(stopping, aim.v, target.v), np.where(stopping, aim.a, target.a))
+
+    def _shown(self, q: Array, v: Array) -> Measurement | FullState:
+        """Return what the law measures."""
+        return FullState(q, v) if self.measurement_type is FullState else Measurement(q)
+
+    def _open_loop(self, opened: Mask, dead: Mask, watch: Watch, aim: Target) -> Array:
+        """Return the torque without a measurement; zero where none is needed."""
+        on = np.where(opened, watch.ready, 0.0)
+        if self.supervisor.on_fault == "zero":
+            on = np.where(dead, 0.0, on)
+        if self.supervisor.on_fault == "hold":
+            aim = Target(np.where(dead, watch.q, aim.q), *(np.where(dead, 0.0, rate) for rate in aim[1:]))
+        return self._brakes.inverse_where(on, *aim)
+
+    def _held_back(self, asked: Array, lower: Array, upper: Array) -> Mask:
+        """Tell whether the rate keeps a torque from what the law asks for."""
+        above = (asked >= upper) & (upper < self.effort)
+        return _any(above | ((asked <= lower) & (lower > self._floor)))
+
+
+def suited(supervisor: Supervisor, plant: Any, controller: Controller) -> Supervisor:
+    """Return settings in which what is not given suits an experiment's encoder, noise and delay.
+
+    Args:
+        supervisor: the settings.
+        plant: the section of the experiment file.
+        controller: for whose arm.
+    """
+    found: dict[str, Any] = {name: getattr(supervisor, name) for name in parameters(Supervisor)}
+    if found["resolution"] is None:
+        names = controller.robot.joint_names
+        bits = _BITS if plant.encoder_bits is None else plant.encoder_bits
+        count = controller.robot.encoder_count(quantity(bits, "encoder_bits", names, _BITS))
+        noise = 0.0 if plant.noise is None else quantity(plant.noise.position, "position", names, 0.0)
+        found["resolution"] = count + _SIGMAS * noise
+    if found["frozen_samples"] is None:  # what comes late repeats itself for longer
+        found["frozen_samples"] = frozen_samples(controller.dt) + plant.delay
+    return Supervisor(**found)
+
+
+def frozen_samples(dt: float) -> int:
+    """Return how many samples of `dt` [s] make a measurement frozen."""
+    return max(3, math.ceil(_FROZEN_TIME / dt - 1e-9))
+
+
+def _bounds(law: Controller, given: Supervisor) -> Bounds:
+    """Return the numbers for a controller's arm and sample time.
+
+    Raises:
+        ArrayError: when a bound does not fit the joints.
+    """
+    robot, dt = law.robot, law.dt
+    declared = parameters(Supervisor)
+
+    def joints(name: str, otherwise: Any = None) -> Array:
+        value = getattr(given, name)
+        value = otherwise if value is None else value
+        one = declared[name]
+        return per_joint(value, name, robot.joint_names, one.bounds, one.inside)
+
+    count = joints("resolution", robot.encoder_count(_BITS))
+    lower, upper, limit, _ = robot.limits
+    # A joint whose URDF gives no velocity limit may move at any speed.
+    speed = np.where(limit > 0.0, limit, math.inf)
+    margin = joints("position_margin")
+    jumps, steps = (
+        share * dt * speed + 2.0 * count if share else math.inf
+        for share in (given.jump, given.reference_jump)
+    )
+    known = np.minimum(speed, LARGEST)
+    least, most = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
+    shape = np.broadcast_shapes(count.shape, least.shape)
+    return Bounds(
+        jump=np.minimum(np.broadcast_to(jumps, shape), LARGEST),
+        step=np.minimum(np.broadcast_to(steps, shape), FARTHEST),
+        lower=least,
+        upper=most,
+        following=joints("following"),
+        travel=_FROZEN_COUNTS * count,
+        slowing=dt * joints("deceleration"),
+        stop_velocity=joints("stop_velocity", known),
+        rate=dt * joints("torque_rate", LARGEST),
+    )
+
+
+def _uses(law: Controller) -> tuple[bool, bool]:
+    """Tell whether a law uses velocity and acceleration of its reference: NaN shows in its torque."""
+    robot: Any = law.robot
+    shape = (robot.n,) if law.batch is None else (law.batch, robot.n)
+    q = np.ascontiguousarray(np.broadcast_to(robot.middle(), shape))
+    zero = np.zeros(shape)
+    seen: Any = FullState(q, zero) if law.measurement_type is FullState else Measurement(q)
+    rates = ((zero * np.nan, zero), (zero, zero * np.nan))
+    try:
+        with np.errstate(all="ignore"):
+            state = law.init(seen, Target(q, zero, zero))
+            taus = [law.step(seen, Target(q, *rate), state).tau for rate in rates]
+    except Exception:  # a user's law may raise anything: whoever steps it learns why
+        return True, True
+    return bool(np.isnan(taus[0]).any()), bool(np.isnan(taus[1]).any())
+
+
+def _beyond(x: Array, limit: Array | float) -> Mask:
+    """Tell which numbers are not within plus and minus a limit; NaN is not."""
+    return ~(np.abs(x) <= limit)
+
+
+def _any(mask: Mask) -> Mask:
+    """Tell whether any joint is, shape (1,) or (batch, 1)."""
+    found = mask[..., :1]
+    for j in range(1, mask.shape[-1]):
+        found = found | mask[..., j : j + 1]
+    return found
+
+
+def _worst(code: Array) -> tuple[Array, Array]:
+    """Return the highest number, and the first joint that has it, each of shape (1,) or (batch, 1)."""
+    joints = [code[..., j : j + 1] for j in range(code.shape[-1])]
+    worst = joints[0]
+    for other in joints[1:]:
+        worst = np.maximum(worst, other)
+    first = np.zeros_like(worst)
+    for j in reversed(range(len(joints))):
+        first = np.where(joints[j] == worst, float(j), first)
+    return worst, first
+
+
+def _chosen(condition: Mask, yes: Any, no: Any) -> Any:
+    """Return a state whose numbers are those of `yes` where the condition holds, else those of `no`.
+
+    Counts are always those of `no`.
+    """
+    if isinstance(yes, tuple):
+        return tuple.__new__(type(yes), [_chosen(condition, *pair) for pair in zip(yes, no, strict=True)])
+    if yes is None or isinstance(no, int):
+        return no
+    return np.where(condition if np.ndim(yes) else condition[..., 0], yes, no)

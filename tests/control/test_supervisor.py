@@ -1,0 +1,461 @@
+"""The supervisor: what it takes for a fault, how the arm stops, and that C does the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import machines
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi import (
+    GPI,
+    Bezier,
+    FullState,
+    Measurement,
+    PIDInversion,
+    RigidBodyPlant,
+    Robot,
+    Saturated,
+    Supervised,
+    Supervisor,
+    Target,
+    simulate,
+)
+from armgpi.control.supervisor import Reason, State, Watch
+from armgpi.errors import ArmgpiError
+
+DT = 1e-3
+ARM = Robot.load("anthropomorphic3")
+Q = np.array([0.1, 0.4, -0.5])
+REST = np.zeros(3)
+#: What a fault does to a sample: k samples after it began, measured and reference positions -> the same.
+Fault = Callable[[int, Any, Any], tuple[Any, Any]]
+
+
+class Course(NamedTuple):
+    """What an arm did from a fault on."""
+
+    q: Any
+    v: Any
+    tau: Any
+    reports: list[armgpi.FaultReport]
+
+    @property
+    def travel(self) -> float:
+        return float(np.abs(self.q - self.q[0]).max())
+
+    @property
+    def reasons(self) -> set[str]:
+        return {report.reason for report in self.reports}
+
+
+def moving(robot: Robot, speed: float) -> Bezier:
+    """A move of every joint whose fastest moment, in its middle, has this speed."""
+    middle = robot.middle()
+    step = np.minimum(0.4, 0.4 * (robot.limits.upper - middle))
+    duration = 1.0
+    peak = np.abs(Bezier(middle, middle + step, duration).at(np.array([0.5])).v).max()
+    return Bezier(middle, middle + step, duration * peak / speed) if speed else Bezier(middle, middle, 1.0)
+
+
+def course(
+    robot: Robot, fault: Fault, speed: float = 0.75, seconds: float = 0.5, supervised: Any = None
+) -> Course:
+    """Let a fault happen in the middle of a move."""
+    reference = moving(robot, speed)
+    supervised = Supervised(GPI(robot, DT)) if supervised is None else supervised
+    plant = Saturated(RigidBodyPlant(robot))
+    loop = armgpi.ClosedLoop(plant, supervised, reference)
+    _, arm, state = loop.init()
+    begin = round(0.5 * reference.duration / DT)
+    rows: list[Any] = []
+    for k in range(begin + round(seconds / DT)):
+        target, measured = reference.at(k * DT), plant.measure(arm)
+        q, q_ref = measured.q.copy(), target.q.copy()
+        if k >= begin:
+            truth = plant.true_state(arm)
+            rows.append((truth.q, truth.v))
+            q, q_ref = fault(k - begin, q, q_ref)
+        tau, state = supervised.step(Measurement(q), target._replace(q=q_ref), state)
+        arm = plant.step(tau, arm, DT)
+        if k >= begin:
+            rows[-1] += (tau, supervised.report(state))
+    qs, vs, taus, reports = zip(*rows, strict=True)
+    return Course(np.array(qs), np.array(vs), np.array(taus), list(reports))
+
+
+def at_joint(j: int, change: Callable[[float], float]) -> Callable[[Any], Any]:
+    def changed(q: Any) -> Any:
+        q[j] = change(q[j])
+        return q
+
+    return changed
+
+
+def frozen() -> Fault:
+    held: list[float] = []
+
+    def fault(k: int, q: Any, q_ref: Any) -> tuple[Any, Any]:
+        held.append(q[1])
+        q[1] = held[0]
+        return q, q_ref
+
+    return fault
+
+
+#: Single faults: name -> (makes one, reason).
+FAULTS: dict[str, tuple[Callable[[], Fault], str]] = {
+    "reference NaN": (lambda: lambda k, q, r: (q, r * np.nan), "reference"),
+    "reference jumps": (lambda: lambda k, q, r: (q, r + 0.3), "reference"),
+    "reference infinite once": (lambda: lambda k, q, r: (q, r + np.inf if k == 0 else r), "reference"),
+    "one NaN": (lambda: lambda k, q, r: (q * np.nan if k == 0 else q, r), "not_finite"),
+    "NaN of a joint": (lambda: lambda k, q, r: (at_joint(1, lambda _: np.nan)(q), r), "not_finite"),
+    "NaN for good": (lambda: lambda k, q, r: (q * np.nan, r), "not_finite"),
+    "1e6 rad once": (
+        lambda: lambda k, q, r: (at_joint(1, lambda x: x + 1e6)(q) if k == 0 else q, r),
+        "not_finite",
+    ),
+    "a spike of 1 rad": (
+        lambda: lambda k, q, r: (at_joint(1, lambda x: x + 1.0)(q) if k == 0 else q, r),
+        "jump",
+    ),
+    "an offset for good": (lambda: lambda k, q, r: (at_joint(1, lambda x: x + 0.5)(q), r), "jump"),
+    "frozen": (frozen, "frozen"),
+}
+ARMS = ["anthropomorphic3", *(name for name in ("ur5", "panda") if name in armgpi.robots.names())]
+
+
+def arm(name: str, gravity: str = "arm") -> Robot:
+    lock = [joint for joint in ("panda_finger_joint1", "panda_finger_joint2") if name == "panda"]
+    robot = Robot.load(name, lock=lock)
+    return robot.with_gravity((0.0, 0.0, 0.0)) if gravity == "robot" else robot
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_reference_that_is_nan_ends_at_rest_within_half_a_second(name: str) -> None:
+    found = course(arm(name), FAULTS["reference NaN"][0](), 0.75, 0.6)
+    assert found.reports[-1].status == "hold"
+    assert found.travel < 0.05
+    assert np.abs(found.v[500:]).max() < 0.01
+    assert {report.status for report in found.reports} == {"stopping", "hold"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.0, 0.75])
+@pytest.mark.parametrize("name", ARMS)
+def test_after_any_single_fault_an_arm_without_gravity_hardly_moves(name: str, speed: float) -> None:
+    most = 0.05 if speed else 0.01
+    for label, (make, reason) in FAULTS.items():
+        found = course(arm(name, "robot"), make(), speed)
+        assert found.travel < most, label
+        # At rest a frozen sensor says the truth.
+        assert found.reasons <= {"none", reason}, label
+        assert reason in found.reasons or (reason == "frozen" and not speed), label
+        assert np.isfinite(found.tau).all(), label
+
+
+def test_torque_keeps_its_rate_in_every_state() -> None:
+    rate = 300.0
+    for make, _ in FAULTS.values():
+        for on_fault in ("brake", "hold", "zero"):
+            supervised = Supervised(GPI(ARM, DT), Supervisor(torque_rate=rate, on_fault=on_fault, missed=3))
+            found = course(ARM, make(), 0.75, 0.05, supervised)
+            steps = np.abs(np.diff(found.tau, axis=0))
+            assert steps.max() <= rate * DT * (1.0 + 1e-9)
+    # From the start on, which ramps: the law waits until its torque is reached, and winds nothing up.
+    supervised = Supervised(GPI(ARM, DT), Supervisor(torque_rate=rate))
+    state = supervised.init(Measurement(Q), Target(Q, REST, REST))
+    taus = [REST]
+    while supervised.report(state).status == "init":
+        tau, state = supervised.step(Measurement(Q), Target(Q, REST, REST), state)
+        taus.append(tau)
+    assert np.abs(np.diff(taus, axis=0)).max() <= rate * DT * (1.0 + 1e-9)
+    assert len(taus) == 1 + np.ceil(np.abs(ARM.gravity(Q)).max() / (rate * DT))
+    np.testing.assert_allclose(taus[-1], ARM.gravity(Q), atol=1e-9)
+    # A reset goes on from the last torque, a new start does not.
+    again = supervised.reset(Measurement(Q), Target(Q, REST, REST), state)
+    np.testing.assert_array_equal(again.supervisor.tau, taus[-1])
+
+
+def test_the_anti_windup_knows_of_the_rate() -> None:
+    law, rate = GPI(ARM, DT), 100.0
+    supervised = Supervised(law, Supervisor(torque_rate=rate))
+    state = supervised.init(Measurement(Q), Target(Q, REST, REST))
+    for _ in range(60):
+        state = held(supervised, state).state
+    assert supervised.report(state).status == "run"
+    before = state.supervisor.tau
+    tau, after = held(supervised, state, Q, Q + 0.003)
+    assert np.abs(np.abs(tau - before) - rate * DT).min() < 1e-12
+    limited = law.within(before - rate * DT, before + rate * DT)
+    told = limited.step(Measurement(Q), Target(Q + 0.003, REST, REST), state.law)
+    untold = law.step(Measurement(Q), Target(Q + 0.003, REST, REST), state.law)
+    np.testing.assert_array_equal(told.tau, tau)
+    np.testing.assert_array_equal(told.state.law.lam, after.law.law.lam)
+    assert np.abs(untold.state.law.lam - after.law.law.lam).min() > 0.1
+
+
+@pytest.mark.parametrize("dither", [0.0, 1e-4])
+@pytest.mark.parametrize("speed", [0.05, 0.3, 0.75])
+def test_a_blocked_joint_is_a_fault_within_a_second(speed: float, dither: float) -> None:
+    supervised, reference = Supervised(GPI(ARM, DT)), moving(ARM, speed)
+    begin = 0.5 * reference.duration  # at its fastest
+    q, (q_ref, *_) = reference.at(begin).q, reference.at(begin)
+    state = supervised.init(Measurement(q), Target(q_ref, REST, REST))
+    taken = 0
+    while supervised.report(state).status in ("init", "run"):
+        measured = Measurement(q + dither * (taken % 2))
+        state = supervised.step(measured, reference.at(begin + taken * DT), state).state
+        taken += 1
+    assert taken <= 1000
+    assert supervised.report(state).reason in ("saturated", "following", "frozen")
+
+
+def started(**bounds: Any) -> tuple[Supervised, Any]:
+    supervised = Supervised(GPI(ARM, DT), Supervisor(**bounds))
+    return supervised, supervised.init(Measurement(Q), Target(Q, REST, REST))
+
+
+def held(supervised: Supervised, state: Any, q: Any = Q, q_ref: Any = Q) -> Any:
+    return supervised.step(Measurement(np.asarray(q)), Target(np.asarray(q_ref), REST, REST), state)
+
+
+def test_a_joint_beyond_its_limits_is_a_fault() -> None:
+    supervised, state = started(jump=0.0, reference_jump=0.0, following=100.0)
+    edge = np.array([0.0, 0.0, ARM.limits.upper[2] + 0.1])
+    state = held(supervised, state, edge - 1e-6, edge).state
+    assert supervised.report(state).status == "run"
+    state = held(supervised, state, edge + 1e-6, edge).state
+    assert supervised.report(state) == ("stopping", "position", "q3")
+
+
+def test_a_joint_that_does_not_follow_is_a_fault_and_the_stop_begins_where_it_is() -> None:
+    supervised, state = started(reference_jump=0.0, following=0.2)
+    ahead = np.array([0.0, 1.0, 0.0])
+    state = held(supervised, state, Q, Q + 0.19 * ahead).state
+    assert supervised.report(state).status == "run"
+    state = held(supervised, state, Q, Q + 0.21 * ahead).state
+    assert supervised.report(state) == ("hold", "following", "q2")
+    np.testing.assert_allclose(state.supervisor.r, Q, atol=1e-12)
+    # The law does not get it there either: the loop is opened.
+    for k in range(1, 60):
+        state = held(supervised, state, Q - 0.004 * k * ahead).state
+    assert supervised.report(state).status == "fault"
+
+
+def test_torque_at_its_limit_for_too_long_is_a_fault() -> None:
+    supervised, state = started(saturated=0.1, frozen_samples=0, following=2.0)
+    far = Q + np.array([0.0, 0.0, 1.0])
+    state = supervised.init(Measurement(Q), Target(far, REST, REST))
+    taken = 0
+    while supervised.report(state).status in ("init", "run"):
+        tau, state = held(supervised, state, Q + 1e-5 * (taken % 2), far)  # one count of dither
+        taken += 1
+        assert taken < 500
+        if taken == 50:
+            assert abs(tau[2]) == ARM.limits.effort[2]
+    assert supervised.report(state)[1:] == ("saturated", "q3")
+    assert 102 <= taken < 400
+
+
+def test_samples_that_were_missed_are_filled_up_to_a_bound() -> None:
+    supervised, state = started(missed=20)
+    reference = Bezier(Q, Q + 0.3, 1.0)
+    for k in range(1, 400):
+        state = held(supervised, state, reference.at(k * DT).q, reference.at(k * DT).q).state
+    for elapsed, reason in ((21, "none"), (22, "late")):
+        at = reference.at((399 + elapsed) * DT)
+        tau, after = supervised.advance(Measurement(at.q), at, state, elapsed)
+        assert supervised.report(after).reason == reason
+        one_by_one = state
+        for k in range(400, 400 + elapsed):
+            tau_own, one_by_one = held(supervised, one_by_one, reference.at(k * DT).q, reference.at(k * DT).q)
+        if reason == "none":
+            # The way between is nearly straight.
+            np.testing.assert_allclose(tau, tau_own, atol=0.05)
+            np.testing.assert_allclose(after.law.law.lam, one_by_one.law.law.lam, rtol=1e-3, atol=0.1)
+    with pytest.raises(ArmgpiError, match="elapsed must be a whole number"):
+        supervised.advance(Measurement(Q), Target(Q, REST, REST), state, 0)
+
+
+@pytest.mark.parametrize(
+    ("q", "q_ref", "reason"),
+    [
+        (Q * np.nan, Q, "not_finite"),
+        (Q * 1e300, Q, "not_finite"),
+        (Q + 7.0, Q + 7.0, "position"),
+        (Q, Q * np.nan, "reference"),
+        (Q, Q + 0.6, "following"),
+    ],
+)
+def test_an_implausible_start_is_refused_with_torque_zero(q: Any, q_ref: Any, reason: str) -> None:
+    supervised, _ = started()
+    with np.errstate(all="ignore"):
+        state = supervised.init(Measurement(q), Target(q_ref, REST, REST))
+        assert supervised.report(state)[:2] == ("fault", reason)
+        for _ in range(3):
+            tau, state = held(supervised, state)
+            np.testing.assert_array_equal(tau, REST)
+            assert supervised.report(state).status == "fault"
+    state = supervised.reset(Measurement(Q), Target(Q, REST, REST), state)
+    assert supervised.report(held(supervised, state).state).status == "run"
+
+
+def test_a_law_whose_torque_is_no_number_opens_the_loop() -> None:
+    class Breaks(GPI):
+        def step(self, measurement: Any, target: Any, state: Any) -> Any:
+            tau, after = super().step(measurement, target, state)
+            return armgpi.ControlStep(np.where(measurement.q > 0.45, np.nan, tau), after)
+
+    supervised = Supervised(Breaks(ARM, DT), Supervisor(jump=0.0))
+    state = supervised.init(Measurement(Q), Target(Q, REST, REST))
+    state = held(supervised, state).state
+    tau, state = held(supervised, state, Q + 0.1)
+    assert supervised.report(state)[:2] == ("fault", "not_finite")
+    assert np.isfinite(tau).all()
+
+
+# A rollout under it.
+
+
+class Breaking(armgpi.Reference):
+    """A move that is interrupted: the reference jumps."""
+
+    def __init__(self, robot: Robot, at: float) -> None:
+        self.move, self.time = moving(robot, 0.75), at
+
+    def at(self, t: Any) -> Target:
+        q, v, a = self.move.at(t)
+        return Target(q + 0.2 * (np.asarray(t) >= self.time)[..., None], v, a)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("batch", [False, True])
+def test_a_rollout_says_why_and_when_it_was_stopped(backend: str, batch: bool) -> None:
+    if backend == "compiled":
+        pytest.importorskip("casadi")
+    reference: Any = Breaking(ARM, 0.3)
+    robot: Any = ARM
+    if batch:
+        robot = armgpi.RobotBatch([ARM, ARM.with_payload("tool", 0.05)])
+    controller, plant = GPI(ARM, DT), Saturated(RigidBodyPlant(robot))
+    rollout = simulate(
+        plant, controller, reference, 0.6, supervisor=Supervisor(), record_every=7, backend=backend
+    )
+    assert (rollout["status"] == armgpi.Status.STOPPED).all()
+    assert (rollout["fault"] == Reason.REFERENCE).all()
+    np.testing.assert_allclose(rollout["t_fault"], 0.3, atol=1e-12)
+    assert float(rollout["supervisor"].isel(time=-1).max()) == State.HOLD
+    assert armgpi.loop.rollout.describe_end(rollout) == ["stopped at 0.3 s: REFERENCE (q1)"] * (1 + batch)
+    if batch and backend == "numpy":
+        alone = simulate(
+            Saturated(RigidBodyPlant(ARM)),
+            controller,
+            reference,
+            0.6,
+            supervisor=Supervisor(),
+            record_every=7,
+        )
+        np.testing.assert_array_equal(rollout["q"][0], alone["q"])
+
+
+def test_without_a_fault_nothing_changes() -> None:
+    plant, reference = Saturated(RigidBodyPlant(ARM)), moving(ARM, 0.75)
+    for controller in (GPI(ARM, DT), PIDInversion(ARM, DT), GPI(ARM, DT, rolloff=1, rest_leak=50.0)):
+        plain = simulate(plant, controller, reference, 1.0)
+        supervised = simulate(plant, controller, reference, 1.0, supervisor=Supervisor())
+        for name in ("q", "tau"):
+            np.testing.assert_array_equal(plain[name], supervised[name])
+        assert int(supervised["status"]) == armgpi.Status.FINISHED
+        assert np.isnan(supervised["t_fault"])
+
+
+# The same in C.
+
+
+@pytest.mark.parametrize("rate", [None, 50.0])
+def test_c_does_the_same_bit_by_bit(rate: float | None) -> None:
+    pytest.importorskip("casadi")
+    # D(q) of a mass on a rail is one product, so that not even the dynamics round in another way.
+    rail = machines.sled(bounds='lower="-1" upper="1"').with_limits(velocity=2.0, effort=20.0)
+    ours = Supervised(GPI(rail, DT), Supervisor(torque_rate=rate, missed=4, frozen_samples=20))
+    theirs: Any = armgpi.ExportedController.of(ours)
+    random = np.random.default_rng(7)
+    q, seen, outage = np.zeros(1), set(), 0
+    target = Target(q, np.zeros(1), np.zeros(1))
+    mine: Any = ours.init(Measurement(q), target)
+    its: Any = theirs.init(Measurement(q), target)
+    with np.errstate(all="ignore"):
+        for k in range(6000):
+            q = q + random.normal(scale=2e-4, size=1) * (random.random() > 0.3)
+            if random.random() < 0.01:
+                outage = int(random.choice([1, 2, 8]))
+            outage -= 1
+            wrong = random.choice([np.nan, np.inf, 0.3, 1e5]) if outage >= 0 else 0.0
+            far = random.choice([np.nan, 0.6, -0.1]) if random.random() < 0.004 else 0.0
+            target = Target(q + 1e-3 * np.sin(0.01 * k) + far, np.zeros(1), np.zeros(1))
+            elapsed = int(random.choice([1, 1, 1, 1, 3, 9])) if random.random() < 0.05 else 1
+            measurement = Measurement(q + wrong)
+            mine = ours.advance(measurement, target, mine, elapsed)
+            its = theirs.advance(measurement, target, its, elapsed)
+            np.testing.assert_array_equal(mine.tau, its.tau)
+            mine, its = mine.state, its.state
+            numbers = its.view(np.float64)[2:]
+            flat = np.concatenate([*mine.supervisor, *mine.law.law, mine.law.learn])
+            np.testing.assert_array_equal(flat, numbers[: flat.size])
+            assert ours.report(mine) == theirs.report(its)
+            seen.add(ours.report(mine)[:2])
+            if ours.report(mine).status in ("hold", "fault") and random.random() < 0.1:
+                mine = ours.reset(Measurement(q), Target(q, target.v, target.a), mine)
+                its = theirs.reset(Measurement(q), Target(q, target.v, target.a), its)
+    assert {status for status, _ in seen} >= {"run", "stopping", "hold", "fault"}
+    assert {reason for _, reason in seen} >= {"none", "late", "reference", "jump", "not_finite"}
+
+
+def test_c_of_an_arm_does_the_same_to_rounding() -> None:
+    pytest.importorskip("casadi")
+    ours = Supervised(PIDInversion(ARM, DT), Supervisor(on_fault="hold", missed=2))
+    theirs: Any = armgpi.ExportedController.of(ours)
+    target = Target(Q, REST, REST)
+    mine: Any
+    its: Any
+    mine, its = (c.init(FullState(Q, REST), target) for c in (ours, theirs))
+    random = np.random.default_rng(3)
+    for k in range(200):
+        q = Q + 1e-4 * np.sin(0.05 * k + np.arange(3))
+        q = q * np.nan if k in (50, 51, 120, 121, 122, 123) else q
+        v = np.array([0.0, np.inf, 0.0]) if k == 80 else 0.01 * random.normal(size=3)
+        mine, its = (c.step(FullState(q, v), target, s) for c, s in ((ours, mine), (theirs, its)))
+        np.testing.assert_allclose(mine.tau, its.tau, atol=1e-12)
+        mine, its = mine.state, its.state
+        assert ours.report(mine) == theirs.report(its)
+    assert ours.report(mine).status == "fault"
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: Supervised("gpi"), "law must be a Controller"),
+        (lambda: Supervised(Supervised(GPI(ARM, DT))), "not supervised yet"),
+        (lambda: Supervised(GPI(ARM, DT), "strict"), "supervisor must be a Supervisor"),
+        (lambda: Supervised(GPI(ARM, DT), Supervisor(following=[1.0, 2.0])), "following"),
+        (
+            lambda: simulate(RigidBodyPlant(ARM), GPI(ARM, DT), armgpi.Hold(Q), 0.1, supervisor=True),
+            "supervisor",
+        ),
+    ],
+)
+def test_bad_input_ends_in_one_of_our_errors(call: Any, said: str) -> None:
+    with pytest.raises(ArmgpiError, match=said):
+        call()
+
+
+def test_what_is_kept_is_named_as_the_c_has_it() -> None:
+    assert Watch._fields[0] == "status"  # what the template reads by name
+    assert {"reason", "joint", "bad", "late", "q", "r", "tau"} <= set(Watch._fields)
