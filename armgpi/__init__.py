@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from armgpi.plants.turns import Unwrapped as Unwrapped
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
+    from armgpi.references.recorded import Recorded as Recorded
     from armgpi.references.reference import Hold as Hold
     from armgpi.references.reference import Reference as Reference
     from armgpi.references.reference import ReferenceBatch as ReferenceBatch
@@ -125,6 +126,7 @@ _NAMES = {
     "plants.turns": ("SingleTurn", "Unwrapped"),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
+    "references.recorded": ("Recorded",),
     "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),
     "references.waypoints": ("Waypoints",),
     "robot.batch": ("RobotBatch",),

@@ -145,6 +145,14 @@ class LimitError(ArmgpiError):
         super().__init__(text + (f"; {remedy}" if remedy else ""))
 
 
+class UnreadableTrajectory(ArmgpiError):
+    """A file that is no trajectory of an arm's joints."""
+
+    def __init__(self, source: object, message: str) -> None:
+        """Describe what is wrong in which file."""
+        super().__init__(f"{source}: {message}")
+
+
 class EffortError(ArmgpiError):
     """A joint whose effort limit leaves a controller no torque.
 

@@ -287,6 +287,18 @@ CASES: dict[str, Case] = {
     "Bezier within limits": Case(armgpi.Bezier, {"start": Q, "goal": GOAL, **LIMITS}, followed),
     "Bezier.at": Case(armgpi.Bezier(**MOVE).at, {"t": 0.1}),
     "Hold": Case(armgpi.Hold, {"q": Q}, followed),
+    "Recorded": Case(
+        armgpi.Recorded,
+        {"times": [0.0, 0.5], "q": np.stack([Q, GOAL]), "t_start": 0.1, "source": "x"},
+        lambda made: made.at(0.2),
+    ),
+    "Recorded.at": Case(armgpi.Recorded([0.0, 1.0], np.stack([Q, GOAL])).at, {"t": 0.1}),
+    "Recorded.check": Case(armgpi.Recorded([0.0, 9.0], np.stack([Q, GOAL])).check, {"robot": ARM}),
+    "Recorded.load": Case(
+        armgpi.Recorded.load,
+        {"path": "no such file.csv", "robot": ARM, "t_start": 0.0, "variable": "q", "rollout": 0},
+        lambda made: None,
+    ),
     "Hold.at": Case(armgpi.Hold(Q).at, {"t": 0.1}),
     "Waypoints": Case(
         armgpi.Waypoints,

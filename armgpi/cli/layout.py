@@ -12,7 +12,7 @@ _OPTIONS = {
         *("--lock", "--keep", "--mimic", "--repair", "--package-dir", "--effort", "--rotor-inertia"),
         *("--drives", "--robot"),
     ),
-    "Motion": ("--to", "--from", "--path", "--direction", "--duration", "--t-final"),
+    "Motion": ("--to", "--from", "--path", "--trajectory", "--direction", "--duration", "--t-final"),
     "Controllers": ("--controller", "--controllers", "--inertia-scale"),
     "Plant": ("--plant", "--payload", "--friction", "--encoder-bits", "--delay", "--dt", "--seed"),
     "Wire": (

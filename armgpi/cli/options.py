@@ -73,6 +73,13 @@ PathName = Annotated[
         help="Instead of --to, a path of the tool in space: {paths}.",
     ),
 ]
+Trajectory = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Instead of --to, a recorded trajectory: CSV (time and joints by name) or NetCDF (a rollout).",
+    ),
+]
 Direction = Annotated[
     str | None,
     typer.Option(
@@ -265,6 +272,7 @@ def experiment(
     to: To = None,
     start: Start = None,
     path: PathName = None,
+    trajectory: Trajectory = None,
     direction: Direction = None,
     duration: Duration = None,
     lock: Lock = None,

@@ -115,6 +115,11 @@ def _declared(over: _Overlay, option: Option, value: Any) -> None:
 def _reference(over: _Overlay) -> None:
     """Put the options about where to."""
     options, data = over.options, over.data
+    if over.given("trajectory"):
+        if over.given("to") or over.given("start") or over.given("path"):
+            raise refusal("--trajectory", "is mutually exclusive with --to, --from and --path")
+        data["reference"] = {}
+        over.put("--trajectory", str(options["trajectory"]), "reference", "file")
     if over.given("path"):
         if over.given("to") or over.given("start"):
             raise refusal("--path", "is mutually exclusive with --to and --from")

@@ -27,6 +27,7 @@ from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, ClosedForm, Inverse
 from armgpi.references.paths import Eased, Path
+from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, registered, subclasses
@@ -479,13 +480,19 @@ def _reference(
     section: ReferenceSection, robot: Robot, place: _Place
 ) -> tuple[Reference, float, ReferenceSection]:
     """Return the reference, when it has ended [s], and its section with the defaults filled in."""
+    for other in ("file", "path"):
+        for key in ("points", "durations", "holds", "file"):
+            if key != other and getattr(section, other) is not None and getattr(section, key) is not None:
+                message = f"{other} and this key are mutually exclusive: give one of the two"
+                raise place.at(key).error(message)
     if section.path is None:
         if section.frame is not None:
             raise place.at("frame").error("requires path")
-        return _moves(section, robot, place)
-    for key in ("points", "durations", "holds"):
-        if getattr(section, key) is not None:
-            raise place.at(key).error("path and this key are mutually exclusive: give one of the two")
+        if section.file is None:
+            return _moves(section, robot, place)
+        with place.at("file").error_context():
+            recorded = Recorded.load(section.file, robot)
+        return recorded, recorded.t_end, section
     frame = section.frame or robot.tip
     with place.at("frame").error_context():
         robot.frame_pose(frame, robot.middle())

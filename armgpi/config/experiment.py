@@ -179,25 +179,35 @@ def is_another(experiment: Experiment, folder: Path) -> bool:
 
 
 def portable(experiment: Experiment) -> tuple[str, dict[str, bytes]]:
-    """Return the configuration as YAML, with a robot that is found beside it, and the files to put there.
+    """Return the configuration as YAML, with robot and trajectory found beside it, and these files.
 
     Raises:
-        RolloutError: when the robot's file cannot be read any more.
+        RolloutError: when one of them cannot be read any more.
     """
     config = experiment.config
-    if config.robot.name in robots.names():
-        return dump(config), {}
-    source, _ = robots.locate(config.robot.name)
+    copied: dict[str, bytes] = {}
+    if config.robot.name not in robots.names():
+        name, content = _copied(robots.locate(config.robot.name)[0])
+        copied[name] = content
+        config = config.model_copy(update={"robot": config.robot.model_copy(update={"name": name})})
+    if config.reference.file is not None:
+        name, content = _copied(Path(config.reference.file))
+        copied[name] = content
+        reference = config.reference.model_copy(update={"file": name})
+        config = config.model_copy(update={"reference": reference})
+    return dump(config), copied
+
+
+def _copied(source: Path) -> tuple[str, bytes]:
+    """Return the name of a copy of a file, and its content."""
     try:
         content = source.read_bytes()
     except OSError as error:
         raise RolloutError(f"{source}: cannot be read: {error.strerror or error}") from None
-    # The hash in its name keeps the copy from overwriting another robot.
+    # The hash in its name keeps the copy from overwriting another one.
     digest = hashlib.sha256(content).hexdigest()[:8]
     stem = "".join(c if c.isprintable() else "_" for c in source.stem.removesuffix(f"-{digest}"))
-    name = f"{stem}-{digest}.urdf"
-    robot = config.robot.model_copy(update={"name": name})
-    return dump(config.model_copy(update={"robot": robot})), {name: content}
+    return f"{stem}-{digest}{source.suffix or '.urdf'}", content
 
 
 def overall_status(results: Iterable[dict[str, Any]]) -> Status:

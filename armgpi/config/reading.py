@@ -74,11 +74,15 @@ def read_data(path: Path) -> tuple[dict[str, Any], Origin]:
 
 
 def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
-    """Return a configuration whose robot is found beside the file that it was read from."""
+    """Return a configuration whose robot and trajectory are found beside the file that it was read from."""
     name = Path(config.robot.name)
     if (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file():
         robot = config.robot.model_copy(update={"name": str(path.parent / name)})
         config = config.model_copy(update={"robot": robot})
+    file = config.reference.file
+    if file is not None and (path.parent / file).is_file():
+        reference = config.reference.model_copy(update={"file": str(path.parent / file)})
+        config = config.model_copy(update={"reference": reference})
     return config
 
 

@@ -375,6 +375,7 @@ class ReferenceSection(Section):
             from there and back, and less where the motors would not hold the arm.
         durations: of the moves [s]; gentle ones when not given, which the motors can.
         holds: at each configuration [s]; 0 when not given, 1 when there are no points either.
+        file: instead of all these, a recorded trajectory: CSV (time and joints by name) or NetCDF.
         path: instead of all these, where a frame shall go in space.
         frame: which frame follows the path; the tip when not given.
         direction: where the frame's `tool_axis` points to all along; anywhere when not given.
@@ -384,6 +385,7 @@ class ReferenceSection(Section):
     points: list[PerJoint] | None = Field(default=None, min_length=1)
     durations: Times | None = None
     holds: Stands | None = None
+    file: str | None = None
     path: PathSection | None = None
     frame: str | None = None
     direction: Vector | None = None

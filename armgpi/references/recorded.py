@@ -1,0 +1,214 @@
+"""A recorded trajectory, of a teach-in, a planner or another run, as a reference that is smooth."""
+
+from __future__ import annotations
+
+import csv
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from armgpi.arrays import (
+    SMALLEST,
+    Array,
+    ArrayLike,
+    as_sized_array,
+    as_times,
+    check_number,
+    check_path,
+    check_type,
+    check_whole,
+)
+from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UnreadableTrajectory
+from armgpi.references.reference import Reference, Target
+from armgpi.robot.equations import Equations
+
+#: Larger files are no trajectories [bytes].
+_MOST_BYTES = 256 * 1024 * 1024
+#: Times between two samples at which velocities are compared with their limits.
+_LOOKS = 4
+#: Times that are closer than this share of the whole cannot be told apart.
+_CLOSEST = 1e-9
+#: First column of a CSV file.
+_TIMES = ("time", "t")
+
+
+class Recorded(Reference):
+    """A spline of degree 5 through recorded positions, at rest before the first and after the last.
+
+    Its velocities and accelerations are continuous everywhere, the ends included. It goes through every
+    sample; so noise of a recording is in it, and many times that in its accelerations: thin a noisy one.
+
+    Attributes:
+        times: of the samples, the first at `t_start` [s], shape (m,).
+        q: positions [rad or m], shape (m, n).
+        t_start: when it begins [s].
+        t_end: when it ends [s].
+        source: where it came from, for messages and provenance.
+    """
+
+    def __init__(
+        self, times: ArrayLike, q: ArrayLike, t_start: float = 0.0, source: str = "recording"
+    ) -> None:
+        """Define the trajectory.
+
+        Args:
+            times: increasing times [s], shape (m,), at least two.
+            q: positions [rad or m], shape (m, n).
+            t_start: when it begins [s]; the first sample is then.
+            source: where it came from.
+
+        Raises:
+            ArrayError: when the arrays do not fit, are not finite, or times do not increase.
+        """
+        given, positions = as_sized_array(times, "times"), as_sized_array(q, "q")
+        check_type(source, "source", str, "text")
+        increasing = given.ndim == 1 and len(given) > 1 and given[-1] - given[0] > SMALLEST
+        if not increasing or not (np.diff(given) > _CLOSEST * (given[-1] - given[0])).all():
+            raise ArrayError("times", "expected at least two times [s], each later than the one before")
+        if positions.ndim != 2 or len(positions) != len(given):
+            raise ArrayError("q", f"expected positions (m, n) at {len(given)} times, got {positions.shape}")
+        start = check_number(t_start, "t_start", "zero or positive [s]", 0.0)
+        self.times, self.q, self.source = given - given[0] + start, positions, source
+        self.t_start, self._duration = start, float(given[-1] - given[0])
+        self.t_end = start + self._duration
+        rest = np.zeros(positions.shape[1])
+        ends = [(1, rest), (2, rest)]
+        # Over a parameter from 0 to 1, whatever the times are.
+        spline = make_interp_spline((given - given[0]) / self._duration, positions, k=5, bc_type=(ends, ends))
+        if not np.isfinite(spline.c).all():
+            raise ArrayError("q", "expected positions that a spline in floats goes through")
+        self._derivatives = (spline, spline.derivative(1), spline.derivative(2))
+
+    @classmethod
+    def load(
+        cls,
+        path: str | PathLike[str],
+        robot: Equations,
+        t_start: float = 0.0,
+        *,
+        variable: str = "q",
+        rollout: int = 0,
+    ) -> Recorded:
+        """Read a trajectory from a file, joints by their names, and check it against the robot's limits.
+
+        Args:
+            path: CSV with the columns ``time`` [s] and one for each joint [rad or m]; or NetCDF with a
+                variable over ``time`` and ``joint``, such as a rollout.
+            robot: the arm.
+            t_start: when it begins [s].
+            variable: of a NetCDF file, "q_ref" for one.
+            rollout: which one, where there are several.
+
+        Raises:
+            UnreadableTrajectory: when the file cannot be read, or is none.
+            NameNotFound: when it lacks a joint.
+            LimitError: when a position or velocity is outside the limits.
+        """
+        source = check_path(path, "path")
+        check_type(robot, "robot", Equations, "a Robot")
+        check_type(variable, "variable", str, "the name of a variable")
+        rollout = check_whole(rollout, "rollout", 0)
+        try:
+            if source.stat().st_size > _MOST_BYTES:
+                raise UnreadableTrajectory(source, f"is larger than {_MOST_BYTES} bytes")
+            netcdf = source.suffix.lower() in (".nc", ".nc4", ".h5")
+            columns = _netcdf(source, variable, rollout) if netcdf else _csv(source)
+        except OSError as error:
+            raise UnreadableTrajectory(source, error.strerror or str(error)) from None
+        times = columns.pop("", np.empty(0))
+        for name in robot.joint_names:
+            if name not in columns:
+                raise NameNotFound(f"column in {source} for the joint", name, list(columns))
+        try:
+            made = cls(
+                times, np.stack([columns[name] for name in robot.joint_names], axis=-1), t_start, str(source)
+            )
+        except ArrayError as error:
+            raise UnreadableTrajectory(source, str(error)) from None
+        made.check(robot)
+        return made
+
+    def check(self, robot: Equations) -> None:
+        """Refuse a trajectory that leaves the robot's limits of position or velocity.
+
+        Raises:
+            LimitError: when it does; it names joint, time and value.
+            ParameterError: when it is for other joints.
+        """
+        check_type(robot, "robot", Equations, "a Robot")
+        if robot.n != self.q.shape[1]:
+            raise ParameterError("robot", robot, f"a robot of {self.q.shape[1]} joints")
+        steps = np.arange(_LOOKS) / _LOOKS
+        between = self.times[:-1, None] + np.diff(self.times)[:, None] * steps
+        times = np.append(between.ravel(), self.t_end)
+        target = self.at(times)
+        outside = robot.outside(target.q)
+        if outside is not None:
+            at = times[outside.place[0]]
+            raise LimitError(f"{self.source}: the position at t = {at:.4g} s", *outside[1:])
+        share = np.abs(target.v) / np.maximum(robot.limits.velocity, np.finfo(float).tiny)
+        row, joint = (int(i) for i in np.unravel_index(int(share.argmax()), share.shape))
+        if share[row, joint] > 1.0 + 1e-9:
+            limit = float(robot.limits.velocity[joint])
+            what = f"{self.source}: the velocity at t = {times[row]:.4g} s"
+            remedy = "make it slower, or thin a noisy recording"
+            raise LimitError(what, robot.joint_names[joint], target.v[row, joint], -limit, limit, remedy)
+
+    def at(self, t: float | Array) -> Target:
+        """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
+        share = np.asarray((as_times(t) - self.t_start) / self._duration)
+        q, v, a = (np.asarray(part(np.clip(share, 0.0, 1.0))) for part in self._derivatives)
+        moving = ((share > 0.0) & (share < 1.0))[..., None]
+        v, a = v / self._duration, a / self._duration**2
+        return Target(q, np.where(moving, v, 0.0), np.where(moving, a, 0.0))
+
+    def describe(self) -> dict[str, Any]:
+        """Return where it came from and what it is, as plain data."""
+        return {
+            "type": "Recorded",
+            "source": self.source,
+            "samples": len(self.times),
+            "t_start": self.t_start,
+            "t_end": self.t_end,
+        }
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"Recorded({self.source!r}, {len(self.times)} samples, {self.t_end:g} s)"
+
+
+def _csv(source: Path) -> dict[str, Array]:
+    """Return the columns of a CSV file by their names, times under an empty one."""
+    try:
+        with source.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file) if row]
+        head, values = [name.strip() for name in rows[0]], np.array(rows[1:], dtype=np.float64)
+    except (ValueError, IndexError, csv.Error) as error:
+        said = f"is no CSV file of numbers under a line of names: {error}"
+        raise UnreadableTrajectory(source, said) from None
+    if head[0].lower() not in _TIMES or values.shape[1:] != (len(head),) or len(set(head)) < len(head):
+        raise UnreadableTrajectory(
+            source, f"has the columns {', '.join(head)[:200]}; expected time [s] and one for each joint"
+        )
+    return {"": values[:, 0], **dict(zip(head[1:], values.T[1:], strict=True))}
+
+
+def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
+    """Return the same of a variable in a NetCDF file."""
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(source, engine="h5netcdf") as lazy:
+            data = lazy[variable].load()
+        if "rollout" in data.dims:
+            data = data.isel(rollout=rollout)
+        values = data.transpose("time", "joint")
+        joints = [str(name) for name in values["joint"].values]
+        return {"": values["time"].values, **dict(zip(joints, values.values.T, strict=True))}
+    except Exception as error:  # h5py has no one kind of error for a damaged file
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        said = f"has no variable {variable!r} over time and joint ({reason})"
+        raise UnreadableTrajectory(source, said) from None
