@@ -54,6 +54,7 @@ $(FOR_ALL): pyproject.toml constraints.txt
 
 demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
 	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --force --report demo_out/report.html
+	@echo "Now open demo_out/report.html in a browser."
 
 # The tests come last: cheap checks fail first, and the run ends with pytest's own summary. They run the
 # examples as well.

@@ -94,8 +94,15 @@ if TYPE_CHECKING:
     from armgpi.validation.derivation import derive as derive
     from armgpi.validation.report import DynamicsReport as DynamicsReport
     from armgpi.validation.skeleton import suggest_urdf as suggest_urdf
+    from armgpi.viz import plots as plots
 
-_MODULES = {"errors": "errors", "health": "health", "metrics": "loop.metrics", "robots": "robot.robots"}
+_MODULES = {
+    "errors": "errors",
+    "health": "health",
+    "metrics": "loop.metrics",
+    "plots": "viz.plots",
+    "robots": "robot.robots",
+}
 _NAMES = {
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),

@@ -25,7 +25,7 @@ author = "The armgpi developers"
 project_copyright = author
 release = version = _version("armgpi")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx_design", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "substitution"]
 myst_heading_anchors = 3  # lets pages link to each other's headings
 
@@ -188,3 +188,4 @@ nitpick_ignore_regex = [
 
 html_theme = "furo"
 html_title = "armgpi"
+html_favicon = "images/favicon.svg"

@@ -1,10 +1,12 @@
 """Draw the pictures of the README and the docs anew, into docs/images.
 
-Usage: python tools/gallery.py (in an environment with the `all` and `dev` extras, and with Chromium)
+Usage: python tools/gallery.py [NAME]... (all of them by default; in an environment with the `all` and `dev`
+extras, and with Chromium)
 """
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,7 +17,9 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 import browser as browsers  # noqa: E402
+import numpy as np  # noqa: E402
 import xarray as xr  # noqa: E402
+from PIL import Image  # noqa: E402
 
 import armgpi  # noqa: E402
 from armgpi.viz import meshcat, plots, scene  # noqa: E402
@@ -42,23 +46,37 @@ t_final: 40
 """
 
 
+#: The moving picture: begin, end and step of what is shown [s], and how long each image stays [ms].
+MOVING, STAYS = (16.0, 28.0, 0.3), 90
+
+
 def main() -> None:
     """Run the experiments, draw them, and take the stills."""
     IMAGES.mkdir(exist_ok=True)
+    wanted = set(sys.argv[1:]) or {*STILLS, "readme", "moving", "figures", "report"}
     running = browsers.Browser((960, 640))
     try:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "laser.yaml").write_text(LASER, encoding="utf-8")
             for picture, (words, at) in STILLS.items():
+                of_laser = picture == "laser" and wanted & {"laser", "moving", "figures", "report"}
+                if picture not in wanted and not of_laser:
+                    continue
                 made = _run([word.format(folder=folder) for word in words], folder / picture)
                 page = meshcat.write(meshcat.rollout_page(armgpi.load(made)), folder / f"{picture}.html")
-                _still(running, page, at, IMAGES / f"{picture}.png")
-            rollout = armgpi.load(folder / "laser" / "rollout.nc")
-            _figures(rollout)
-            command = [sys.executable, "-m", "armgpi.cli", "report", str(folder / "laser" / "rollout.nc")]
-            subprocess.run([*command, "-o", str(folder / "report.html")], check=True)
-            _still(running, folder / "report.html", 21.0, IMAGES / "report.png", (1280, 900))
+                if picture in wanted:
+                    _still(running, page, at, IMAGES / f"{picture}.png")
+            if "readme" in wanted:
+                _of_readme(folder)
+            if "moving" in wanted:
+                _moving(running, folder / "laser.html", IMAGES / "laser.webp")
+            if "figures" in wanted:
+                _figures(armgpi.load(folder / "laser" / "rollout.nc"))
+            if "report" in wanted:
+                command = [sys.executable, "-m", "armgpi.cli", "report", str(folder / "laser" / "rollout.nc")]
+                subprocess.run([*command, "-o", str(folder / "report.html")], check=True)
+                _still(running, folder / "report.html", 21.0, IMAGES / "report.png", (1280, 900))
     finally:
         running.close()
 
@@ -78,14 +96,43 @@ def _figures(rollout: xr.Dataset) -> None:
     plots.save(plots.tool_path(rollout, robot), IMAGES / "tool_path.png")
 
 
-def _still(
-    running: browsers.Browser, page: Path, at: float, image: Path, size: tuple[int, int] = (960, 640)
-) -> None:
-    """Take a picture of a page at a time of its clip."""
+def _of_readme(folder: Path) -> None:
+    """Run the Python of the README, which draws a figure."""
+    code = (ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=folder)
+    shutil.copyfile(folder / "panda.png", IMAGES / "readme.png")
+
+
+def _moving(running: browsers.Browser, page: Path, image: Path) -> None:
+    """Take a moving picture of a page."""
+    shown = _opened(running, page, (960, 640))
+    shown.eval("document.querySelectorAll('.dg').forEach(each => each.style.display = 'none')")
+    images = []
+    with tempfile.TemporaryDirectory() as name:
+        for at in np.arange(*MOVING):
+            shown.eval(f"armgpi.scene.show({at})")
+            time.sleep(0.6)
+            shown.screenshot(Path(name) / "image.png")
+            with Image.open(Path(name) / "image.png") as each:
+                images.append(each.convert("RGB").crop((0, 0, 960, 528)).resize((720, 396)))
+    images[0].save(image, save_all=True, append_images=images[1:], duration=STAYS, loop=0, quality=60)
+    print(f"wrote {image}")
+
+
+def _opened(running: browsers.Browser, page: Path, size: tuple[int, int]) -> browsers.Page:
+    """Open a page that does not play by itself."""
     shown = running.open(page, "window.armgpi && armgpi.scene")
     shown.size(*size)
     shown.eval("armgpi.player && armgpi.player.play(false)")
     time.sleep(1.5)  # until it is drawn finely
+    return shown
+
+
+def _still(
+    running: browsers.Browser, page: Path, at: float, image: Path, size: tuple[int, int] = (960, 640)
+) -> None:
+    """Take a picture of a page at a time of its clip."""
+    shown = _opened(running, page, size)
     shown.eval(f"armgpi.scene.show({at})")
     time.sleep(2.0)
     shown.screenshot(image)
