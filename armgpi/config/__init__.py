@@ -4,7 +4,7 @@
 objects.
 """
 
-from armgpi.config.building import Experiment, build, controller, controller_of_parts
+from armgpi.config.building import Experiment, build, controller
 from armgpi.config.reading import Loaded, Origin, check, dump, parse, read
 from armgpi.config.schema import ExperimentConfig
 
@@ -16,7 +16,6 @@ __all__ = [
     "build",
     "check",
     "controller",
-    "controller_of_parts",
     "dump",
     "parse",
     "read",

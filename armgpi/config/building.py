@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -13,11 +13,11 @@ from pydantic import BaseModel
 
 from armgpi.arrays import Array, quantity
 from armgpi.config.reading import Origin, Path_, check
-from armgpi.config.schema import KINDS, ExperimentConfig, Kind, PlantSection, ReferenceSection, RobotSection
+from armgpi.config.schema import KINDS, ExperimentConfig, PlantSection, ReferenceSection, RobotSection
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, suited
-from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound, ParameterError
-from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
+from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
+from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.mujoco import MuJoCoPlant
 from armgpi.plants.plant import Plant, Wrapper
@@ -31,7 +31,6 @@ from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, registered, subclasses
-from armgpi.robot.batch import RobotBatch
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
@@ -143,8 +142,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             raise place.at("label").error(f"another controller is labelled {label!r} as well")
         try:
             with place.error_context():
-                resolved = _resolved(section, context, place)
-                section, controllers[label] = resolved.section, resolved.controller()
+                section, controllers[label] = _controller(section, context, place)
         except ConfigError as error:
             if isinstance(error.__cause__, EffortError):
                 raise top.at("robot", "effort").error(str(error.__cause__)) from None
@@ -312,91 +310,14 @@ def controller(section: Any, context: Context) -> Controller:
     Raises:
         ConfigError: when the section is wrong or does not fit; it names the key.
     """
-    return _resolved(*_checked(section, context)).controller()
-
-
-def controller_of_parts(sections: Sequence[Any], context: Context, whole: Context) -> Controller:
-    """Return one controller for a batch in equal parts, each with a section of its own.
-
-    Args:
-        sections: plain data, one for each part, that differ in numbers alone.
-        context: what a controller is told in one part, the same in all.
-        whole: what it is told in the whole batch.
-
-    Raises:
-        ConfigError: when a section is wrong or does not fit.
-        ParameterError: when something differs that cannot differ by rollout.
-    """
-    parts = [_resolved(*_checked(section, context)) for section in sections]
-    first = parts[0]
-    rollouts = max(len(context.robot.robots), 1) if isinstance(context.robot, RobotBatch) else 1
-    law = _side_by_side(first.kind.law, [part.law for part in parts], rollouts)
-    variant: dict[str, Any] = {}
-    if first.kind.variant is not None:
-        variant = _side_by_side(first.kind.variant, [part.variant for part in parts], rollouts)
-    scale = sections[0].get("inertia_scale", 1.0)
-    nominal = whole.nominal if scale == 1.0 else whole.nominal.scaled_inertia(scale)
-    told = first.context._replace(robot=whole.robot, nominal=nominal)
-    return first._replace(law=law, variant=variant, context=told).controller()
-
-
-def _side_by_side(owner: type, parts: Sequence[Mapping[str, Any]], rollouts: int) -> dict[str, Any]:
-    """Return parameters of several sections as arrays over a batch of `rollouts` for each."""
-    declared = parameters(owner)
-    return {name: _stacked(declared[name], [part.get(name) for part in parts], rollouts) for name in parts[0]}
-
-
-def _stacked(declared: Parameter, values: Sequence[Any], rollouts: int) -> Any:
-    """Return one parameter of all rollouts, of which each value is that of some in a row."""
-    first = values[0]
-    if isinstance(first, Parametrised):
-        return type(first)(**_side_by_side(type(first), [value.values() for value in values], rollouts))
-    if isinstance(first, tuple):
-        return tuple(_stacked(declared, ends, rollouts) for ends in zip(*values, strict=True))
-    rank = 3 if declared.kind == "table" else 2
-    if np.ndim(first) < rank and all(np.array_equal(value, first) for value in values):
-        return first
-    if declared.structural or declared.kind not in ("number", "box", "table"):
-        raise ParameterError(declared.name, [*values], "the same in all rollouts")
-    arrays = [np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in values]
-    return np.concatenate([a if a.ndim == rank else np.broadcast_to(a, (rollouts, *a.shape)) for a in arrays])
-
-
-def _checked(section: Any, context: Context) -> tuple[Any, Context, _Place]:
-    """Return a section of a controller that was plain data, and what else it takes to make it."""
     origin = Origin("controller")
     wanted = {"robot": {"name": context.robot.name}, "controllers": [section]}
     (checked,) = check(wanted, origin).controllers
-    return checked, context, _Place(origin, ("controllers", 0))
+    return _controller(checked, context, _Place(origin, ("controllers", 0)))[1]
 
 
-class _Resolved(NamedTuple):
-    """A controller before it is made.
-
-    Attributes:
-        section: of the file, with the defaults filled in.
-        kind: what it is.
-        law: parameters of the law.
-        variant: those of its part that may be one of several.
-        context: what it is told.
-    """
-
-    section: Any
-    kind: Kind
-    law: dict[str, Any]
-    variant: dict[str, Any]
-    context: Context
-
-    def controller(self) -> Controller:
-        """Return the controller."""
-        law = self.law
-        if self.kind.variant is not None:
-            law = {**law, self.kind.part: self.kind.variant(**self.variant)}
-        return self.kind.law.configured(law, self.context)
-
-
-def _resolved(section: Any, context: Context, place: _Place) -> _Resolved:
-    """Return the parameters of one controller, and its section with the defaults filled in."""
+def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
+    """Return one controller, and its section with the defaults filled in."""
     robot, kind = context.robot, KINDS[section.type]
     scale = section.inertia_scale
     declared = parameters(kind.law)
@@ -412,12 +333,12 @@ def _resolved(section: Any, context: Context, place: _Place) -> _Resolved:
     missing = {key: value for key, value in keys.items() if getattr(section, key) is None}
     if robot.batch is None:  # what differs by rollout has no form in a file
         section = type(section).model_validate({**section.model_dump(), **missing})
-    variant: dict[str, Any] = {}
     if kind.variant is not None:
-        variant = {**chosen, **_given(section, parameters(kind.variant), robot, place, chosen)}
+        given = _given(section, parameters(kind.variant), robot, place, chosen)
+        law[kind.part] = kind.variant(**{**chosen, **given})
     else:
         law = {**chosen, **_given(section, declared, robot, place, chosen)}
-    return _Resolved(section, kind, law, variant, context)
+    return section, kind.law.configured(law, context)
 
 
 def _as_section(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A generation of candidates on scenarios, as one batch of rollouts."""
+"""A generation of candidates on scenarios, as one run of a prepared loop."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.config import controller, controller_of_parts
+from armgpi.config import controller
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.loop import metrics
+from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status
-from armgpi.loop.simulation import simulate
-from armgpi.plants.reality import Draw, Together, batches, together
-
-#: Most numbers that one recorded quantity of a batch may have: 48 MB.
-_MOST = 6_000_000
+from armgpi.plants.reality import Draw, batches, together
 
 
 class Evaluated(NamedTuple):
@@ -46,53 +43,50 @@ class Evaluator:
         Args:
             draws: of one arm.
             names: of metrics.
-            backend: as for :func:`armgpi.simulate`.
+            backend: as for :func:`armgpi.prepare`.
         """
         self.draws, self.names, self.backend = list(draws), list(names), backend
-        groups = batches(self.draws)
         places = {draw.index: place for place, draw in enumerate(self.draws)}
+        groups = batches(self.draws)
         self._groups = [([places[draw.index] for draw in group], group) for group in groups]
         self._once = [together(group) for group in groups]
-        self._tiled: dict[tuple[int, int], Together] = {}
+        # Sections are prepared once for each number of candidates: what varies is given anew.
+        self._loops: dict[Any, PreparedLoop] = {}
 
-    def __call__(self, sections: Sequence[Mapping[str, Any]]) -> Evaluated:
+    def __call__(self, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) -> Evaluated:
         """Run controllers on all scenarios.
 
         Args:
-            sections: one per candidate, plain data that differ in numbers alone.
+            section: of a controller, plain data.
+            candidates: values of some of its keys, the same keys in all; those of groups have a dot.
 
         Raises:
             ArmgpiError: when not one of them can be made.
         """
-        sound = self._sound(sections)
-        shape = (len(sections), len(self.draws))
+        sound = self._sound(section, candidates)
+        shape = (len(candidates), len(self.draws))
         values = {name: np.full(shape, np.inf) for name in self.names}
         failed = np.ones(shape, dtype=bool)
-        for place, (columns, group) in enumerate(self._groups):
-            steps = round(group[0].t_final / group[0].dt)
-            most = max(1, _MOST // (steps * len(group) * group[0].arm.n))
-            for first in range(0, len(sound), most):
-                rows = sound[first : first + most]
-                cells = np.ix_(rows, columns)
-                found, lost = self._run(place, [sections[row] for row in rows])
-                failed[cells] = lost
-                for name in self.names:
-                    values[name][cells] = found[name]
+        for place, (columns, _) in enumerate(self._groups):
+            cells = np.ix_(sound, columns)
+            found, failed[cells] = self._run(place, section, [candidates[row] for row in sound])
+            for name in self.names:
+                values[name][cells] = found[name]
         return Evaluated(values, failed)
 
-    def _sound(self, sections: Sequence[Mapping[str, Any]]) -> list[int]:
-        """Return which sections describe a controller.
+    def _sound(self, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) -> list[int]:
+        """Return which candidates describe a controller.
 
         Raises:
             ArmgpiError: of the first one, when none does.
         """
         found, first = [], None
-        for index, section in enumerate(sections):
+        for index, candidate in enumerate(candidates):
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", ArmgpiWarning)
-                    for once in self._once:
-                        controller(section, once.context)
+                    for _, group in self._groups:
+                        controller(with_keys(section, candidate), together(group[:1]).context)
                 found.append(index)
             except ArmgpiError as error:
                 first = first or error
@@ -100,31 +94,75 @@ class Evaluator:
             raise first
         return found
 
-    def _run(self, place: int, sections: list[Mapping[str, Any]]) -> tuple[dict[str, Array], Array]:
-        """Return metrics of controllers on a group of scenarios, and where they diverged."""
-        group, count = self._groups[place][1], len(sections)
-        if (place, count) not in self._tiled:
-            self._tiled[place, count] = together(group * count)
-        all_of_it = self._tiled[place, count]
+    def _run(
+        self, place: int, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]
+    ) -> tuple[dict[str, Array], Array]:
+        """Return metrics of candidates on a group of scenarios, and where they diverged."""
+        group, count = self._groups[place][1], len(candidates)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            law = controller_of_parts(sections, self._once[place].context, all_of_it.context)
-            rollout = simulate(
-                all_of_it.plant,
-                law,
-                all_of_it.reference,
-                all_of_it.t_final,
-                progress=False,
-                backend=self.backend,
-            )
+            loop = self._prepared(place, section, count, candidates[0])
+            rollout = loop.run(_by_rollout(candidates, len(group), loop))
         if "rollout" not in rollout.dims:
             rollout = rollout.expand_dims("rollout")
         if (rollout["status"] == Status.INTERRUPTED).any():
             raise KeyboardInterrupt
-        shape = (count, len(group))
-        known = metrics.declared()
+        known, shape = metrics.declared(), (count, len(group))
         found = {
-            name: known[name].of_arm(known[name](rollout).transpose("rollout", "joint").values).reshape(shape)
+            name: known[name].of_arm(rollout[name].transpose("rollout", "joint").values).reshape(shape)
             for name in self.names
         }
         return found, (rollout["status"].values == Status.DIVERGED).reshape(shape)
+
+    def _prepared(
+        self, place: int, section: Mapping[str, Any], count: int, example: Mapping[str, Any]
+    ) -> PreparedLoop:
+        """Return the loop of a group of scenarios for so many candidates."""
+        key = (place, count, repr(section), tuple(example))
+        if key not in self._loops:
+            everything = together(self._groups[place][1] * count)
+            # What some keys are given as decides what there is to vary: a box, weights.
+            law = controller(with_keys(section, example), everything.context)
+            self._loops[key] = prepare(
+                everything.plant,
+                law,
+                everything.reference,
+                everything.t_final,
+                record="metrics",
+                backend=self.backend,
+            )
+        return self._loops[key]
+
+
+def with_keys(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a section with other values of some keys; those of groups have a dot."""
+    made = dict(section)
+    for key, value in values.items():
+        group, _, last = key.rpartition(".")
+        if group:
+            made[group] = {**(made.get(group) or {}), last: value}
+        else:
+            made[last] = value
+    return made
+
+
+def _by_rollout(
+    candidates: Sequence[Mapping[str, Any]], scenarios: int, loop: PreparedLoop
+) -> dict[str, Any]:
+    """Return values of a prepared loop: those of each candidate on all scenarios, one after the other."""
+    n = loop.loop.plant.robot.n
+
+    def rows(values: Sequence[Any], rank: int) -> Any:
+        if isinstance(values[0], Mapping):
+            return tuple(rows([value[end] for value in values], rank) for end in ("lower", "upper"))
+        array = np.array(values, dtype=np.float64)
+        if array.ndim < rank and rank == 3:  # weights that all joints share
+            array = np.broadcast_to(array[:, None], (len(values), n, array.shape[-1]))
+        return np.repeat(array, scenarios, axis=0)
+
+    found = {}
+    for key in candidates[0]:
+        name = f"controller.{key}"
+        rank = 3 if loop.parameters[name].declared.kind == "table" else 1
+        found[name] = rows([candidate[key] for candidate in candidates], rank)
+    return found

@@ -36,11 +36,13 @@ _LONGEST = 500
 
 
 def known_names() -> dict[str, str]:
-    """Return what an expression may name -> the metric: its name, or its heading where that is one word."""
-    found = {each.heading.casefold(): name for name, each in metrics.declared().items()}
-    return {key: name for key, name in found.items() if key.isidentifier()} | {
-        name: name for name in metrics.declared()
-    }
+    """Return what an expression may name -> the metric: its name, or its heading where that is one word.
+
+    They are the metrics that a loop adds up while it runs.
+    """
+    known = {name: each for name, each in metrics.declared().items() if each.on_line is not None}
+    found = {each.heading.casefold(): name for name, each in known.items()}
+    return {key: name for key, name in found.items() if key.isidentifier()} | {name: name for name in known}
 
 
 class Expression:

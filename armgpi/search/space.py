@@ -14,6 +14,7 @@ from armgpi.config.schema import KINDS, Kind
 from armgpi.control.controller import Controller
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.parameter import Parameter, parameters
+from armgpi.search.evaluation import with_keys
 
 #: Searched where nothing is said only while the key that each is for is not zero, or asked for by name alone.
 _NEEDS = {"rolloff_ratio": "rolloff", "second_ratio": "", "second_zeta": ""}
@@ -132,22 +133,16 @@ class Space:
         """Return the numbers at a place in the cube, shape (d,)."""
         return np.array([each.value(float(at)) for each, at in zip(self.dimensions, x, strict=True)])
 
+    def keys(self, x: Array) -> dict[str, Any]:
+        """Return the values of the free keys at a place in the cube, as an experiment file has them."""
+        found: dict[str, list[tuple[Dimension, float]]] = {}
+        for each, value in zip(self.dimensions, self.values(x), strict=True):
+            found.setdefault(each.key, []).append((each, float(value)))
+        return {key: _value(own) for key, own in found.items()}
+
     def with_values(self, x: Array) -> dict[str, Any]:
         """Return the section with the numbers at a place in the cube."""
-        section = copy.deepcopy(self.section)
-        for key in dict.fromkeys(each.key for each in self.dimensions):
-            own = [
-                (each, float(value))
-                for each, value in zip(self.dimensions, self.values(x), strict=True)
-                if each.key == key
-            ]
-            *groups, last = key.split(".")
-            place = section
-            for group in groups:
-                place[group] = {**(place.get(group) or {})}
-                place = place[group]
-            place[last] = _value(own)
-        return section
+        return with_keys(self.section, self.keys(x))
 
 
 def numbers(kind: Kind) -> dict[str, Parameter]:

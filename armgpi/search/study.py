@@ -169,7 +169,7 @@ class Study:
     def _judged(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
         """Return what candidates are on some scenarios."""
         space, objective = self.problem.space, self.problem.objective
-        found = evaluator([space.with_values(x) for x in places])
+        found = evaluator(space.section, [space.keys(x) for x in places])
         judged = objective.judge(found.values, found.failed)
         means = {name: values.mean(axis=1) for name, values in found.values.items()}
         return [

@@ -17,7 +17,7 @@ from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
 from armgpi.config.schema import KINDS
 from armgpi.errors import BackendError, NameNotFound, ParameterError, RolloutError
 from armgpi.plants.reality import together
-from armgpi.search.evaluation import Evaluated, Evaluator
+from armgpi.search.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.search.objective import Constraint, Expression, Objective
 from armgpi.search.optimisers import METHODS, make
 from armgpi.search.space import Range, Space, numbers
@@ -209,9 +209,9 @@ class Bowl:
         self.draws = DRAWS
         self.fragile = fragile
 
-    def __call__(self, sections: Sequence[Mapping[str, Any]]) -> Evaluated:
-        omega = np.array([[float(section["omega"])] * 3 for section in sections])
-        zeta = np.array([[float(section["zeta"])] * 3 for section in sections])
+    def __call__(self, section: Any, candidates: Sequence[Mapping[str, Any]]) -> Evaluated:
+        omega = np.array([[float(each["omega"])] * 3 for each in candidates])
+        zeta = np.array([[float(each["zeta"])] * 3 for each in candidates])
         itae = 10.0 / omega + (zeta - 0.8) ** 2 + np.array([0.0, 0.1, 0.2])
         failed = (omega > 100.0) if self.fragile else np.zeros(omega.shape, dtype=bool)
         values = {"itae": itae, "total_variation": omega**2, "peak_error": itae}
@@ -278,20 +278,21 @@ def test_an_objective_without_a_value_anywhere_is_named() -> None:
 
 
 def test_a_generation_is_its_candidates_one_by_one() -> None:
-    sections = [
+    section = {"type": "network", "rolloff": 1}
+    candidates: list[dict[str, Any]] = [
         {
-            "type": "network",
             "omega": {"lower": low, "upper": 50.0},
-            "leak": 5.0,
-            "weights": {"omega": [w] * 4},
+            "zeta": [0.8, 0.9, low / 25.0],
+            "leak": low,
+            "weights.omega": [w] * 4,
         }
         for low, w in ((20.0, 0.0), (25.0, 5.0))
     ]
-    found = Evaluator(DRAWS, ["itae", "total_variation"], "numpy")(sections)
-    for row, section in enumerate(sections):
+    found = Evaluator(DRAWS, ["itae", "total_variation"], "numpy")(section, candidates)
+    for row, candidate in enumerate(candidates):
         for column, draw in enumerate(DRAWS):
             alone = together([draw])
-            law = config.controller(section, alone.context)
+            law = config.controller(with_keys(section, candidate), alone.context)
             rollout = simulate(alone.plant, law, alone.reference, alone.t_final)
             for name in ("itae", "total_variation"):
                 assert found.values[name][row, column] == pytest.approx(
@@ -300,14 +301,8 @@ def test_a_generation_is_its_candidates_one_by_one() -> None:
 
 
 def test_a_candidate_that_cannot_be_made_fails_alone() -> None:
-    sections = [{"type": "schedule", "leak": leak} for leak in (5.0, 1e4)]
-    found = Evaluator(DRAWS, ["itae"], "numpy")(sections)
+    section, candidates = {"type": "schedule"}, [{"leak": leak} for leak in (5.0, 1e4)]
+    found = Evaluator(DRAWS, ["itae"], "numpy")(section, candidates)
     assert found.failed.tolist() == [[False] * 3, [True] * 3]
     with pytest.raises(Exception, match="leak"):
-        Evaluator(DRAWS, ["itae"], "numpy")(sections[1:])
-
-
-def test_what_cannot_differ_by_rollout_is_refused() -> None:
-    context, whole = together(DRAWS).context, together(DRAWS * 2).context
-    with pytest.raises(ParameterError, match="rolloff"):
-        config.controller_of_parts([{"type": "gpi", "rolloff": r} for r in (0, 1)], context, whole)
+        Evaluator(DRAWS, ["itae"], "numpy")(section, candidates[1:])
