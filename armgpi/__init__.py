@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from armgpi.control.schedule import GainSchedule as GainSchedule
     from armgpi.control.slotineli import SlotineLi as SlotineLi
     from armgpi.control.supertwisting import SuperTwisting as SuperTwisting
-    from armgpi.control.supervisor import FaultReport as FaultReport
     from armgpi.control.supervisor import Supervised as Supervised
     from armgpi.control.supervisor import Supervisor as Supervisor
     from armgpi.control.weights import Weights as Weights
@@ -110,7 +109,7 @@ _NAMES = {
     "control.schedule": ("GainSchedule",),
     "control.slotineli": ("SlotineLi",),
     "control.supertwisting": ("SuperTwisting",),
-    "control.supervisor": ("FaultReport", "Supervised", "Supervisor"),
+    "control.supervisor": ("Supervised", "Supervisor"),
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
     "control.gains": ("FixedGains", "Gains", "Tuning"),
     "control.margins": ("default_omega",),

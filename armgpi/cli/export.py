@@ -61,6 +61,16 @@ TorqueRate = Annotated[
         show_default=False,
     ),
 ]
+TargetName = Annotated[
+    str,
+    typer.Option(
+        "--target",
+        metavar="NAME",
+        help="What is added to the C: bare (default) nothing, fci callbacks for libfranka, ur a loop for "
+        "RTDE, ros2_control a plugin. The robots of fci and ur add gravity: for them --gravity is robot.",
+        show_default=False,
+    ),
+]
 Prefix = Annotated[
     str | None,
     typer.Option(
@@ -85,6 +95,7 @@ def export(
     frozen: Frozen = None,
     jump: Jump = None,
     torque_rate: TorqueRate = None,
+    target: TargetName = "bare",
     controller: opt.Controller = None,
     **options: Any,
 ) -> None:
@@ -95,7 +106,7 @@ def export(
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
-    own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller}
+    own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller, "target": target}
     sys.exit(_export({**own, "declared": given(context), **options, "supervised": True}))
 
 
@@ -116,21 +127,28 @@ def _export(options: dict[str, Any]) -> int:
         from armgpi.export.code import generate, supervise
         from armgpi.export.files import export_controller, record
         from armgpi.export.names import check_name
+        from armgpi.export.targets import check_target
     except ModuleNotFoundError as error:
         raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
+    target = _target(options)
     experiment = configuration.build(*settings(options, compare=False))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.
     code = generate(supervised, options["real"])
+    option = "--target"
     try:
+        check_target(target, supervised)
+        option = "--name"
         check_name(options["prefix"], code.source)
     except ParameterError as error:
-        raise refusal("--name", str(error)) from None
+        raise refusal(option, str(error)) from None
     experiments.prepare(options["out"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
-    done = export_controller(supervised, options["out"], log, real=options["real"], name=options["prefix"])
+    done = export_controller(
+        supervised, options["out"], log, real=options["real"], name=options["prefix"], target=target
+    )
     _say(done, log, label, options["as_json"])
     for file in done.files:
         say(f"wrote {file}", err=True)
@@ -138,6 +156,22 @@ def _export(options: dict[str, Any]) -> int:
         say(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
         return FAILED
     return OK if done.measured is None or done.measured.agrees else FAILED
+
+
+def _target(options: dict[str, Any]) -> str:
+    """Return the target, and put what its interface asks for into the options."""
+    from armgpi.export.targets import COMPENSATING, FCI_RATE, TARGETS
+
+    target: str = options["target"]
+    if target not in TARGETS:
+        raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
+    if target in COMPENSATING:
+        if options["gravity"] == "arm":
+            raise refusal("--gravity", f"must be robot for {target}: that robot adds gravity by itself")
+        options["gravity"] = "robot"
+    if target == "fci" and options["torque_rate"] is None:
+        options["torque_rate"] = str(FCI_RATE)
+    return target
 
 
 def _say(done: Export, log: Log, label: str, as_json: bool) -> None:

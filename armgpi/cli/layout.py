@@ -10,10 +10,10 @@ from typer.core import TyperCommand, TyperGroup
 _OPTIONS = {
     "Robot": (
         *("--lock", "--keep", "--mimic", "--repair", "--package-dir", "--effort", "--rotor-inertia"),
-        *("--drives", "--robot"),
+        *("--drives", "--robot", "--gravity"),
     ),
     "Motion": ("--to", "--from", "--path", "--trajectory", "--direction", "--duration", "--t-final"),
-    "Controllers": ("--controller", "--controllers", "--inertia-scale"),
+    "Controllers": ("--controller", "--controllers", "--inertia-scale", "--supervised"),
     "Plant": ("--plant", "--payload", "--friction", "--encoder-bits", "--delay", "--dt", "--seed"),
     "Wire": (
         *("--clock", "--policy", "--exported", "--loss", "--outage", "--stall", "--kill", "--watchdog"),

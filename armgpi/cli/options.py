@@ -198,6 +198,15 @@ TFinal = Annotated[
     ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="NUMBER", help="Seed of noise and drop-outs.")]
+Gravity = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WHO",
+        help="Who carries the arm's weight: 'arm' (default), the controller does, or 'robot', as libfranka "
+        "and UR do: then plant and nominal models have no gravity.",
+        show_default=False,
+    ),
+]
 SupervisedFlag = Annotated[
     bool,
     typer.Option(
@@ -291,6 +300,7 @@ def experiment(
     t_final: TFinal = None,
     seed: Seed = None,
     supervised: SupervisedFlag = False,
+    gravity: Gravity = None,
 ) -> None:
     """List the options that describe an experiment, for :func:`shared`."""
 

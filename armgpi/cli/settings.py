@@ -88,6 +88,7 @@ def _robot(over: _Overlay) -> None:
     over.take("lock", "robot", "lock", read=locks)
     over.take("keep", "robot", "keep", read=split)
     over.take("mimic", "robot", "mimic")
+    over.take("gravity", "robot", "gravity")
     over.take("repair", "robot", "repair", read=split)
     over.take("effort", "robot", "effort", read=lambda texts: per_joint(",".join(texts), "--effort"))
     inertia = None

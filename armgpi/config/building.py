@@ -205,7 +205,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
             for key, value in given.items()
         }
         robot = robot.with_friction(**friction)
-    return robot
+    return robot.with_gravity((0.0, 0.0, 0.0)) if section.gravity == "robot" else robot
 
 
 def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:

@@ -244,6 +244,8 @@ class RobotSection(Section):
         effort: effort limits that replace the URDF's [N m or N].
         rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
         friction: joint friction that replaces the URDF's.
+        gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
+            itself; then plant and nominal models have no gravity.
     """
 
     name: str
@@ -254,6 +256,7 @@ class RobotSection(Section):
     effort: PerJointNotNegative | None = None
     rotor_inertia: PerJointNotNegative | None = None
     friction: FrictionSection | None = None
+    gravity: Literal["arm", "robot"] = "arm"
 
 
 class PayloadSection(Section):

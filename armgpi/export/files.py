@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi import __version__, files
-from armgpi.arrays import Array, check_number, check_path, check_type
+from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.supervisor import FARTHEST, Supervised, Supervisor
@@ -22,6 +22,7 @@ from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, supervise, template
 from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
+from armgpi.export.targets import TARGETS, check_target, compensated, package
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
@@ -139,6 +140,7 @@ def export_controller(
     supervisor: Supervisor | None = None,
     name: str | None = None,
     measure: bool = True,
+    target: str = "bare",
 ) -> Export:
     """Write a controller as freestanding C99 to a folder, with a README that says how to wire it.
 
@@ -152,9 +154,11 @@ def export_controller(
         name: what files, functions, types and macros begin with in place of `armgpi`, as in `left_arm_step`;
             with one each, several controllers go into one program.
         measure: whether to compile and run the replay, where there is a compiler.
+        target: what is added: "bare" nothing, "fci" callbacks for libfranka and pylibfranka, "ur" a loop for
+            UR's RTDE, "ros2_control" a plugin. The robots of the first two add gravity themselves.
 
     Raises:
-        ParameterError: when an argument is not as it should be.
+        ParameterError: when an argument is not as it should be, or a target would get gravity twice.
         BackendError: when the controller does what has no C.
         RolloutError: when the folder cannot be written to.
     """
@@ -165,8 +169,10 @@ def export_controller(
     check_type(log, "log", Log | None, "a Log, as record returns it")
     check_type(measure, "measure", bool, "True or False")
     # Everything is generated, and refused if need be, before a file is written.
+    check_choice(target, "target", TARGETS)
     controller = supervise(controller, supervisor)
     code = generate(controller, real)
+    check_target(target, controller)
     texts = _texts(code, _at_rest(controller) if log is None else log)
     check_name(name, f"{code.source} {texts['main.c']}")
     code = code._replace(header=renamed(code.header, name), source=renamed(code.source, name))
@@ -182,6 +188,8 @@ def export_controller(
     state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
     readme = _readme(code, texts["log.csv"].count("\n") - 1, state_bytes, measured)
     texts["README.md"] = renamed(readme, name)
+    beside = package(code, state_bytes, target)
+    texts |= {renamed(file, name): renamed(text, name) for file, text in beside.items()}
     return Export(folder, files.write_set(folder, texts), code, measured, state_bytes)
 
 
@@ -357,11 +365,6 @@ def _contains(robot: Any) -> str:
         "**The torque contains gravity**: it carries the arm. On a robot that compensates gravity itself "
         "(Franka, UR) it would do so twice: export with `--gravity robot` for those."
     )
-
-
-def compensated(robot: Any) -> bool:
-    """Tell whether a nominal model has no gravity, as that of a robot which compensates it itself."""
-    return not np.abs(robot.gravity(robot.middle() + 0.1 * np.arange(1, robot.n + 1))).max() > 0.0
 
 
 def _faults(controller: Supervised) -> dict[str, str]:

@@ -24,7 +24,7 @@ from armgpi import (
     Target,
     simulate,
 )
-from armgpi.control.supervisor import Reason, State, Watch
+from armgpi.control.supervisor import FaultReport, Reason, State, Watch
 from armgpi.errors import ArmgpiError
 
 DT = 1e-3
@@ -41,7 +41,7 @@ class Course(NamedTuple):
     q: Any
     v: Any
     tau: Any
-    reports: list[armgpi.FaultReport]
+    reports: list[FaultReport]
 
     @property
     def travel(self) -> float:

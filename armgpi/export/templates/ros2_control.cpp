@@ -1,0 +1,10 @@
+// Registers the plugin.
+#include "ros2_control.hpp"
+
+#ifndef ARMGPI_ROS2_STUBS
+#include <pluginlib/class_list_macros.hpp>
+PLUGINLIB_EXPORT_CLASS(armgpi_controller::Ros2Controller, controller_interface::ControllerInterface)
+#else
+template class std::array<armgpi_real_t, ARMGPI_N>;
+controller_interface::ControllerInterface* armgpi_make() { return new armgpi_controller::Ros2Controller(); }
+#endif

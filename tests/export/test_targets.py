@@ -1,0 +1,195 @@
+"""What is beside the exported C: package, wrappers, tests of faults, and glue for interfaces."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armgpi import GPI, PIDInversion, Robot, Supervised, Supervisor, export_controller
+from armgpi.errors import ParameterError
+
+pytest.importorskip("casadi", reason="casadi writes the C")
+
+compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+ARM = Robot.load("anthropomorphic3")
+ZERO = (0.0, 0.0, 0.0)
+#: What fci.hpp uses of libfranka: enough to compile it, and no more.
+FRANKA = """
+#pragma once
+#include <array>
+namespace franka {
+struct Torques { std::array<double, 7> tau_J; bool motion_finished = false; };
+inline Torques MotionFinished(Torques t) { t.motion_finished = true; return t; }
+struct RobotState { std::array<double, 7> q{}; };
+struct Duration { double s; double toSec() const { return s; } };
+}
+"""
+#: A motion of an arm that stands still, and a reference that is NaN after 0.1 s.
+MOTION = """
+#include <cmath>
+#include <cstdio>
+#include "fci.hpp"
+int main() {
+  franka::RobotState robot;
+  robot.q = {%s};
+  armgpi_controller::Vector start{};
+  for (std::size_t i = 0; i < start.size(); ++i) start[i] = robot.q[i];
+  armgpi_controller::Fci callback([&](double t) { auto r = start; if (t > 0.1) r[3] = NAN; return r; });
+  for (int k = 0; k < 500; ++k) {
+    const franka::Torques torques = callback(robot, franka::Duration{k == 0 ? 0.0 : 0.001});
+    for (double tau : torques.tau_J) if (!(std::fabs(tau) < 1e-6)) return 1;
+    const bool expected = callback.controller().reason() == ARMGPI_REASON_REFERENCE && k > 90;
+    if (torques.motion_finished) return expected ? 0 : 2;
+  }
+  return 3;
+}
+"""
+
+
+def panda() -> Robot:
+    import armgpi
+
+    if "panda" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    robot = Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
+    return robot.with_gravity(ZERO)
+
+
+def need(program: str) -> str:
+    """The path of a program, or a skipped test."""
+    found = shutil.which(program)
+    if found is None:
+        pytest.skip(f"{program} is not installed")
+    return found
+
+
+def run(*command: object, folder: Path) -> str:
+    done = subprocess.run([*map(str, command)], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@compiled
+@pytest.mark.parametrize(("real", "law"), [("double", GPI), ("float", GPI), ("double", PIDInversion)])
+def test_every_fault_has_a_test_in_the_folder_which_passes(real: str, law: type, tmp_path: Path) -> None:
+    controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5))
+    export_controller(controller, tmp_path, real=real, measure=False)
+    sources = ("test_faults.c", "armgpi_controller.c")
+    flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
+    run("cc", *flags, *sources, "-o", "faults", "-lm", folder=tmp_path)
+    said = run("./faults", folder=tmp_path)
+    reasons = [int(line.split()[2]) for line in said.splitlines()[:-1]]
+    assert sorted(reasons) == list(range(2, 10))
+    # From Python and from C++ the same code.
+    (tmp_path / "use.py").write_text(
+        "import armgpi_controller as c\nx, code = c.Controller(), c.Controller.init.__code__\n"
+        "v = ([0.1] * 3,) * (code.co_argcount - 1)\nprint(x.init(*v), x.step(*v)[0], x.fault[0])\n"
+    )
+    answer = run(sys.executable, "use.py", folder=tmp_path)
+    assert answer.split() == ["init", "run", "none"]
+    (tmp_path / "use.cpp").write_text(
+        '#include "armgpi_controller.hpp"\narmgpi_controller::Controller used;\n'
+    )
+    run(
+        need("g++"),
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsyntax-only",
+        "use.cpp",
+        folder=tmp_path,
+    )
+
+
+@compiled
+def test_another_project_finds_the_package(tmp_path: Path) -> None:
+    cmake = need("cmake")
+    source, build, prefix, other = (tmp_path / name for name in ("c", "build", "prefix", "other"))
+    export_controller(GPI(ARM, 1e-3), source, measure=False, name="left_arm")
+    run(cmake, "-S", source, "-B", build, f"-DCMAKE_INSTALL_PREFIX={prefix}", folder=tmp_path)
+    run(cmake, "--build", build, "--target", "install", folder=tmp_path)
+    run("ctest", "--output-on-failure", folder=build)
+    other.mkdir()
+    (other / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(other C)\nfind_package(left_arm_controller REQUIRED)\n"
+        "add_executable(other main.c)\n"
+        "target_link_libraries(other left_arm_controller::left_arm_controller)\n"
+    )
+    (other / "main.c").write_text(
+        '#include "left_arm.h"\nint main(void) { return (int)left_arm_info.n - 3; }\n'
+    )
+    run(cmake, "-S", other, "-B", other / "b", f"-DCMAKE_PREFIX_PATH={prefix}", folder=tmp_path)
+    run(cmake, "--build", other / "b", folder=tmp_path)
+    run(other / "b" / "other", folder=tmp_path)
+
+
+@compiled
+def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Path) -> None:
+    robot = panda()
+    controller = Supervised(GPI(robot, 1e-3), Supervisor(torque_rate=1000.0))
+    export_controller(controller, tmp_path, measure=False, target="fci")
+    assert "without gravity" in (tmp_path / "README.md").read_text().splitlines()[2]
+    (tmp_path / "franka").mkdir()
+    for name in ("duration.h", "robot.h"):
+        (tmp_path / "franka" / name).write_text(FRANKA if name == "robot.h" else "#pragma once\n")
+    (tmp_path / "motion.cpp").write_text(MOTION % ", ".join(map(repr, robot.middle().tolist())))
+    run("cc", "-std=c99", "-c", "armgpi_controller.c", folder=tmp_path)
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-I."]
+    run(need("g++"), *flags, "motion.cpp", "armgpi_controller.o", "-o", "motion", folder=tmp_path)
+    run("./motion", folder=tmp_path)
+    ast.parse((tmp_path / "fci.py").read_text())
+
+
+@compiled
+def test_a_ros2_controller_compiles_against_its_stubs(tmp_path: Path) -> None:
+    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False, target="ros2_control")
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-DARMGPI_ROS2_STUBS"]
+    run(need("g++"), *flags, "-fsyntax-only", "ros2_control.cpp", folder=tmp_path)
+    update = (
+        (tmp_path / "ros2_control.hpp").read_text().partition("return_type update")[2].partition("\n  }\n")[0]
+    )
+    assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in update]
+
+
+def test_a_loop_for_ur_is_python(tmp_path: Path) -> None:
+    import armgpi
+
+    if "ur5" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    robot = Robot.load("ur5").with_gravity(ZERO)
+    export_controller(GPI(robot, 2e-3), tmp_path, measure=False, target="ur")
+    for name in ("ur.py", "armgpi_controller.py"):
+        ast.parse((tmp_path / name).read_text())
+
+
+@pytest.mark.parametrize(
+    ("make", "target", "said"),
+    [
+        (lambda: GPI(ARM, 1e-3), "fci", "without gravity"),
+        (lambda: GPI(ARM, 1e-3), "ur", "without gravity"),
+        (lambda: GPI(ARM.with_gravity(ZERO), 1e-3), "ur", "for 6 joints; this arm has 3"),
+        (lambda: PIDInversion(ARM.with_gravity(ZERO), 1e-3), "ros2_control", "bare for a law"),
+        (lambda: GPI(panda(), 1e-3), "fci", "a torque_rate of at most 1000 N m/s"),
+        (lambda: GPI(ARM, 1e-3), "plc", "target must be one of bare, fci, ur, ros2_control"),
+    ],
+)
+def test_a_target_that_would_hurt_is_refused(make: object, target: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=said):
+        export_controller(make(), tmp_path / "new", target=target, measure=False)  # type: ignore[operator]
+    assert not (tmp_path / "new").exists()
+
+
+def test_gravity_by_the_robot_is_said_in_the_first_lines(tmp_path: Path) -> None:
+    for gravity, said in ((None, "contains gravity"), (ZERO, "without gravity")):
+        robot = ARM if gravity is None else ARM.with_gravity(gravity)
+        export_controller(GPI(robot, 1e-3, feedforward="gravity"), tmp_path, measure=False)
+        assert said in (tmp_path / "README.md").read_text().splitlines()[2]
+        if gravity is not None:
+            np.testing.assert_array_equal(robot.gravity(robot.middle()), np.zeros(3))
