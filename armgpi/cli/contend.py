@@ -58,12 +58,14 @@ def contend(
     setting = contests.QUICK if quick else contests.Setting(evaluations, seeds)
     chosen = laws or list(contests.CONTENDERS)
     entries = contests.run(out, names, chosen, setting, lambda text: say(text, err=True))
-    table, verdict = contests.markdown(entries), contests.verdict(entries)
-    paths = [files.write(out / "contest.md", f"{table}\n{verdict}")]
+    tables = [contests.markdown(entries), contests.verdict(entries)]
+    if found := contests.transferred(entries, setting):
+        tables.append(contests.transfer_table(found))
+    paths = [files.write(out / "contest.md", "\n".join(tables))]
     if find_spec("matplotlib") is not None:
         from armgpi.search.pictures import contest_picture
 
         paths.append(files.write(out / "contest.png", contest_picture(entries)))
-    say(f"{table}\n{verdict}", lines=True)
+    say("\n".join(tables), lines=True)
     for path in paths:
         say(f"wrote {path}", err=True)

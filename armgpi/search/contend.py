@@ -358,3 +358,104 @@ def _ratio(one: float, other: float) -> str:
     if math.isinf(other):
         return "GPI alone"
     return "others alone" if math.isinf(one) else f"{one / other:.2f}"
+
+
+#: Laws whose numbers are tried on the other arms; the first one is what they are compared with.
+TRANSFERRED = (
+    *("GPI, roll-off", "GPI, schedule, roll-off", "GPI, network, roll-off", "GPI, trained network, roll-off"),
+    *("GPI, printed law", "ADRC, order 3"),
+)
+
+
+class Transferred(NamedTuple):
+    """Numbers found on one arm, on another.
+
+    Attributes:
+        law: label.
+        source: arm that they were found on.
+        target: arm that they were tried on.
+        budget: place of the budget that they were found for.
+        objective: on the held-out draws of the target; infinite where it diverged.
+        variation: of torque, likewise.
+    """
+
+    law: str
+    source: str
+    target: str
+    budget: int
+    objective: float
+    variation: float
+
+
+def transferred(entries: Sequence[Entry], setting: Setting) -> list[Transferred]:
+    """Return what numbers found on one arm are on the held-out draws of the others."""
+    arms = list(dict.fromkeys(entry.arm for entry in entries))
+    found = []
+    for target in arms if len(arms) > 1 else ():
+        robot = Robot.load(target, fingers(target))
+        evaluator = Evaluator(draws(robot, setting.held_out, _APART), KEPT)
+        for law in TRANSFERRED:
+            others = [entry for entry in entries if entry.law == law and entry.arm != target]
+            found += _tried(evaluator, target, law, others)
+    return found
+
+
+def _tried(evaluator: Evaluator, target: str, law: str, others: Sequence[Entry]) -> list[Transferred]:
+    """Return what the numbers of some entries are on an arm."""
+    tried = [
+        (entry.arm, _budgets_of(entry.arm).index(budget), each["values"])
+        for entry in others
+        for budget, each in entry.budgets.items()
+    ]
+    if not tried:
+        return []
+    section = CONTENDERS[law].section
+    space = Space(section, config.controller(section, evaluator.draws[0].context), CONTENDERS[law].free)
+    done = evaluator(section, [space.keys_of(values) for _, _, values in tried])
+    objective, variation = (
+        np.where(done.failed, math.inf, done.values[name]).mean(axis=1)
+        for name in ("itae", "total_variation")
+    )
+    return [
+        Transferred(law, source, target, place, float(objective[i]), float(variation[i]))
+        for i, (source, place, _) in enumerate(tried)
+    ]
+
+
+def transfer_table(found: Sequence[Transferred]) -> str:
+    """Return, as Markdown, what laws are on arms that their numbers were not found on, over the first law.
+
+    Quotients of error and of torque variation, geometric means over pairs of arms and seeds, and how many
+    failed.
+    """
+    head = ("numbers of another arm", *(f"budget {i + 1}" for i in range(len(BUDGETS))), "failed")
+    lines = [head, ("---",) * len(head)]
+    for law in TRANSFERRED:
+        own = [each for each in found if each.law == law]
+        if not own:
+            continue
+        cells = [_quotients(found, law, place) for place in range(len(BUDGETS))]
+        failed = sum(not math.isfinite(each.objective) for each in own)
+        lines.append((law, *cells, f"{failed} of {len(own)}"))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _quotients(found: Sequence[Transferred], law: str, place: int) -> str:
+    """Return the quotients of a law over the first one at a budget: error, and torque variation."""
+    pairs: dict[tuple[str, str], dict[str, list[Transferred]]] = {}
+    for each in found:
+        if each.budget == place and each.law in (law, TRANSFERRED[0]) and math.isfinite(each.objective):
+            pairs.setdefault((each.source, each.target), {}).setdefault(each.law, []).append(each)
+    both = [pair for pair in pairs.values() if law in pair and TRANSFERRED[0] in pair]
+    if not both:
+        return "-"
+    error, variation = (
+        math.exp(np.mean([_log(pair[law], name) - _log(pair[TRANSFERRED[0]], name) for pair in both]))
+        for name in ("objective", "variation")
+    )
+    return f"{error:.2f} at {variation:.2f}"
+
+
+def _log(found: Sequence[Transferred], name: str) -> float:
+    """Return the mean logarithm of a value."""
+    return float(np.mean([math.log(getattr(each, name)) for each in found]))

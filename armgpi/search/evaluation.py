@@ -102,7 +102,7 @@ class Evaluator:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
             loop = self._prepared(place, section, count, candidates[0])
-            rollout = loop.run(_by_rollout(candidates, len(group), loop))
+            rollout = loop.run(by_rollout(candidates, len(group), loop))
         if "rollout" not in rollout.dims:
             rollout = rollout.expand_dims("rollout")
         if (rollout["status"] == Status.INTERRUPTED).any():
@@ -146,9 +146,7 @@ def with_keys(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str
     return made
 
 
-def _by_rollout(
-    candidates: Sequence[Mapping[str, Any]], scenarios: int, loop: PreparedLoop
-) -> dict[str, Any]:
+def by_rollout(candidates: Sequence[Mapping[str, Any]], scenarios: int, loop: PreparedLoop) -> dict[str, Any]:
     """Return values of a prepared loop: those of each candidate on all scenarios, one after the other."""
     n = loop.loop.plant.robot.n
 

@@ -135,8 +135,12 @@ class Space:
 
     def keys(self, x: Array) -> dict[str, Any]:
         """Return the values of the free keys at a place in the cube, as an experiment file has them."""
+        return self.keys_of(self.values(x))
+
+    def keys_of(self, values: Sequence[float] | Array) -> dict[str, Any]:
+        """Return the values of the free keys, as an experiment file has them, from the numbers."""
         found: dict[str, list[tuple[Dimension, float]]] = {}
-        for each, value in zip(self.dimensions, self.values(x), strict=True):
+        for each, value in zip(self.dimensions, values, strict=True):
             found.setdefault(each.key, []).append((each, float(value)))
         return {key: _value(own) for key, own in found.items()}
 
