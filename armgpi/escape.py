@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import html
+from collections.abc import Iterable, Sequence
+
 
 def shown(value: object, *, lines: bool = False) -> str:
     r"""Return text with everything that cannot be seen written out, as in ``\x1b`` and ``\u202e``.
@@ -17,6 +20,20 @@ def shown(value: object, *, lines: bool = False) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or (lines and c == "\n") else _written_out(c) for c in text)
+
+
+def html_text(value: object) -> str:
+    """Return text as HTML that shows it to the letter."""
+    return html.escape(shown(value, lines=True), quote=True)
+
+
+def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table of plain text as HTML, for notebooks."""
+    names = "".join(f"<th>{html_text(name)}</th>" for name in head)
+    lines = ("".join(f"<td>{html_text(cell)}</td>" for cell in row) for row in rows)
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    top = f"<caption><b>{html_text(caption)}</b></caption>"
+    return f"<table>{top}<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _written_out(character: str) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
+from armgpi.escape import html_table
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
@@ -55,6 +56,12 @@ class HealthReport:
         """Return the report with more findings and facts."""
         found = sorted((*self.findings, *more), key=lambda finding: LEVELS.index(finding.level))
         return HealthReport(self.robot, {**self.facts, **facts}, tuple(found))
+
+    def _repr_html_(self) -> str:
+        """Return the findings as a table, for notebooks."""
+        head = ("level", "where", "finding", "what to do")
+        rows = [(each.level, each.where, each.message, each.repair) for each in self.findings]
+        return html_table(f"{self.robot.name}: {len(rows)} findings", head, rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data, None in place of infinity."""

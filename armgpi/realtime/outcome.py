@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from armgpi.arrays import Array
+from armgpi.escape import html_table
 from armgpi.loop.rollout import Recording, to_dataset
 from armgpi.loop.runner import DIVERGENCE, in_control
 from armgpi.plants.plant import Plant
@@ -97,6 +98,18 @@ class Outcome(NamedTuple):
         last = int(np.flatnonzero(self.answered)[-1])
         q = self.rollout["q"].values[last:]
         return float(np.abs(q - q[0]).max())
+
+    def _repr_html_(self) -> str:
+        """Return how the two kept up as a table, for notebooks."""
+        lateness = _spread(self.lateness) or {}
+        rows = [
+            ("samples", len(self.answered)),
+            ("without a torque in time", self.missed),
+            ("filled by the controller", self.filled),
+            ("watchdog acted", f"{len(self.fired)} times"),
+            *((f"woke late by, {name} [us]", value) for name, value in lateness.items()),
+        ]
+        return html_table("loop between two processes", ("", ""), rows)
 
     def report(self, simulated: xr.Dataset | None = None) -> dict[str, Any]:
         """Return everything but the rollout as plain data.

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, ArrayLike, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
+from armgpi.escape import html_table
 from armgpi.robot import drives, from_pinocchio, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
@@ -313,6 +314,16 @@ class Robot(Edits):
         lower, upper = np.maximum(lower, middle - half), np.minimum(upper, middle + half)
         # Adding 0 makes -0 to 0: NumPy takes a range from 0 to -0 for a negative one.
         return np.random.default_rng(seed).uniform(lower + 0.0, upper + 0.0, (count, self.n))
+
+    def _repr_html_(self) -> str:
+        """Return its joints as a table, for notebooks."""
+        head = ("joint", "type", "lower", "upper", "velocity", "effort", "rotor inertia")
+        values = np.stack([*self.limits, self.armature], axis=-1)
+        rows = [
+            (joint, kind, *(f"{value:.4g}" for value in row))
+            for joint, kind, row in zip(self.joint_names, self.joint_types, values, strict=True)
+        ]
+        return html_table(f"{self.name}: {self.n} joints, {self.total_mass:.4g} kg", head, rows)
 
     def __repr__(self) -> str:
         """Return a one-line description."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from armgpi.escape import html_table
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
@@ -116,6 +117,28 @@ class DynamicsReport:
     def __str__(self) -> str:
         """Return the report as text."""
         return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        """Return functions, laws and causes as tables, for notebooks."""
+        head = ("function", "", "largest error", "relative", "where")
+        rows = [
+            (
+                t.function,
+                "agrees" if t.agrees else "differs",
+                f"{t.max_abs:.2g}",
+                f"{t.max_rel:.2g}",
+                _few(t.differing),
+            )
+            for t in self.functions
+        ]
+        caption = f"{self.model}: {self.verdict()}"
+        parts = [html_table(caption, head, rows)]
+        if self.causes:
+            parts.append(html_table("what is wrong", ("", "scope"), [(c.text, c.scope) for c in self.causes]))
+        if self.laws:
+            laws = [(law.name, law.verdict, law.text) for law in self.laws]
+            parts.append(html_table("laws", ("law", "", "found"), laws))
+        return "".join(parts)
 
     def _lines(self) -> list[str]:
         beside = f" beside {self.robot}" if self.robot else ""

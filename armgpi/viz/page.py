@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
-import html
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.escape import shown
+from armgpi.escape import html_text, shown
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz.meshes import MissingPackage, Triangles
@@ -33,6 +32,9 @@ from armgpi.viz.scene import Body, Clip, Scene
 _TYPES = {"float32": "f32", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
 #: Joints without limits get sliders over this range [rad or m].
 _UNLIMITED = math.pi
+
+#: Text as HTML that shows it to the letter.
+text = html_text
 
 
 class Arrays:
@@ -151,11 +153,6 @@ def json_text(data: Any) -> str:
     """Return data as JSON in which nothing can end the element around it; its text is as shown."""
     text = json.dumps(_shown(data), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def text(value: object) -> str:
-    """Return text as HTML that shows it to the letter."""
-    return html.escape(shown(value, lines=True), quote=True)
 
 
 def document(title: str, summary: str, sections: Mapping[str, str]) -> str:

@@ -1,0 +1,73 @@
+"""What notebooks show: tables of what there is, in which no text of a file is HTML."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+from typing import Any
+
+import pytest
+
+from armgpi import GPI, Hold, RigidBodyPlant, Robot, simulate, validate
+from armgpi.escape import html_table
+from armgpi.health import inspect
+from armgpi.paper.arm import PaperArm
+from armgpi.realtime import run
+
+ARM = Robot.load("anthropomorphic3")
+
+
+class _Tags(HTMLParser):
+    """Counts tags, and keeps the text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: set[str] = set()
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.open.append(tag)
+        self.tags.add(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += f" {data}"
+
+
+@pytest.mark.parametrize(
+    ("shown", "words"),
+    [
+        (ARM, ("anthropomorphic3", "q1", "revolute")),
+        (inspect("anthropomorphic3"), ("anthropomorphic3", "level", "what to do")),
+        (validate(PaperArm(), ARM), ("agrees", "largest error")),
+        (
+            run(RigidBodyPlant(ARM), GPI(ARM, 1e-3), Hold(ARM.middle()), 0.01, clock="simulated"),
+            ("samples", "10"),
+        ),
+    ],
+    ids=["robot", "health", "validation", "loop"],
+)
+def test_it_is_a_table_that_is_well_formed(shown: Any, words: tuple[str, ...]) -> None:
+    page = _Tags(shown._repr_html_())
+    assert not page.open
+    assert page.tags <= {"table", "caption", "b", "thead", "tbody", "tr", "th", "td"}
+    assert all(word in page.text for word in words)
+
+
+def test_names_from_files_are_text() -> None:
+    page = _Tags(html_table("<script>x</script>", ["a\x1b[2J"], [["<img src=x>"]]))
+    assert not {"script", "img"} & page.tags
+    assert "<script>x</script>" in page.text
+    assert "\x1b" not in page.text
+
+
+def test_a_rollout_is_a_pandas_frame() -> None:
+    pandas = pytest.importorskip("pandas")
+    rollout = simulate(RigidBodyPlant(ARM), GPI(ARM, 1e-3), Hold(ARM.middle()), 0.01, progress=False)
+    frame = rollout[["q", "tau"]].to_dataframe()
+    assert isinstance(frame, pandas.DataFrame)
+    assert len(frame) == 11 * 3
+    assert frame.loc[(0.0, "q2"), "q"] == ARM.middle()[1]
