@@ -127,6 +127,7 @@ def loop(
             clock=clock,
             policy=policy,
             exported=exported,
+            supervisor=experiment.supervisor,
             watch=_watcher(experiment, stack) if view else None,
         )
     found = outcome.report(experiments.run(experiment, label, progress=False))
@@ -186,6 +187,8 @@ def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
     for name, ratio in found["error_ratio"].items():
         times_simulated = "" if ratio is None else f", {ratio:.3f} of the simulated"
         say(f"{name} error {found['error'][name]:.4g}{times_simulated}")
+    if found["supervisor"] is not None:
+        say(f"supervisor: {found['supervisor']['status']}, fault: {found['supervisor']['reason']}")
     watchdog = found["watchdog"]
     if watchdog["fired"]:
         dt = outcome.rollout["time"].values[1]

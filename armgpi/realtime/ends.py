@@ -8,14 +8,18 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.control.supervisor import FaultReport, Supervised, Supervisor
+from armgpi.export.controller import ExportedController
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.plant import Plant
 from armgpi.realtime.datagram import SAMPLE, TORQUE, Datagram
-from armgpi.references.reference import Reference, Target
+from armgpi.references.reference import Reference
 from armgpi.robot.robot import Robot
 
 #: What the arm's watchdog does.
 REACTIONS = ("damping", "gravity", "hold", "zero")
+#: Time for which samples may be missed [s], and their number, at least and at most.
+_SILENCE, _FEWEST_MISSED, _MOST_MISSED = 0.05, 20, 1000
 
 
 @with_parameters
@@ -115,24 +119,23 @@ class ArmEnd:
 
 
 class ControllerEnd:
-    """The controller's end: it answers samples, and fills those that it has missed.
+    """The controller's end: it answers samples, and has those filled that it has missed.
 
     Attributes:
-        controller: the law, in Python or as exported C.
+        controller: the law under its supervisor, in Python or as exported C.
         reference: where to.
         state: of the controller; None before the first sample.
         number: of the last sample.
-        filled: how many samples it has missed and filled.
+        filled: how many samples it has missed.
     """
 
-    def __init__(self, controller: Controller, reference: Reference) -> None:
+    def __init__(self, controller: Supervised | ExportedController, reference: Reference) -> None:
         """Keep the two."""
         self.controller, self.reference = controller, reference
         self.state: Any = None
         self.number = -1
         self.filled = 0
         self._answer: Datagram | None = None
-        self._before: Any = None
 
     def receive(self, sample: Datagram) -> Datagram | None:
         """Return the answer to a sample; None when it is older than one that was answered."""
@@ -141,26 +144,45 @@ class ControllerEnd:
         if sample.number < self.number:
             return None
         measured = self._measured(sample.values)
+        target = self.reference.at(sample.number * self.controller.dt)
         if self.state is None:
-            self.state = self.controller.init(measured, self._target(sample.number))
+            self.state = self.controller.init(measured, target)
             self.number = sample.number - 1
         elapsed = sample.number - self.number
         self.filled += elapsed - 1
-        for i in range(1, elapsed):
-            share = i / elapsed
-            between = type(measured)(
-                *(a + share * (b - a) for a, b in zip(self._before, measured, strict=True))
-            )
-            _, self.state = self.controller.step(between, self._target(self.number + i), self.state)
-        tau, self.state = self.controller.step(measured, self._target(sample.number), self.state)
-        self.number, self._before = sample.number, measured
+        tau, self.state = self.controller.advance(measured, target, self.state, elapsed)
+        self.number = sample.number
         self._answer = Datagram(TORQUE, sample.number, sample.time, np.asarray(tau))
         return self._answer
+
+    @property
+    def fault(self) -> FaultReport | None:
+        """What the supervisor says; None before the first sample."""
+        return None if self.state is None else self.controller.report(self.state)
 
     def _measured(self, values: Array) -> Measurement | FullState:
         if self.controller.measurement_type is FullState:
             return FullState(values[0], values[1])
         return Measurement(values)
 
-    def _target(self, number: int) -> Target:
-        return self.reference.at(number * self.controller.dt)
+
+def supervised(
+    controller: Controller, supervisor: Supervisor | None, exported: bool
+) -> Supervised | ExportedController:
+    """Return a controller under a supervisor, as exported C where that is wanted.
+
+    Args:
+        controller: the law; one that is supervised or exported stays as it is.
+        supervisor: what is taken for a fault; when not given the defaults, but that samples of 50 ms may be
+            missed, as the arm bears such a silence too.
+        exported: whether it is to run as exported C.
+    """
+    if isinstance(controller, Supervised | ExportedController):
+        return controller
+    if supervisor is None:
+        supervisor = Supervisor(
+            missed=min(_MOST_MISSED, max(_FEWEST_MISSED, round(_SILENCE / controller.dt)))
+        )
+    if exported:
+        return ExportedController.of(controller, supervisor=supervisor)
+    return Supervised(controller, supervisor)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from armgpi.arrays import Array
+from armgpi.control.supervisor import FaultReport
 from armgpi.escape import html_table
 from armgpi.loop.rollout import Recording, to_dataset
 from armgpi.loop.runner import DIVERGENCE, in_control
@@ -72,6 +73,7 @@ class Outcome(NamedTuple):
         latched: whether it gave the controller up.
         granted: "arm", "controller" -> what the system granted: policy, locked memory.
         steps: how long the controller took for its samples [s].
+        fault: what the controller's supervisor said at the end; None when it was killed.
         made_from: clock and faults, as plain data.
     """
 
@@ -83,6 +85,7 @@ class Outcome(NamedTuple):
     latched: bool
     granted: dict[str, Any]
     steps: Array
+    fault: FaultReport | None
     made_from: dict[str, Any]
 
     @property
@@ -123,6 +126,7 @@ class Outcome(NamedTuple):
             "samples": len(self.answered),
             "missed": self.missed,
             "filled": self.filled,
+            "supervisor": None if self.fault is None else self.fault._asdict(),
             "watchdog": {"fired": self.fired, "latched": self.latched, "travel": self.travel},
             "lateness_us": _spread(self.lateness),
             "controller_us": _spread(self.steps),

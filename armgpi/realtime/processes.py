@@ -21,9 +21,10 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState, Measurement
+from armgpi.control.supervisor import FaultReport
 from armgpi.errors import ArmgpiError, BackendError
 from armgpi.realtime.datagram import END, LONGEST, TORQUE, Datagram, unpack
-from armgpi.realtime.ends import ArmEnd, ControllerEnd
+from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervised
 from armgpi.realtime.injected import Schedule
 from armgpi.realtime.outcome import Samples, histogram
 
@@ -48,6 +49,7 @@ class Taken(NamedTuple):
     latched: bool
     granted: dict[str, Any]
     steps: Array
+    fault: FaultReport | None
 
 
 def wall(
@@ -61,7 +63,7 @@ def wall(
 
     Args:
         arm: makes the arm's end.
-        control: controller, reference, whether it runs as exported C, and where the arm is.
+        control: controller, reference, supervisor, whether it runs as exported C, and where the arm is.
         schedule: what goes wrong.
         policy: how they are scheduled.
         watch: is told some times a second.
@@ -121,12 +123,12 @@ def _finished(
         if kind == "done":
             break
     samples, fired, latched, granted_arm = value
-    told: dict[str, Any] = {"filled": 0, "steps": np.empty(0), "granted": None}
+    told: dict[str, Any] = {"filled": 0, "steps": np.empty(0), "granted": None, "fault": None}
     with suppress(EOFError, OSError):  # a controller that was killed tells nothing
         if to_controller.poll(2.0):
             told = to_controller.recv()[1]
     granted = {"arm": granted_arm, "controller": told["granted"]}
-    return Taken(samples, told["filled"], fired, latched, granted, told["steps"])
+    return Taken(samples, told["filled"], fired, latched, granted, told["steps"], told["fault"])
 
 
 def _expect(pipe: Connection, child: Any, wanted: str) -> Any:
@@ -280,15 +282,12 @@ class _Wall:
 
 
 def _controller_process(
-    pipe: Connection, controller: Any, reference: Any, exported: bool, q: Array, policy: str
+    pipe: Connection, law: Any, reference: Any, supervisor: Any, exported: bool, q: Array, policy: str
 ) -> None:
     """Be the controller."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        if exported:
-            from armgpi.export.controller import ExportedController
-
-            controller = ExportedController.of(controller)
+        controller: Any = supervised(law, supervisor, exported)
         # What is made at its first use is made now.
         zero = np.zeros_like(q)
         measured = FullState(q, zero) if controller.measurement_type is FullState else Measurement(q)
@@ -301,7 +300,8 @@ def _controller_process(
         granted = _real_time(policy, _CONTROLLER)
         pipe.send(("ready", wire.getsockname()))
         took = _answering(end, wire, len(q))
-        pipe.send(("done", {"filled": end.filled, "steps": np.array(took), "granted": granted}))
+        told = {"filled": end.filled, "steps": np.array(took), "granted": granted, "fault": end.fault}
+        pipe.send(("done", told))
     except Exception as error:
         with suppress(OSError):
             pipe.send(("error", error if isinstance(error, ArmgpiError) else repr(error)))

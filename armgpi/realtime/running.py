@@ -10,13 +10,14 @@ import numpy as np
 
 from armgpi.arrays import ArrayLike, check_choice, check_type
 from armgpi.control.controller import Controller, FullState
+from armgpi.control.supervisor import Supervisor
 from armgpi.errors import ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.prepared import whole_steps
 from armgpi.plants.plant import Plant
 from armgpi.realtime import processes
 from armgpi.realtime.datagram import unpack
-from armgpi.realtime.ends import ArmEnd, ControllerEnd, Watchdog
+from armgpi.realtime.ends import ArmEnd, ControllerEnd, Watchdog, supervised
 from armgpi.realtime.injected import Injected, Schedule
 from armgpi.realtime.outcome import Outcome, Samples, collect
 from armgpi.references.reference import Reference
@@ -38,6 +39,7 @@ def run(
     clock: str = "wall",
     policy: str = "auto",
     exported: bool = False,
+    supervisor: Supervisor | None = None,
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> Outcome:
     """Run a loop over UDP between two processes, the arm in wall-clock time, and return what came out.
@@ -54,6 +56,8 @@ def run(
         clock: "wall", or "simulated": in this process, without a wire, the same at every run.
         policy: of both processes: "fifo" (real time), "other", or "auto", real time where it is allowed.
         exported: run the controller as exported C.
+        supervisor: what the controller takes for a fault, see :mod:`armgpi.control.supervisor`; when not
+            given its defaults, but that 50 ms of samples may be missed.
         watch: is given what happens some times a second, as plain data; by the wall clock alone.
 
     Raises:
@@ -66,6 +70,7 @@ def run(
     check_choice(clock, "clock", CLOCKS)
     check_choice(policy, "policy", processes.POLICIES)
     check_type(exported, "exported", bool, "True or False")
+    check_type(supervisor, "supervisor", Supervisor | None, "a Supervisor")
     injected, watchdog = injected or Injected(), watchdog or Watchdog()
     check_type(injected, "injected", Injected, "an Injected")
     check_type(watchdog, "watchdog", Watchdog, "a Watchdog")
@@ -76,11 +81,12 @@ def run(
     velocity = controller.measurement_type is FullState
     arm = partial(ArmEnd, plant, model, loop.dt, watchdog, truth.q, truth.v, velocity)
     schedule = injected.prepare(steps, loop.dt)
-    taken = (
-        processes.wall(arm, (controller, reference, exported, truth.q), schedule, policy, watch)
-        if clock == "wall"
-        else _simulated(arm(), ControllerEnd(_exported(controller, exported), reference), schedule)
-    )
+    if clock == "wall":
+        control = (controller, reference, supervisor, exported, truth.q)
+        taken = processes.wall(arm, control, schedule, policy, watch)
+    else:
+        end = ControllerEnd(supervised(controller, supervisor, exported), reference)
+        taken = _simulated(arm(), end, schedule)
     made_from = {"clock": clock, "injected": injected.describe(), "exported": exported}
     described = {**loop.describe(), "t_final": steps * loop.dt, "backend": f"two ends, {clock} clock"}
     rollout = collect(taken.samples, plant, reference, loop.dt, described | made_from)
@@ -94,17 +100,9 @@ def run(
         taken.latched,
         taken.granted,
         taken.steps,
+        taken.fault,
         made_from | {"policy": policy, "watchdog_parameters": watchdog.values()},
     )
-
-
-def _exported(controller: Controller, wanted: bool) -> Controller:
-    """Return a controller, as exported C where that is wanted."""
-    if not wanted:
-        return controller
-    from armgpi.export.controller import ExportedController
-
-    return ExportedController.of(controller)
 
 
 def _simulated(arm: ArmEnd, end: ControllerEnd, schedule: Schedule) -> processes.Taken:
@@ -126,4 +124,4 @@ def _simulated(arm: ArmEnd, end: ControllerEnd, schedule: Schedule) -> processes
             waiting.clear()
         samples.take(arm, sample, None if schedule.lost[k, 1] or answer is None else unpack(answer.pack(), n))
     samples.finish(arm)
-    return processes.Taken(samples, end.filled, arm.fired, arm.latched, {}, np.empty(0))
+    return processes.Taken(samples, end.filled, arm.fired, arm.latched, {}, np.empty(0), end.fault)

@@ -14,12 +14,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import armgpi
-from armgpi import GPI, Bezier, Encoder, FixedGains, PIDInversion, RigidBodyPlant, Robot, Saturated, simulate
+from armgpi import (
+    GPI,
+    Bezier,
+    Encoder,
+    FixedGains,
+    PIDInversion,
+    RigidBodyPlant,
+    Robot,
+    Saturated,
+    Supervisor,
+    simulate,
+)
 from armgpi.errors import ArmgpiError
 from armgpi.loop.rollout import Status
 from armgpi.realtime import Injected, Watchdog, run
 from armgpi.realtime.datagram import END, SAMPLE, TORQUE, Datagram, unpack
-from armgpi.realtime.ends import ArmEnd, ControllerEnd
+from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervised
 
 DT = 1e-3
 ARMS = {name: Robot.load(name) for name in ("anthropomorphic3", "ur5")}
@@ -83,17 +94,20 @@ def test_numbers_that_are_not_finite_and_other_arms_are_not_received(bad: float)
 
 
 def test_without_faults_the_loop_is_the_simulation_bit_for_bit() -> None:
-    expected, outcome = simulate(*parts(), 0.4, progress=False), looped(seconds=0.4)
+    expected = simulate(*parts(), 0.4, progress=False, supervisor=Supervisor(missed=50))
+    outcome = looped(seconds=0.4)
     for name in ("q", "v", "q_measured", "tau_command", "tau", "q_ref"):
         np.testing.assert_array_equal(outcome.rollout[name], expected[name])
     assert outcome.missed == outcome.filled == 0
+    assert outcome.fault == ("run", "none", None)
 
 
 def test_velocities_go_over_the_wire_for_those_who_measure_them() -> None:
     plant, _, move = parts()
     pid = PIDInversion(ARM, DT)
-    expected = simulate(plant, pid, move, 0.3, progress=False)
-    outcome = run(plant, pid, move, 0.3, clock="simulated")
+    supervisor = Supervisor()
+    expected = simulate(plant, pid, move, 0.3, progress=False, supervisor=supervisor)
+    outcome = run(plant, pid, move, 0.3, clock="simulated", supervisor=supervisor)
     np.testing.assert_array_equal(outcome.rollout["q"], expected["q"])
 
 
@@ -106,7 +120,7 @@ def test_exported_c_is_a_controller_like_another() -> None:
 def test_what_was_missed_is_filled_along_a_straight_line() -> None:
     _, law, move = parts()
     q = ARM.middle() + np.linspace(0.0, 1e-4, 5)[:, None]
-    whole, holes = ControllerEnd(law, move), ControllerEnd(law, move)
+    whole, holes = (ControllerEnd(supervised(law, None, False), move) for _ in range(2))
     for k in range(5):
         every = whole.receive(Datagram(SAMPLE, k, k * DT, q[k]))
     for k in (0, 4):
@@ -119,7 +133,7 @@ def test_what_was_missed_is_filled_along_a_straight_line() -> None:
 
 def test_a_sample_twice_has_one_answer_and_an_old_one_none() -> None:
     _, law, move = parts()
-    end = ControllerEnd(law, move)
+    end = ControllerEnd(supervised(law, None, False), move)
     samples = [Datagram(SAMPLE, k, k * DT, ARM.middle()) for k in range(3)]
     answers = [end.receive(sample) for sample in samples]
     assert end.receive(samples[2]) is answers[2]
@@ -169,6 +183,17 @@ def test_an_arm_that_has_given_up_does_not_listen_any_more() -> None:
     assert not outcome.answered[round(MOVING / DT) :].any()
 
 
+def test_a_silence_that_is_too_long_is_a_fault_of_the_controller_too() -> None:
+    # The arm bears more here than the supervisor allows.
+    outcome = looped(
+        injected=Injected(outage=(MOVING, 0.04)),
+        watchdog=Watchdog(100, latch=1.0),
+        supervisor=Supervisor(missed=20),
+    )
+    assert outcome.fault is not None
+    assert outcome.fault.reason == "late"
+
+
 def test_torques_are_taken_in_their_order() -> None:
     plant, _, _ = parts()
     arm = ArmEnd(plant, ARM, DT, Watchdog(), ARM.middle(), np.zeros(3), velocity=False)
@@ -212,6 +237,7 @@ def test_a_run_that_diverges_says_so() -> None:
         (lambda: looped(model="ur5"), "model"),
         (lambda: looped(policy="rr"), "policy"),
         (lambda: looped(exported=1), "exported"),
+        (lambda: looped(supervisor=20), "supervisor"),
         (lambda: looped(seconds=0.0), "t_final"),
         (lambda: run(*parts(), 1.0, clock="atomic"), "clock"),
         (lambda: looped(q0=np.zeros((2, 3))), "plant"),
