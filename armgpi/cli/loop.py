@@ -112,13 +112,11 @@ def loop(
     label, *others = experiment.runs
     if others:
         raise refusal("--plant", "armgpi loop takes one plant")
-    plant, law = experiment.runs[label]
     stretches = _stretch(outage, "--outage"), _stretch(stall, "--stall")
     injected = Injected(loss, *stretches, kill, experiment.config.seed)
     with ExitStack() as stack:
         outcome = run(
-            plant,
-            law,
+            *experiment.runs[label],
             experiment.reference,
             experiment.t_final,
             injected=injected,
