@@ -14,6 +14,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if TYPE_CHECKING:
     from armgpi import errors as errors
     from armgpi import health as health
+    from armgpi.certification.certificate import Certificate as Certificate
+    from armgpi.certification.certificate import certify as certify
     from armgpi.control.adrc import ADRC as ADRC
     from armgpi.control.controller import Controller as Controller
     from armgpi.control.controller import ControlStep as ControlStep
@@ -103,6 +105,7 @@ _MODULES = {
     "robots": "robot.robots",
 }
 _NAMES = {
+    "certification.certificate": ("Certificate", "certify"),
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),
     "control.pid_positions": ("PIDPositions",),

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli import (
+    certify,
     contend,
     derive,
     doctor,
@@ -78,6 +79,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "Robots": (robots.robots, inspect.inspect, view.view),
     "Results": (view.report,),
     "Hand-derived dynamics": (validate.validate, derive.derive),
+    "Certificates": (certify.certify,),
     "Hardware": (export.export, loop.loop),
     "The paper": (paper.reproduce, paper.scenarios),
     "Installation": (doctor.doctor,),

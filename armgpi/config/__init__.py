@@ -4,7 +4,7 @@
 objects.
 """
 
-from armgpi.config.building import Experiment, build, controller
+from armgpi.config.building import Experiment, build, controller, robot
 from armgpi.config.reading import Loaded, Origin, check, dump, parse, read
 from armgpi.config.schema import ExperimentConfig
 
@@ -19,4 +19,5 @@ __all__ = [
     "dump",
     "parse",
     "read",
+    "robot",
 ]

@@ -176,6 +176,15 @@ def _supervisor(config: ExperimentConfig, controllers: Iterable[Controller], pla
         return Supervised(first, supervisor).supervisor  # which checks that it fits the arm
 
 
+def robot(config: ExperimentConfig, origin: Origin | None = None) -> Robot:
+    """Return the arm alone that a configuration describes.
+
+    Raises:
+        ConfigError: when something does not fit the robot; it names the key.
+    """
+    return _robot(config.robot, _Place(origin or Origin()).at("robot"))
+
+
 def _robot(section: RobotSection, place: _Place) -> Robot:
     """Return the arm."""
     # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.

@@ -22,7 +22,7 @@ from armgpi.robot.robot import Robot
 #: Most samples of a grid: eight revolute joints.
 _MOST = 5**8
 #: Coefficients below this share of the largest sum are rounding; what is dropped is far below the share
-#: by which :mod:`armgpi.certify.proofs` rounds outward.
+#: by which :mod:`armgpi.certification.proofs` rounds outward.
 _DROPPED = 1e-14
 #: Share by which a polynomial may differ from what it was made from, at configurations off the grid.
 _EQUAL = 1e-11

@@ -1,7 +1,7 @@
 """The numbers of an arm, proved: branch and bound over cells of configurations.
 
 Each number is the largest norm, or eigenvalue, of ``D(q)^-1/2 X(q) D(q)^-1/2``, with X one of a few matrices
-that are linear in trigonometric polynomials (:mod:`armgpi.certify.trigonometric`). In a cell it is bounded by
+that are linear in trigonometric polynomials (:mod:`armgpi.certification.trigonometric`). In a cell it is bounded by
 its value at the center, first and second derivatives there, and bounds on third derivatives everywhere. Cells
 with large bounds are split until the largest bound is near the largest value that was seen.
 
@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.certify.numbers import MARGIN, Number, Numbers, Setting, corners, searched
-from armgpi.certify.trigonometric import Expandable, Expansion, Polynomial, polynomials_of, stacked
+from armgpi.certification.numbers import MARGIN, Number, Numbers, Setting, corners, searched
+from armgpi.certification.trigonometric import Expandable, Expansion, Polynomial, polynomials_of, stacked
 
 #: Share by which every bound is raised.
 OUTWARD = 1e-6
@@ -121,6 +121,12 @@ def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Nu
     # Loads add to D, so the nominal model with the heaviest one is at least the true D.
     heaviest = np.array_equal(models[-1].D.coefficients, models[-1].D_nominal.coefficients)
     low = number(inverted(made.delta_low), lambda m: Eigenvalue(m.D_nominal, m.D, m.reach))
+    inverse = tuple(
+        number(each, lambda m, j=j: Eigenvalue(m.D, _unit(m.D, j), m.reach))  # type: ignore[misc]
+        for j, each in enumerate(made.inverse)
+    )
+    # Velocities of length 1 are in the box of the lengths of the axes.
+    w = corners(np.sqrt([each.value for each in inverse]))
     return Numbers(
         delta_low=Number(1.0, "proved") if heaviest else inverted(low),
         delta_high=number(made.delta_high, lambda m: Eigenvalue(m.D, m.D_nominal, m.reach)),
@@ -128,10 +134,9 @@ def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Nu
         kappa_v=number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), m.reach, v)),
         kappa_e=number(made.kappa_e, lambda m: Stiffness(m, setting), star),
         kappa_g=number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)), m.reach)),
-        inverse=tuple(
-            number(each, lambda m, j=j: Eigenvalue(m.D, _unit(m.D, j), m.reach))  # type: ignore[misc]
-            for j, each in enumerate(made.inverse)
-        ),
+        inverse=inverse,
+        sigma_error=number(made.sigma_error, lambda m: Norm(m.D, _slopes(m.D), m.reach, w)),
+        kappa_error=number(made.kappa_error, lambda m: Norm(m.D, _christoffel(m.D), m.reach, w)),
     )
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from strategies import robots
 
 from armgpi import Robot
-from armgpi.certify import numbers, proofs
-from armgpi.certify.numbers import Numbers, Setting
-from armgpi.certify.trigonometric import Expandable, polynomials_of
+from armgpi.certification import numbers, proofs
+from armgpi.certification.numbers import Numbers, Setting
+from armgpi.certification.trigonometric import Expandable, polynomials_of
 from armgpi.errors import ParameterError
 
 TOLERANCE = 0.1

@@ -26,6 +26,8 @@ _DRAWN, _BEST, _NEAR, _ROUNDS = 600, 8, 10, 6
 MARGIN = 0.03
 #: Directions of motion that are tried: all corners of the speeds up to so many.
 _CORNERS = 64
+#: How often each of three vectors is chosen for the others.
+_TURNS = 4
 #: Step of the derivatives [rad or m].
 _STEP = 1e-2
 _Function = Callable[["Setting", Robot, "Points"], Array]
@@ -40,7 +42,7 @@ class Setting(NamedTuple):
         lower: lower end of the reference's configurations [rad or m], shape (n,).
         upper: upper end [rad or m], shape (n,).
         radius: how far the arm is from its reference at most [rad or m], shape (n,).
-        speed: largest speed of each joint [rad/s or m/s], shape (n,).
+        speed: largest speed of each joint of the reference [rad/s or m/s], shape (n,).
         feedforward: "none", "gravity" or "model".
     """
 
@@ -76,6 +78,8 @@ class Numbers(NamedTuple):
         kappa_e: largest norm of D^-1/2 d(G - D^ v*)/dq D^-1/2, the stiffness of gravity [1/s^2].
         kappa_g: the same of dG/dq alone, for the time between two samples [1/s^2].
         inverse: largest diagonal elements of D^-1, one for each joint [1/(kg m^2) or 1/kg].
+        sigma_error: what sigma grows by for a unit of the error's speed, a length in the metric of D [1/s].
+        kappa_error: what kappa_v grows by for it [1/s].
     """
 
     delta_low: Number
@@ -85,6 +89,8 @@ class Numbers(NamedTuple):
     kappa_e: Number
     kappa_g: Number
     inverse: tuple[Number, ...]
+    sigma_error: Number
+    kappa_error: Number
 
 
 class Points(NamedTuple):
@@ -120,6 +126,8 @@ def searched(setting: Setting, seed: int = 0) -> Numbers:
         kappa_e=Number(more * largest(setting, _stiffness, seed)),
         kappa_g=Number(more * largest(setting, _gravity, seed)),
         inverse=tuple(Number(more * largest(setting, _inverse(j), seed)) for j in joints),
+        sigma_error=Number(more * largest(setting, _sigma_error, seed)),
+        kappa_error=Number(more * largest(setting, _kappa_error, seed)),
     )
 
 
@@ -213,6 +221,47 @@ def _deltas(setting: Setting, arm: Robot, at: Points) -> Array:
     return np.asarray(np.linalg.eigvalsh(_in_metric(arm, at.q, setting.nominal.mass_matrix(at.q))))
 
 
+def _christoffel(slope: Array, v: Array) -> Array:
+    """Return C(q, v) [.., k, c, n, n] of derivatives (k, n, n, n) of D and velocities (k, c, n) or (c, n)."""
+    v = np.broadcast_to(v, (len(slope), *v.shape[-2:]))
+    along = np.einsum("kiab,kci->kcab", slope, v)
+    across = np.einsum("kjia,kca->kcij", slope, v)  # dD_ia/dq_j v_a
+    return np.asarray(0.5 * (along + across - across.swapaxes(-1, -2)))
+
+
+def _in_ball(setting: Setting, arm: Robot, at: Points, symmetric: bool) -> Array:
+    """Return the largest norm of dD/dt or C over velocities of length 1 in the metric of D.
+
+    The norm is that of a form linear in the velocity and in two vectors: each of the three is chosen in turn
+    as the best for the others, from every axis on.
+    """
+    n = arm.n
+    slope, inverse = slopes(arm.mass_matrix, at.q), roots(arm.mass_matrix(at.q))
+    axes = np.swapaxes(inverse, -1, -2)  # columns are velocities of length 1
+    if symmetric:
+        each = np.einsum("kiab,kij->kjab", slope, axes)
+    else:
+        each = _christoffel(slope, np.swapaxes(axes, -1, -2))
+    forms = inverse[:, None] @ each @ inverse.swapaxes(-1, -2)[:, None]
+    u = np.broadcast_to(np.eye(n), (len(forms), n, n))
+    for _ in range(_TURNS):
+        X = np.einsum("kcj,kjab->kcab", u, forms)
+        left, value, right = np.linalg.svd(X)
+        g = np.einsum("kca,kjab,kcb->kcj", left[..., 0], forms, right[..., 0, :])
+        u = g / np.maximum(np.linalg.norm(g, axis=-1, keepdims=True), 1e-300)
+    return np.asarray(value[..., 0].max(axis=1))
+
+
+def _sigma_error(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the largest rate of the metric over velocities of length 1."""
+    return _in_ball(setting, arm, at, symmetric=True)
+
+
+def _kappa_error(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the largest norm of C over velocities of length 1."""
+    return _in_ball(setting, arm, at, symmetric=False)
+
+
 def _sigma(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the largest rate of the metric; convex in the speeds, so largest at a corner of them."""
     rates = np.einsum("kiab,ci->kcab", slopes(arm.mass_matrix, at.q), corners(setting.speed))
@@ -221,10 +270,7 @@ def _sigma(setting: Setting, arm: Robot, at: Points) -> Array:
 
 def _coriolis(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of Christoffel's C(q, v), at a corner of the speeds."""
-    slope, v = slopes(arm.mass_matrix, at.q), corners(setting.speed)
-    along = np.einsum("kiab,ci->kcab", slope, v)
-    across = np.einsum("kjia,ca->kcij", slope, v)  # dD_ia/dq_j v_a
-    C = 0.5 * (along + across - across.swapaxes(-1, -2))
+    C = _christoffel(slopes(arm.mass_matrix, at.q), corners(setting.speed))
     return np.asarray(_norms(_in_metric(arm, at.q, C)).max(axis=1))
 
 

@@ -1,0 +1,92 @@
+"""Where a certificate holds: boxes of configurations, from numbers, mappings or a task file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from armgpi.arrays import Array, quantity
+from armgpi.errors import ConfigError, ParameterError
+from armgpi.robot.robot import Robot
+
+#: Keys of a task file and what they mean.
+KEYS = {
+    "around": "configuration in the middle [rad or m]; the middle of the joint ranges when not given",
+    "by": "half the width of the box [rad or m]",
+    "lower": "lower end of the box [rad or m]",
+    "upper": "upper end of the box [rad or m]",
+}
+
+
+class Box(NamedTuple):
+    """Configurations between two ends.
+
+    Attributes:
+        lower: lower end [rad or m], shape (n,).
+        upper: upper end [rad or m], shape (n,).
+    """
+
+    lower: Array
+    upper: Array
+
+
+def box_of(robot: Robot, given: Any) -> Box:
+    """Return a box of configurations; what is not given is the joint's range, of a turn at most.
+
+    Args:
+        robot: the arm.
+        given: None for the joint ranges; a number by which to leave their middle; or a mapping with
+            `around` and `by`, or with `lower` and `upper`, each one number, a list, or by joint name.
+
+    Raises:
+        ParameterError: for a key that there is not, or ends that are the wrong way round.
+        ArrayError: for what is not a number for each joint.
+        NameNotFound: for a joint that there is not.
+    """
+    middle = robot.middle()
+    whole = Box(
+        np.maximum(robot.limits.lower, middle - math.pi), np.minimum(robot.limits.upper, middle + math.pi)
+    )
+    if given is None:
+        return whole
+    wanted = dict(given) if isinstance(given, Mapping) else {"by": given}
+    for key in wanted:
+        if key not in KEYS:
+            raise ParameterError("box", key, f"one of {', '.join(KEYS)}")
+    if ("lower" in wanted or "upper" in wanted) and ("around" in wanted or "by" in wanted):
+        raise ParameterError("box", given, "either around and by, or lower and upper")
+
+    def values(key: str, default: Array) -> Array:
+        value = wanted.get(key)
+        return default if value is None else quantity(value, f"box.{key}", robot.joint_names, default)
+
+    if "around" in wanted or "by" in wanted:
+        center, half = values("around", middle), values("by", 0.5 * (whole.upper - whole.lower))
+        found = Box(center - half, center + half)
+    else:
+        found = Box(values("lower", whole.lower), values("upper", whole.upper))
+    for name, low, high in zip(robot.joint_names, *found, strict=True):
+        if not low <= high:
+            raise ParameterError("box", [low, high], f"a lower end below the upper one for joint {name!r}")
+    return found
+
+
+def read_box(path: Path) -> Any:
+    """Return a box as a task file (YAML) has it; :func:`box_of` checks it.
+
+    Raises:
+        ConfigError: when the file cannot be read, or is not a mapping or number.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(path, "box", f"cannot be read: {error}") from None
+    data = data.get("box", data) if isinstance(data, Mapping) else data
+    if not isinstance(data, Mapping | int | float) or isinstance(data, bool):
+        raise ConfigError(path, "box", f"expected a number or {', '.join(KEYS)}, got {data!r}")
+    return data

@@ -1,0 +1,335 @@
+"""A bound on the whole arm's error: from a robot, loads, a box, speeds and a controller to a certificate.
+
+The mathematics is in docs/certify.md. The numbers of the arm are searched, the matrix inequality that they
+lead to is solved, and what is said is what the checker finds in exact arithmetic
+(:mod:`armgpi.certification.check_certificate`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armgpi import files
+from armgpi.arrays import Array, check_path
+from armgpi.certification import check_certificate
+from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
+from armgpi.certification.numbers import Numbers, searched
+from armgpi.certification.reasons import beyond, unsolved
+from armgpi.certification.solve import Solution, solve
+from armgpi.certification.words import table
+from armgpi.errors import ConfigError
+from armgpi.robot.robot import Robot
+
+checker: Any = check_certificate  # generic over number types, so without annotations
+
+FORMAT = "armgpi certificate 1"
+#: By how much claims are rounded up, so that they are short.
+_ROUNDED = 1e-6
+#: Speed of the error for which a torque's claim is made: by how much it raises sigma or kappa_v.
+_SPREAD = 0.02
+#: How often a larger speed of the error is tried, and by how much larger than the bound before.
+_TRIES, _LARGER = 6, 1.2
+
+
+class Certificate:
+    """A certificate, or why there is none.
+
+    Attributes:
+        data: the certificate file as plain data.
+        reasons: what is in the way and what would do, a sentence each; empty for a certificate.
+    """
+
+    def __init__(self, data: Mapping[str, Any], reasons: tuple[str, ...] = ()) -> None:
+        """Take a certificate's data, and why it claims less than was asked for."""
+        self.data = dict(data)
+        self.reasons = reasons
+
+    @property
+    def certified(self) -> bool:
+        """Whether everything that was asked for is certified."""
+        return not self.reasons
+
+    @property
+    def guaranteed(self) -> bool:
+        """Whether it rests on proved numbers alone."""
+        return self.certified and set(self.data["status"].values()) == {"proved"}
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints."""
+        return list(self.data["robot"]["joints"])
+
+    @property
+    def per_torque(self) -> Array:
+        """Error over the size of a torque on the same joint, for the reference at rest [rad/(N m)], (n,)."""
+        across = np.sqrt([float(x) for x in self.data["numbers"]["inverse"]])
+        size = float(self.data["inputs"].get("gain", {}).get("torque", "nan"))
+        return self._claims("gain", "errors") * across / size
+
+    @property
+    def error(self) -> Array:
+        """Error under everything that was stated [rad or m], shape (n,)."""
+        return self._claims("stated", "errors")
+
+    @property
+    def after_jump(self) -> Array:
+        """Error after the load has jumped between its ends [rad or m], shape (n,)."""
+        return self._claims("jump", "errors")
+
+    @property
+    def torque(self) -> Array:
+        """Torque that the controller asks for at most [N m or N], shape (n,)."""
+        return self._claims("stated", "torques")
+
+    @property
+    def decay(self) -> float:
+        """Rate at which what disturbed is forgotten [1/s]."""
+        omega = float(Fraction(self.data["law"]["omega"][0]))
+        return 0.5 * float(self.data["solutions"]["gain"]["alpha"]) * omega
+
+    def _claims(self, solution: str, what: str) -> Array:
+        """Return claims of a solution; NaN where there is none."""
+        found = self.data["solutions"].get(solution, {}).get("claims")
+        n = len(self.joint_names)
+        return np.full(n, np.nan) if found is None else np.array([float(x) for x in found[what]])
+
+    @property
+    def text(self) -> str:
+        """The certificate file, which is all that the checker needs."""
+        return json.dumps(self.data, indent=1) + "\n"
+
+    def __str__(self) -> str:
+        """Return what is certified as a table, and what is not."""
+        return "\n".join(table(self))
+
+    def check(self) -> list[str]:
+        """Return what the exact checker finds wrong; nothing for a certificate that holds."""
+        return list(checker.check(self.data))
+
+    def save(self, path: Any) -> Path:
+        """Write the certificate file.
+
+        Raises:
+            RolloutError: when it cannot be written.
+        """
+        where: Path = check_path(path, "path")
+        files.write(where, self.text)
+        return where
+
+    @staticmethod
+    def load(path: Any) -> Certificate:
+        """Return the certificate of a file.
+
+        Raises:
+            ConfigError: when it is not one.
+        """
+        path = check_path(path, "path")
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            if data["format"] != FORMAT:
+                raise ConfigError(path, "format", f"expected {FORMAT!r}, got {data['format']!r}")
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ConfigError(path, "", f"is not a certificate: {error!r}") from None
+        return Certificate(data)
+
+
+def certify(robot: Robot, dt: float = 1e-3, **options: Any) -> Certificate:
+    """Return a certificate for a GPI controller on an arm, or why there is none.
+
+    Args:
+        robot: the arm without load, with the rotor inertia that it has.
+        dt: sample time [s].
+        **options: of :func:`armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
+            `payload` (lightest and heaviest load [kg]), `box` (see :func:`armgpi.certification.box.box_of`),
+            `radius` (how far the arm may be from its reference [rad or m]), `velocity` and `acceleration` of
+            the reference, `torque` (of disturbances [N m or N]), `friction` (that of the robot), `bits` of
+            the encoders, `delay` [samples], and what :class:`armgpi.GPI` takes: `gains`, `integrators`,
+            `rolloff`, `rolloff_ratio`, `second_ratio`, `second_zeta`, `feedforward`.
+
+    Raises:
+        ParameterError: for what no certificate is known for, or a value that is out of its range.
+        PayloadError: when no bandwidth serves the loads.
+        BackendError: when Clarabel is not installed.
+    """
+    asked = ask(robot, dt, **options)
+    return certificate(asked, searched(asked.setting))
+
+
+def certificate(asked: Asked, found: Numbers) -> Certificate:
+    """Return the certificate that the numbers of an arm lead to, or why there is none."""
+    law, numbers, limits = law_of(asked), numbers_of(asked, found), _limits(asked)
+    shares = shares_of(asked, numbers)
+    stated = inputs_of(asked, shares)
+    known = _Known(asked, law, numbers, limits)
+    known.gain()
+    if known.solutions:
+        if any(float(x) for x in stated.values()):
+            known.close("stated", "what was stated", stated)
+        if float(numbers["jump"]):
+            known.close("jump", "a jump of the load", stated)
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "robot": _robot(asked),
+        "assumptions": _assumptions(asked),
+        "limits": limits,
+        "law": law,
+        "numbers": numbers,
+        "status": status_of(found),
+        "inputs": known.inputs,
+        "shares": shares,
+        "solutions": known.solutions,
+    }
+    data["seal"] = seal(data)
+    return Certificate(data, tuple(known.said))
+
+
+def status_of(found: Numbers) -> dict[str, str]:
+    """Return of each number whether it is proved; torques and what is held are searched."""
+    known = {name: x for name, x in found._asdict().items() if name != "inverse"}
+    statuses = {name: x.status for name, x in known.items()}
+    proved = all(x.status == "proved" for x in found.inverse)
+    return {**statuses, "inverse": "proved" if proved else "searched", "inputs": "searched"}
+
+
+class _Known:
+    """What claims are made of, and those that were made.
+
+    Attributes:
+        inputs: what disturbs, for each claim.
+        solutions: of the inequality, with what each bounds.
+        said: what keeps other claims from being made.
+    """
+
+    def __init__(self, asked: Asked, law: Any, numbers: Any, limits: Any) -> None:
+        self.asked, self.law, self.numbers = asked, law, numbers
+        self.exact = [checker.exact(x) for x in (law, numbers)]
+        self.limits = checker.exact(limits)
+        self.inputs: dict[str, Any] = {}
+        self.solutions: dict[str, Any] = {}
+        self.said: list[str] = []
+        # So slow that the numbers of the reference's motion hardly grow by it.
+        self.spread = _SPREAD * min(
+            float(numbers[x]) / max(float(numbers[y]), 1e-9) for x, y in check_certificate.MOVING
+        )
+
+    def gain(self) -> None:
+        """Claim what a torque of any course does, up to the largest at which the claim is closed."""
+        inputs = {**NOTHING, "torque": "1", "spread": f"{self.spread:.9g}"}
+        solution = solve(self.law, self.numbers, inputs)
+        if solution is None:
+            self.said += unsolved(self.asked, self.law, self.numbers, inputs)
+            return
+        rest, unit = (self.bounds(solution, {**inputs, "torque": size}) for size in "01")
+        allowed = checker.allowed(self.limits, checker.exact(inputs))
+        spare = [
+            (most - low) / (high - low)
+            for what, ends in allowed.items()
+            for low, high, most in zip(rest[what], unit[what], ends, strict=True)
+        ]
+        largest = float(min(spare)) * (1.0 - _ROUNDED)
+        if largest <= 0.0:
+            self.said += beyond(self.asked, "no torque at all", 0.0, rest)
+            return
+        self._claim("gain", solution, {**inputs, "torque": f"{largest:.9g}"})
+
+    def close(self, name: str, what: str, stated: Mapping[str, str]) -> None:
+        """Make a claim that implies what it rests on: the error is no faster than was taken for granted."""
+        spread = self.spread
+        found = None
+        for _ in range(_TRIES):
+            inputs = {**stated, "spread": f"{spread:.9g}"}
+            disturbed = any(float(stated[key]) for key in stated if key != "spread")
+            solution = solve(self.law, self.numbers, inputs if disturbed else {**inputs, "torque": "1"})
+            if solution is None:
+                break
+            found = self.bounds(solution, inputs, name == "jump")
+            if float(found["speed"][0]) <= spread:
+                break
+            spread = _LARGER * float(found["speed"][0])
+        if found is None or solution is None or checker.leaves(self.limits, checker.exact(inputs), found):
+            self.said += beyond(self.asked, what, None if solution is None else spread, found)
+        else:
+            self._claim(name, solution, inputs)
+
+    def bounds(self, solution: Solution, inputs: Any, jump: bool = False) -> Any:
+        """Return what a solution bounds."""
+        exact = checker.exact(solution._asdict())
+        exact["P"] = checker.symmetric(exact["P"])
+        return checker.bounds(*self.exact, checker.exact(inputs), exact, jump)
+
+    def _claim(self, name: str, solution: Solution, inputs: Any) -> None:
+        """Add a claim."""
+        found = self.bounds(solution, inputs, name == "jump")
+        claims = {
+            what: [f"{float(x) * (1.0 + _ROUNDED):.9g}" for x in values] for what, values in found.items()
+        }
+        self.inputs[name] = inputs
+        self.solutions[name] = {**solution._asdict(), "claims": claims}
+
+
+def seal(data: Mapping[str, Any]) -> str:
+    """Return the hash of what the solution does not say: see the checker."""
+    sealed = json.dumps({key: data[key] for key in checker.SEALED}, sort_keys=True)
+    return hashlib.sha256(sealed.encode()).hexdigest()
+
+
+def _robot(asked: Asked) -> dict[str, Any]:
+    """Return which arm it is."""
+    robot = asked.robot
+    return {
+        "name": robot.name,
+        "joints": list(robot.joint_names),
+        "prismatic": robot.prismatic.tolist(),
+        **{key: robot.provenance[key] for key in ("source", "sha256", "locked", "changes")},
+        "armature": [repr(float(x)) for x in robot.armature],
+        "loads": [repr(x) for x in asked.loads],
+        "frame": None if asked.controller.payload is None else asked.controller.payload.frame,
+        "com": None if asked.controller.payload is None else list(asked.controller.payload.com),
+        "feedforward": asked.setting.feedforward,
+        "torque": [repr(float(x)) for x in asked.torque],
+        "friction": asked.friction,
+        "bits": asked.bits,
+    }
+
+
+def _limits(asked: Asked) -> dict[str, list[str]]:
+    """Return what the claims have to stay within, and how fast the reference is."""
+    values = {
+        "effort": np.minimum(asked.robot.limits.effort, 1e300),
+        "lower": asked.box.lower,
+        "upper": asked.box.upper,
+        "radius": asked.radius,
+        "speed": asked.setting.speed,
+        "velocity": asked.velocity,
+        "acceleration": asked.acceleration,
+    }
+    return {name: [repr(float(x)) for x in each] for name, each in values.items()}
+
+
+def _assumptions(asked: Asked) -> list[str]:
+    """Return what the claims rest on, in words."""
+    ahead = {
+        "none": "no feedforward",
+        "gravity": "gravity as feedforward",
+        "model": "its model as feedforward",
+    }
+    return [
+        "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
+        "between the loads given; its joints follow the torque at once and exactly.",
+        f"The controller is GPI with the law given here and {ahead[asked.setting.feedforward]}; its model "
+        "has the heaviest load, its gains do not change, and its arithmetic is exact.",
+        "The reference stays in the box, within its speed and acceleration. That the arm stays within radius "
+        "of it, that the error is no faster than spread and that no torque is cut follows from the claims.",
+        "The claims hold as soon as V is at most what the inputs keep it at, and for ever after; from any "
+        "other start V decays to that at the rate alpha omega.",
+        "The claim for a jump holds at any time after a jump between the two loads; a load that is picked up "
+        "has the velocity of the frame that picks it up.",
+        "Numbers that are searched are the largest that a search found, and 3 % more: that is no proof.",
+    ]

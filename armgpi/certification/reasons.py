@@ -1,0 +1,137 @@
+"""Why there is no certificate: which number is in the way, and what would do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from armgpi.certification.asked import Asked
+from armgpi.certification.solve import solvable
+from armgpi.control.family import Member
+from armgpi.control.gains import Tuning
+from armgpi.control.margins import open_loop, sector
+
+#: What each number comes from.
+_NUMBERS = {
+    "delta_high": "the range of loads",
+    "sigma": "the rate of the metric D(q)",
+    "kappa_v": "Coriolis torques",
+    "kappa_e": "the stiffness of gravity",
+    "kappa_g": "gravity between samples",
+}
+_UNITS = {"delta_high": "", "sigma": " 1/s", "kappa_v": " 1/s", "kappa_e": " 1/s^2", "kappa_g": " 1/s^2"}
+#: Bandwidths that are tried in place of the one asked for.
+_BANDWIDTHS = (0.5, 0.7, 0.85, 1.2, 1.5, 2.0)
+_SHARES = (0.5, 0.25, 0.1)
+
+
+def unsolved(
+    asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
+) -> list[str]:
+    """Return why the inequality has no solution: the sector, the number in the way, and what would do.
+
+    Args:
+        asked: what was asked for.
+        law: of the certificate.
+        numbers: of the certificate.
+        inputs: of the certificate.
+    """
+    said = [_sector(asked, law, numbers)]
+    blamed = [name for name in _NUMBERS if solvable(law, _less(numbers, name, 0.0), inputs)]
+    said += [
+        f"in the way: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}" for name in blamed
+    ]
+    if not blamed:
+        said.append("in the way: more than one number; none alone at its best would do")
+    return said + _remedies(asked, law, numbers, inputs)
+
+
+def beyond(asked: Asked, what: str, spread: float | None, found: Mapping[str, Any] | None) -> list[str]:
+    """Return why there is no claim: where bounds are not within what the numbers were taken over.
+
+    Args:
+        asked: what was asked for.
+        what: disturbs.
+        spread: speed of the error for which the numbers were taken; None where nothing is certified at it.
+        found: the bounds; None where there are none.
+    """
+    robot, names = asked.robot, asked.robot.joint_names
+    if spread is None or found is None:
+        return [
+            f"under {what} the error may be so fast that the arm's own motion is more than the law takes: "
+            "less that disturbs, a slower reference, feedforward or rotor inertia would do"
+        ]
+    said = []
+    for key, limits, text in (
+        ("errors", asked.radius, "{} may be {:.3g} off and radius allows {:.3g}: a larger radius"),
+        ("torques", robot.limits.effort, "{} may need {:.3g} and its effort is {:.3g}: a lighter load"),
+    ):
+        values = np.array([float(x) for x in found[key]])
+        worst = int(np.argmax(values / limits))
+        if values[worst] > limits[worst]:
+            told = text.format(f"joint {names[worst]!r}", values[worst], limits[worst])
+            said.append(f"under {what} {told}, or less that disturbs, would do")
+    if float(found["speed"][0]) > spread:
+        said.append(
+            f"under {what} no bound on the speed of the error implies itself: less that disturbs would do"
+        )
+    return said
+
+
+def _less(numbers: Mapping[str, Any], name: str, share: float) -> dict[str, Any]:
+    """Return numbers with one of them, above its best value, only a share of it."""
+    best = 1.0 if name == "delta_high" else 0.0
+    value = best + share * max(0.0, float(numbers[name]) - best)
+    changed = {**numbers, name: repr(value)}
+    if float(changed["delta_low"]) > float(changed["delta_high"]):
+        changed["delta_low"] = changed["delta_high"]
+    return changed
+
+
+def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
+    """Return what the law takes beside what is asked."""
+    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
+    omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
+    member = Member(
+        law["integrators"],
+        law["rolloff"],
+        float(law["rolloff_ratio"]),
+        float(law["second_ratio"]),
+        float(law["second_zeta"]),
+    )
+    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member)
+    most = sector(loop, low, sigma).upper
+    return (
+        f"no certificate: delta goes from {low:.3g} to {high:.3g}, and moves at sigma = {sigma:.3g} 1/s; "
+        f"without sampling, delay, gravity and Coriolis torques the law takes {low:.3g} to {most:.3g}"
+    )
+
+
+def _remedies(
+    asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
+) -> list[str]:
+    """Return what would do, each alone."""
+    said = []
+    omega = float(law["omega"][0])
+    for factor in _BANDWIDTHS:
+        tried = repr(round(factor * omega, 3))
+        if solvable({**law, "omega": [tried, tried], "bandwidths": [tried]}, numbers, inputs):
+            said.append(f"what would do: omega = {float(tried):.3g} rad/s")
+            break
+    for share in _SHARES:
+        slower = {**numbers, **{x: repr(share * float(numbers[x])) for x in ("sigma", "kappa_v")}}
+        if solvable(law, slower, {**inputs, "spread": repr(share * float(inputs["spread"]))}):
+            said.append(f"what would do: {share:g} of the speed")
+            break
+    for share in _SHARES:
+        if asked.loads[1] > asked.loads[0] and solvable(law, _less(numbers, "delta_high", share), inputs):
+            said.append(f"what would do: {share:g} of the range of loads, or a smaller box")
+            break
+    if law["delay"] and solvable({**law, "delay": 0}, numbers, inputs):
+        said.append("what would do: no delay")
+    if not asked.robot.armature.all():
+        missing = [x for x, y in zip(asked.robot.joint_names, asked.robot.armature, strict=True) if not y]
+        said.append(f"rotor inertia makes all numbers smaller; give that of {', '.join(missing)}")
+    return said

@@ -1,0 +1,272 @@
+"""The matrix inequality of a certificate, solved by Clarabel and checked in exact arithmetic.
+
+What the solver gets is the checker's own matrix, column by column: it is affine in the unknowns. What it
+returns is rounded to decimal numbers and checked as such; its status is not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg, sparse
+
+from armgpi.arrays import Array
+from armgpi.certification import check_certificate
+from armgpi.errors import BackendError
+
+checker: Any = check_certificate  # generic over number types, so without annotations
+
+#: Rates of decay alpha [omega] that are tried at first, and how far the best of them is refined.
+_ALPHAS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
+_REFINED = 1.15
+#: By how much the inequality must hold at least in scaled coordinates: more in a retry.
+_MARGINS = (1e-7, 1e-6, 1e-5)
+#: A solver's answer that misses the inequality by more than this is not worth a retry.
+_HOPELESS = 1e-3
+#: Significant digits of a solution.
+_DIGITS = 15
+
+
+class Solution(NamedTuple):
+    """A solution of the inequality in decimal numbers, as texts.
+
+    Attributes:
+        P: lower triangle, row by row.
+        alpha: rate of decay of V [omega].
+        t: multipliers of what motion and gravity add.
+        a: multipliers of the inputs.
+    """
+
+    P: list[list[str]]
+    alpha: str
+    t: list[str]
+    a: list[str]
+
+
+def solve(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]) -> Solution | None:
+    """Return the solution with the smallest bound that was found, or None; it holds exactly.
+
+    Args:
+        law: of a certificate, numbers as texts.
+        numbers: of the arm.
+        inputs: sizes of what disturbs.
+
+    Raises:
+        BackendError: when Clarabel is not installed.
+    """
+    exact = [checker.exact(dict(x)) for x in (law, numbers, inputs)]
+    spread = exact[2]["spread"]
+    problem = _Problem.made(*(_floats(x) for x in exact))
+    if problem is None:
+        return None
+    found: list[tuple[float, float, Solution]] = []
+
+    def attempt(alpha: float) -> None:
+        for margin in _MARGINS:
+            values = problem.solved(alpha, margin)
+            if values is None or problem.violation(values, alpha) > _HOPELESS:
+                return
+            solution = problem.rounded(values, alpha)
+            trial = checker.exact(solution._asdict())
+            trial["P"] = checker.symmetric(trial["P"])
+            if checker.holds(*exact[:2], spread, trial):
+                found.append((problem.bound(values, alpha), alpha, solution))
+                return
+
+    for alpha in _ALPHAS:
+        before = len(found)
+        attempt(alpha)
+        if len(found) == before:  # what is too fast at one rate is so at every larger one
+            break
+    for factor in (1.0 / _REFINED, _REFINED):
+        if found:
+            attempt(min(found)[1] * factor)
+    return min(found)[2] if found else None
+
+
+def solvable(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:
+    """Tell whether the inequality has a solution at a low rate of decay, as floats have it."""
+    problem = _Problem.made(*(_floats(checker.exact(dict(x))) for x in (law, numbers, inputs)))
+    if problem is None:
+        return False
+    values = problem.solved(_ALPHAS[0], _MARGINS[0])
+    return values is not None and problem.violation(values, _ALPHAS[0]) < 0.0
+
+
+def _floats(data: Any) -> Any:
+    """Return fractions as floats, what else is whole as it is."""
+    if isinstance(data, dict):
+        return {key: _floats(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_floats(value) for value in data]
+    return data if isinstance(data, int) else float(data)
+
+
+class _Problem:
+    """The inequality's matrices as functions of the unknowns: lower triangle of P, t, a and (P^-1)_11."""
+
+    def __init__(self, basis: Array, sizes: Array, used: list[int], start: Array) -> None:
+        self.basis, self.sizes, self.used, self.n = basis, sizes, used, len(start)
+        self._choose(start)
+
+    @classmethod
+    def made(cls, law: Any, numbers: Any, inputs: Any) -> _Problem | None:
+        """Return the problem; None where a sample adds too much for any solution."""
+        _, rest, ends, gains = checker.sample(law, numbers, inputs["spread"])
+        n, _, _ = checker.units(law)
+        if rest <= 0.0:
+            return None
+        used = [i for i, gain in enumerate(gains) if gain] + [4]
+        count = 4 if inputs["count"] else 3 if inputs["shift"] else 2
+        corners = [
+            (omega, 1.0 + sign * law["rate"] * omega * law["sample_time"], delta)
+            for omega in law["bandwidths"]
+            for sign in ((-1.0, 1.0) if law["rate"] else (0.0,))
+            for delta in ends
+        ]
+        basis = []
+        for unit in np.eye(n * (n + 1) // 2 + len(used) + count):
+            P, t, a = (each.tolist() for each in _split(unit, n, used, count))
+            basis.append(
+                [
+                    checker.inequality(law, numbers, inputs["spread"], *corner, P, 0.0, t, a)
+                    for corner in corners
+                ]
+            )
+        sizes = np.array(checker.sizes(law, numbers, inputs)[0][:count])
+        return cls(np.array(basis), sizes, used, _lyapunov(law, math.sqrt(ends[0] * ends[1])))
+
+    def _choose(self, P: Array) -> None:
+        """Take coordinates in which a P is the unit matrix; the solver needs them."""
+        self._to = np.linalg.inv(np.linalg.cholesky(P)).T
+        back = np.linalg.inv(self._to)
+        n, (_, corners, size, _) = self.n, self.basis.shape
+        lower = n * (n + 1) // 2
+        units = [_split(unit, n, [], 0)[0] for unit in np.eye(lower)]
+        rows, columns = np.tril_indices(n)
+        self._mixed = np.eye(len(self.basis))
+        self._mixed[:lower, :lower] = [(back.T @ unit @ back)[rows, columns] for unit in units]
+        turn = np.eye(size)
+        turn[:n, :n] = self._to
+        mixed = np.tensordot(self._mixed, self.basis, 1)
+        self._matrices = np.array([[_svec(turn.T @ X @ turn) for X in each] for each in mixed])
+        self._units = np.zeros((len(self.basis), corners, size * (size + 1) // 2))
+        for k, unit in enumerate(units):
+            whole = np.zeros((size, size))
+            whole[:n, :n] = unit
+            self._units[k] = _svec(whole)
+
+    def solved(self, alpha: float, margin: float) -> Array | None:
+        """Return the unknowns as Clarabel has them; None for numbers that are not finite."""
+        clarabel = _clarabel()
+        n, (unknowns, corners, size, _) = self.n, self.basis.shape
+        matrices = self._matrices - alpha * self._units
+        relative = self.sizes / self.sizes.max()
+        line = np.zeros((1, unknowns + 1))
+        line[0, unknowns - len(relative) : unknowns] = relative**2
+        blocks, right = [line], [np.array([alpha])]
+        for corner in range(corners):
+            blocks.append(-np.vstack([matrices[:, corner], np.zeros((1, matrices.shape[2]))]).T)
+            right.append(_svec(-margin * np.eye(size)))
+        # [[P, c], [c, z]] is positive semidefinite where z is at least c P^-1 c.
+        bound = np.zeros((unknowns + 1, n + 1, n + 1))
+        for k in range(n * (n + 1) // 2):
+            bound[k, :n, :n] = _split(np.eye(unknowns)[k], n, self.used, len(relative))[0]
+        bound[-1, n, n] = 1.0
+        fixed = np.zeros((n + 1, n + 1))
+        fixed[:n, n] = fixed[n, :n] = self._to[0] / np.abs(self._to[0]).max()
+        blocks.append(-np.array([_svec(each) for each in bound]).T)
+        right.append(_svec(fixed))
+        cones = [clarabel.NonnegativeConeT(1), *[clarabel.PSDTriangleConeT(size)] * corners]
+        cones.append(clarabel.PSDTriangleConeT(n + 1))
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        objective = np.eye(unknowns + 1)[-1]
+        empty = sparse.csc_matrix((unknowns + 1, unknowns + 1))
+        solver = clarabel.DefaultSolver(
+            empty, objective, sparse.csc_matrix(np.vstack(blocks)), np.concatenate(right), cones, settings
+        )
+        x = self._mixed.T @ np.array(solver.solve().x)[:-1]
+        if not np.isfinite(x).all():
+            return None
+        return np.asarray(x)
+
+    def violation(self, x: Array, alpha: float) -> float:
+        """Return by how much a solution misses the inequality, in the solver's coordinates."""
+        inner = np.linalg.solve(self._mixed.T, x)
+        missed = np.tensordot(inner, self._matrices - alpha * self._units, 1)
+        return max(-float(np.linalg.eigvalsh(_matrix(each))[0]) for each in missed)
+
+    def rounded(self, x: Array, alpha: float) -> Solution:
+        """Return a solution in decimal numbers."""
+        P, t, a = _split(x, self.n, self.used, len(self.sizes))
+        return Solution(
+            [[_text(P[i, j]) for j in range(i + 1)] for i in range(self.n)],
+            _text(alpha),
+            [_text(each) for each in t],
+            [_text(each) for each in a],
+        )
+
+    def bound(self, x: Array, alpha: float) -> float:
+        """Return what the error is bounded by, but for a factor."""
+        P, _, a = _split(x, self.n, self.used, len(self.sizes))
+        return float(np.linalg.inv(P)[0, 0] * (a @ self.sizes**2) / alpha)
+
+
+def _split(x: Array, n: int, used: Sequence[int], count: int) -> tuple[Array, Array, Array]:
+    """Return P, t and a of the unknowns."""
+    P, t = np.zeros((n, n)), np.zeros(5)
+    lower = n * (n + 1) // 2
+    P[np.tril_indices(n)] = x[:lower]
+    P = P + np.tril(P, -1).T
+    t[list(used)] = x[lower : lower + len(used)]
+    return P, t, x[lower + len(used) : lower + len(used) + count]
+
+
+def _lyapunov(law: Any, delta: float) -> Array:
+    """Return the V of the loop with one delta, or of a stable one near it: coordinates to begin with."""
+    omega = law["bandwidths"][0]
+    A, _, Y = (np.array(x, dtype=float) for x in checker.loop(law, omega * law["sample_time"]))
+    theta = omega * law["sample_time"]
+    push = np.zeros(len(A))
+    push[:2] = 0.5 * theta * theta, theta
+    for each in (delta, 1.0):
+        closed = A + each * np.outer(push, Y)
+        if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
+            return np.asarray(linalg.solve_discrete_lyapunov(closed.T, theta * np.eye(len(A))))
+    return np.eye(len(A))
+
+
+def _svec(X: Array) -> Array:
+    """Return the upper triangle, column by column, off-diagonal elements times the root of two."""
+    n = len(X)
+    i, j = np.tril_indices(n)
+    return np.asarray(X[j, i] * np.where(i == j, 1.0, math.sqrt(2.0)))
+
+
+def _matrix(x: Array) -> Array:
+    """Return the symmetric matrix of :func:`_svec`."""
+    n = math.isqrt(2 * len(x))
+    X = np.zeros((n, n))
+    i, j = np.tril_indices(n)
+    X[i, j] = X[j, i] = x / np.where(i == j, 1.0, math.sqrt(2.0))
+    return X
+
+
+def _text(value: float) -> str:
+    """Return a decimal number."""
+    return f"{value:.{_DIGITS}g}"
+
+
+def _clarabel() -> Any:
+    """Return the solver's module."""
+    try:
+        import clarabel
+    except ImportError:
+        raise BackendError(
+            "certificates need Clarabel; install it with `pip install armgpi[certify]`"
+        ) from None
+    return clarabel

@@ -1,0 +1,206 @@
+"""The command that certifies a controller on an arm."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.derive import write
+from armgpi.cli.parsing import FAILED, OK, locks, per_joint, refusal, split, stoppable
+from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.certification.certificate import Certificate
+
+_Robot = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
+]
+_Payload = Annotated[
+    str | None,
+    typer.Option(metavar="KG:KG", help="Lightest and heaviest load at the tip, as '0:3'; none by default."),
+]
+_Speed = Annotated[
+    str, typer.Option(metavar="NUMBERS", help="Speed of each joint of the reference at most [rad/s or m/s].")
+]
+_Acceleration = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Acceleration of the reference [rad/s² or m/s²]: then the errors of moving are bounded as well.",
+    ),
+]
+_Box = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="YAML with the configurations of the reference: around and by, or lower and upper; the joint "
+        "ranges by default.",
+    ),
+]
+_Radius = Annotated[
+    str, typer.Option(metavar="NUMBERS", help="How far the arm may be from its reference [rad or m].")
+]
+_Torque = Annotated[
+    str | None, typer.Option(metavar="NUMBERS", help="Disturbance torque, of any course [N m or N].")
+]
+_Omega = Annotated[
+    float | None, typer.Option(metavar="NUMBER", help="Natural frequency [rad/s]; as armgpi run takes it.")
+]
+_Zeta = Annotated[float, typer.Option(metavar="NUMBER", help="Damping ratio.")]
+_Pole = Annotated[float | None, typer.Option("--p", metavar="NUMBER", help="Real pole [rad/s]; omega.")]
+_Integrators = Annotated[int, typer.Option(metavar="NUMBER", help="Number of integrators: 1 to 3.")]
+_Rolloff = Annotated[int, typer.Option(metavar="NUMBER", help="Poles that roll off the noise: 0 to 2.")]
+_Ratio = Annotated[float, typer.Option(metavar="NUMBER", help="Roll-off poles over omega.")]
+_Ahead = Annotated[str, typer.Option(metavar="NAME", help="Feedforward: none, gravity or model.")]
+_Friction = Annotated[
+    bool, typer.Option("--friction", metavar=opt.FLAG, help="The URDF's joint friction disturbs.")
+]
+_Out = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
+]
+_Samples = Annotated[
+    int, typer.Option("--delay", metavar="SAMPLES", help="By how much measurements are late.")
+]
+
+
+@stoppable
+def certify(
+    robot: _Robot,
+    speed: _Speed = "0.2",
+    payload: _Payload = None,
+    box: _Box = None,
+    acceleration: _Acceleration = None,
+    torque: _Torque = None,
+    radius: _Radius = "0.05",
+    omega: _Omega = None,
+    zeta: _Zeta = 1.0,
+    pole: _Pole = None,
+    integrators: _Integrators = 2,
+    rolloff: _Rolloff = 0,
+    rolloff_ratio: _Ratio = 4.0,
+    feedforward: _Ahead = "none",
+    dt: opt.SampleTime = None,
+    delay: _Samples = 0,
+    encoder_bits: opt.Bits = None,
+    friction: _Friction = False,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
+    repair: opt.Repair = None,
+    effort: opt.Effort = None,
+    rotor_inertia: opt.RotorInertia = None,
+    drives: opt.Drives = None,
+    out: _Out = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Bound the whole arm's error under GPI, so that another program can check it exactly.
+
+    \b
+    armgpi certify ur5 --payload 0:3 --speed 0.2
+    armgpi certify ur5 --payload 0:3 --speed 0.5 --box task.yaml --out ur5.json
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.certification.box import read_box
+    from armgpi.certification.certificate import certify as certified
+
+    how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
+    arm = _arm(robot, how, rotor_inertia, drives)
+    found = certified(
+        arm,
+        1e-3 if dt is None else dt,
+        speed=_numbers(arm, speed, "--speed"),
+        payload=_loads(payload),
+        box=None if box is None else read_box(box),
+        acceleration=None if acceleration is None else _numbers(arm, acceleration, "--acceleration"),
+        torque=0.0 if torque is None else _numbers(arm, torque, "--torque"),
+        radius=_numbers(arm, radius, "--radius"),
+        gains=_gains(omega, zeta, pole),
+        integrators=integrators,
+        rolloff=rolloff,
+        rolloff_ratio=rolloff_ratio,
+        feedforward=feedforward,
+        delay=delay,
+        bits=encoder_bits,
+        friction=friction,
+    )
+    if out is not None:
+        write(out, found.text, "--out")
+    say(json.dumps(_plain(found)) if as_json else str(found), lines=True)
+    sys.exit(OK if found.certified else FAILED)
+
+
+def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
+    """Return the robot with what its joints have."""
+    from armgpi import config
+    from armgpi.config import drives as files
+
+    told = per_joint(",".join(inertia), "--rotor-inertia") if inertia else None
+    readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
+    readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
+    section = {"name": name}
+    section |= {key: readers.get(key, str)(value) for key, value in how.items() if value}
+    section.update(files.given(drives, told))
+    options = {"robot": "ROBOT", "robot.name": "ROBOT"}
+    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia")}
+    options["robot.friction"] = "--drives"
+    # The longest keys first: of "robot.lock" and "robot", the first says more.
+    origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
+    return config.robot(config.check({"robot": section}, origin), origin)
+
+
+def _gains(omega: float | None, zeta: float, pole: float | None) -> Any:
+    """Return the gains, None for the default ones."""
+    from armgpi.control.gains import FixedGains
+
+    if omega is not None:
+        return FixedGains(omega, zeta, omega if pole is None else pole)
+    if zeta != 1.0 or pole is not None:
+        raise refusal("--zeta" if pole is None else "--p", "requires --omega")
+    return None
+
+
+def _numbers(arm: Any, text: str, option: str) -> Any:
+    """Return one number or one for each joint."""
+    value = per_joint(text, option)
+    if isinstance(value, dict):
+        missing = [name for name in arm.joint_names if name not in value]
+        if missing:
+            raise refusal(option, f"needs a value for {', '.join(missing)} as well")
+    return value
+
+
+def _loads(text: str | None) -> tuple[float, float] | None:
+    """Return the two loads of a range."""
+    if text is None:
+        return None
+    try:
+        light, heavy = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise refusal("--payload", f"expected two loads such as '0:3', got {text!r}") from None
+    return light, heavy
+
+
+def _plain(found: Certificate) -> dict[str, Any]:
+    """Return what is certified as plain data; null for what is not."""
+
+    def numbers(values: Any) -> list[float | None]:
+        return [float(x) if math.isfinite(x) else None for x in values]
+
+    return {
+        "certified": found.certified,
+        "guaranteed": found.guaranteed,
+        "joints": found.joint_names,
+        "per_torque": numbers(found.per_torque),
+        "error": numbers(found.error),
+        "after_jump": numbers(found.after_jump),
+        "torque": numbers(found.torque),
+        "numbers": found.data["numbers"],
+        "status": found.data["status"],
+        "shares": found.data["shares"],
+        "reasons": list(found.reasons),
+    }

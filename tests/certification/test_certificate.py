@@ -1,0 +1,282 @@
+"""Certificates: what is claimed, checked exactly; and that nothing false gets past the checker."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import json
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.certification import check_certificate
+from armgpi.certification.certificate import seal
+from armgpi.certification.solve import solve
+from armgpi.control.family import Member
+from armgpi.control.gains import Tuning
+from armgpi.control.realisation import Bumpless
+
+checker: Any = check_certificate
+FILE = Path(check_certificate.__file__)
+LAW = {
+    "integrators": 2,
+    "rolloff": 0,
+    "delay": 0,
+    "sample_time": "0.001",
+    "omega": ["30", "30"],
+    "bandwidths": ["30"],
+    "rate": "0",
+    "zeta": "1",
+    "pole_ratio": "1",
+    "rolloff_ratio": "4",
+    "second_ratio": "1",
+    "second_zeta": "1",
+}
+NUMBERS = {
+    "delta_low": "1",
+    "delta_high": "1.5",
+    "sigma": "1",
+    "kappa_v": "0.5",
+    "kappa_e": "50",
+    "kappa_g": "50",
+    "sigma_error": "5",
+    "kappa_error": "5",
+    "inverse": ["1"],
+    "count_time": "0",
+    "hold": ["0"],
+    "reach": ["1"],
+    "jump": "0",
+}
+INPUTS = {"torque": "1", "shift": "0", "count": "0", "reference": "0", "spread": "0.01"}
+
+
+@pytest.fixture(scope="module")
+def made() -> armgpi.Certificate:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
+    return armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, torque=0.005, bits=20, feedforward="gravity")
+
+
+def test_a_certificate_holds_and_its_file_says_so(made: armgpi.Certificate, tmp_path: Path) -> None:
+    assert made.certified, made.reasons
+    assert not made.guaranteed  # its numbers are searched
+    assert made.check() == []
+    path = made.save(tmp_path / "arm.json")
+    assert armgpi.Certificate.load(path).data == made.data
+    run = subprocess.run([sys.executable, "-I", "-S", str(FILE), str(path)], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "HOLDS" in run.stdout
+
+
+def test_the_checker_needs_the_standard_library_alone() -> None:
+    text = FILE.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert names <= {"fractions", "hashlib", "json", "math", "sys"}
+
+
+@pytest.mark.parametrize("integrators", [1, 2, 3])
+@pytest.mark.parametrize("rolloff", [0, 1, 2])
+def test_the_checker_has_the_law_that_runs(integrators: int, rolloff: int) -> None:
+    theta = 0.03
+    law = {"integrators": integrators, "rolloff": rolloff, "delay": 0, "zeta": 0.8, "pole_ratio": 1.1}
+    law |= {"rolloff_ratio": 4.0, "second_ratio": 1.3, "second_zeta": 0.9}
+    A, K, _ = (np.array(x, dtype=float) for x in checker.loop(law, theta))
+    bumpless = Bumpless(Member(integrators, rolloff, 4.0, 1.3, 0.9))
+    c = bumpless.coefficients(Tuning(np.array(1.0), np.array(0.8), np.array(1.1)), theta)
+    x = np.random.default_rng(0).standard_normal(len(A))
+    state = type(bumpless.init(np.array(0.0), c))(*x[2:])
+    v = bumpless.output(x[0], state, c)
+    np.testing.assert_allclose(K @ x, v, rtol=1e-12)
+    np.testing.assert_allclose((A @ x)[2:], bumpless.update(x[0], v, None, state, c), rtol=1e-12)
+
+
+def changed(data: Any, factor: Fraction) -> list[tuple[str, Any]]:
+    """Return copies of a certificate in which one number each is changed."""
+    found: list[tuple[str, Any]] = []
+
+    def visit(path: list[Any]) -> None:
+        part = data
+        for step in path:
+            part = part[step]
+        if isinstance(part, dict | list):
+            for key in part if isinstance(part, dict) else range(len(part)):
+                visit([*path, key])
+        elif isinstance(part, str) and path[0] in ("solutions", "law", "numbers", "inputs", "limits"):
+            other = copy.deepcopy(data)
+            inner = other
+            for step in path[:-1]:
+                inner = inner[step]
+            inner[path[-1]] = str(Fraction(part) * factor)
+            if inner[path[-1]] != str(Fraction(part)):
+                found.append((".".join(map(str, path)), other))
+
+    visit([])
+    return found
+
+
+@pytest.mark.parametrize("factor", [Fraction(101, 100), Fraction(99, 100)])
+def test_whatever_is_changed_is_refused_or_claims_less(made: armgpi.Certificate, factor: Fraction) -> None:
+    """What is sealed may not change at all; a claim may grow, a solution may be another one that holds."""
+    for path, other in changed(made.data, factor):
+        wrong = checker.check(other)
+        if path.split(".")[0] != "solutions":
+            assert wrong == ["the seal is broken"] or "the seal is broken" in wrong, path
+        elif ".claims." in path:
+            assert bool(wrong) == (factor < 1), path
+
+
+def test_a_solution_that_misses_by_1e_8_is_refused(made: armgpi.Certificate) -> None:
+    """Solvers call such answers optimal; the exact checker does not."""
+    data = copy.deepcopy(made.data)
+    law, numbers, inputs = (checker.exact(data[key]) for key in ("law", "numbers", "inputs"))
+    solution = data["solutions"]["gain"]
+    exact = checker.exact(solution)
+    exact["P"] = checker.symmetric(exact["P"])
+    spread = inputs["gain"]["spread"]
+    low, high = Fraction(solution["alpha"]), 3 * Fraction(solution["alpha"])
+    for _ in range(60):  # the largest alpha at which the inequality holds
+        exact["alpha"] = (low + high) / 2
+        low, high = (
+            (exact["alpha"], high) if checker.holds(law, numbers, spread, exact) else (low, exact["alpha"])
+        )
+    # A little more: the smallest eigenvalue is then negative by 1e-8 or less.
+    exact["alpha"] = low * (1 + Fraction(1, 10**8))
+    worst = min(
+        np.linalg.eigvalsh(
+            np.array(
+                checker.inequality(
+                    law,
+                    numbers,
+                    spread,
+                    Fraction(30),
+                    1,
+                    delta,
+                    exact["P"],
+                    exact["alpha"],
+                    exact["t"],
+                    exact["a"],
+                ),
+                dtype=float,
+            )
+        )[0]
+        for delta in checker.sample(law, numbers, spread)[2]
+    )
+    assert -1e-8 < worst < 1e-12
+    solution["alpha"] = str(exact["alpha"])
+    assert "gain: the matrix inequality does not hold" in checker.check(data)
+
+
+def test_what_the_solver_says_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    from armgpi.certification import solve as solving
+
+    original = solving._Problem.solved
+
+    def slightly_wrong(self: Any, alpha: float, margin: float) -> Any:
+        x = original(self, alpha, margin)
+        return None if x is None else x * np.where(np.arange(len(x)) == 0, 0.5, 1.0)
+
+    monkeypatch.setattr(solving._Problem, "solved", slightly_wrong)
+    assert solve(LAW, NUMBERS, INPUTS) is None
+
+
+def bound(law: dict[str, Any], numbers: dict[str, Any], inputs: dict[str, str] = INPUTS) -> Any:
+    """Return what is certified for one joint of unit inertia, None for nothing."""
+    found = solve(law, numbers, inputs)
+    if found is None:
+        return None
+    exact = checker.exact(found._asdict())
+    exact["P"] = checker.symmetric(exact["P"])
+    return checker.bounds(*(checker.exact(x) for x in (law, numbers, inputs)), exact)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("member", [(1, 0), (2, 0), (3, 0), (2, 1)])
+def test_the_bound_is_above_the_exact_worst_case_of_a_frozen_loop(
+    delay: int, member: tuple[int, int]
+) -> None:
+    """The L1 norm of the impulse response, for constant delta and stiffness within what is certified."""
+    law = {**LAW, "delay": delay, "integrators": member[0], "rolloff": member[1], "omega": ["15", "15"]}
+    law["bandwidths"] = ["15"]
+    numbers = {
+        **NUMBERS,
+        "delta_high": "1.2",
+        "sigma": "0.2",
+        "kappa_v": "0.1",
+        "kappa_e": "10",
+        "kappa_g": "10",
+    }
+    found = bound(law, numbers)
+    assert found is not None
+    exact = checker.exact(law)
+    theta = exact["omega"][0] * exact["sample_time"]
+    A, _, Y = (np.array(x, dtype=float) for x in checker.loop(exact, theta))
+    worst = 0.0
+    for delta in (1.0, 1.1, 1.2):
+        for stiffness in (-10.0, 0.0, 10.0):
+            push = np.zeros(len(A))
+            push[:2] = float(theta) ** 2 / 2, float(theta)
+            e = np.eye(len(A))[0]
+            closed = A + np.outer(push, delta * Y - stiffness / 15.0**2 * e)
+            x, total = push / 15.0**2, 0.0
+            for _ in range(1500):
+                total += abs(x[0])
+                x = closed @ x
+            worst = max(worst, total)
+    ratio = float(found["errors"][0]) / worst
+    assert 1.0 <= ratio < 4.0
+
+
+def test_reasons_name_the_number_and_what_would_do() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=2.0)
+    assert not made.certified
+    assert made.data["solutions"] == {}
+    said = "\n".join(made.reasons)
+    assert "the law takes 1 to" in said
+    assert "of the speed" in said
+    assert "no certificate" in str(made)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"speed": 0.0}, "speed"),
+        ({"speed": 0.2, "radius": -1.0}, "radius"),
+        ({"speed": 0.2, "delay": -1}, "delay"),
+        ({"speed": 0.2, "bits": 99}, "bits"),
+        ({"speed": 0.2, "box": {"middle": 0.0}}, "box"),
+        ({"speed": 0.2, "box": {"lower": 1.0, "upper": -1.0}}, "box"),
+        ({"speed": 0.2, "gains": armgpi.FixedGains([20.0, 30.0, 30.0])}, "omega"),
+        ({"speed": 0.2, "gains": armgpi.BSplineNetwork()}, "gains"),
+        ({"speed": 0.2, "rest_leak": 1.0}, "rest_leak"),
+        ({"speed": 0.2, "realisation": "paper"}, "realisation"),
+    ],
+)
+def test_bad_input_is_refused_by_name(options: dict[str, Any], name: str) -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    with pytest.raises(armgpi.errors.ArmgpiError, match=name):
+        armgpi.certify(robot, **options)
+
+
+def test_what_is_no_certificate_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.json"
+    for text in ("", "[]", "{}", '{"format": "other"}'):
+        path.write_text(text)
+        with pytest.raises(armgpi.errors.ConfigError):
+            armgpi.Certificate.load(path)
+    with pytest.raises(armgpi.errors.ConfigError):
+        armgpi.Certificate.load(tmp_path / "none.json")
+
+
+def test_a_seal_is_of_what_was_searched(made: armgpi.Certificate) -> None:
+    assert seal(made.data) == made.data["seal"]
+    other = json.loads(json.dumps(made.data))
+    other["numbers"]["sigma"] = "0.1"
+    assert seal(other) != made.data["seal"]
