@@ -11,7 +11,7 @@ import hashlib
 import json
 import sys
 from fractions import Fraction
-from math import comb, isqrt
+from math import comb, isqrt, lcm
 
 MOVING = ("sigma", "sigma_error"), ("kappa_v", "kappa_error")
 SEALED = "format", "robot", "assumptions", "limits", "law", "numbers", "status", "inputs"
@@ -119,16 +119,33 @@ def inequality(law, numbers, spread, omega, ratio, delta, P, alpha, t, a):
 
 
 def pivots(M):
-    """Return the pivots of a symmetric matrix up to the first that is not positive: L D L^T."""
-    rows, found = [list(row) for row in M], []
+    """Return the pivots of a symmetric matrix (L D L^T) up to the first that is not positive, by Bareiss."""
+    scale = lcm(*(Fraction(x).denominator for row in M for x in row))
+    rows, found, last = [[int(x * scale) for x in row] for row in M], [], 1
     for k, row in enumerate(rows):
-        found.append(row[k])
+        found.append(Fraction(row[k], last * scale))
         if row[k] <= 0:
             break
         for below in rows[k + 1 :]:
-            factor = below[k] / row[k]
-            below[k:] = [x - factor * y for x, y in zip(below[k:], row[k:])]
+            below[k:] = [(row[k] * x - below[k] * y) // last for x, y in zip(below[k:], row[k:])]
+        last = row[k]
     return found
+
+
+def positive(M):
+    """Tell if M is positive definite, rounded to 2^-128 and less what that may add (Gershgorin)."""
+    n = len(M)
+    return (
+        min(
+            pivots(
+                [
+                    [Fraction(int(x * 2**128) - 2 * n * (i == j), 2**128) for j, x in enumerate(row)]
+                    for i, row in enumerate(M)
+                ]
+            )
+        )
+        > 0
+    )
 
 
 def root_up(x):
@@ -187,13 +204,13 @@ def symmetric(rows):
 def holds(law, numbers, spread, s):
     """Tell whether the matrix inequality holds: at both ends of delta, and of the change of omega."""
     h, (_, rest, ends, _) = law["sample_time"], sample(law, numbers, spread)
-    if rest <= 0 or s["alpha"] <= 0 or min(pivots(s["P"])) <= 0:
+    if rest <= 0 or s["alpha"] <= 0 or not positive(s["P"]):
         return False
     for omega in law["bandwidths"]:
         for ratio in {1 - law["rate"] * omega * h, 1 + law["rate"] * omega * h}:
             for delta in ends:
                 X = inequality(law, numbers, spread, omega, ratio, delta, s["P"], s["alpha"], s["t"], s["a"])
-                if min(pivots(X)) <= 0:
+                if not positive(X):
                     return False
     return True
 
@@ -212,9 +229,9 @@ def leaves(limits, inputs, found):
 def check(certificate):
     """Return what is wrong with a certificate, a line each; nothing for one that holds."""
     sealed = json.dumps({key: certificate[key] for key in SEALED}, sort_keys=True)
-    wrong = (
-        [] if hashlib.sha256(sealed.encode()).hexdigest() == certificate["seal"] else ["the seal is broken"]
-    )
+    if hashlib.sha256(sealed.encode()).hexdigest() != certificate["seal"]:
+        return ["the seal is broken"]
+    wrong = []
     law, numbers, inputs, limits = (exact(certificate[key]) for key in ("law", "numbers", "inputs", "limits"))
     for name, s in exact(certificate["solutions"]).items():
         s["P"] = symmetric(s["P"])

@@ -1,9 +1,9 @@
 """The numbers of an arm, proved: branch and bound over cells of configurations.
 
 Each number is the largest norm, or eigenvalue, of ``D(q)^-1/2 X(q) D(q)^-1/2``, with X one of a few matrices
-that are linear in trigonometric polynomials (:mod:`armgpi.certification.trigonometric`). In a cell it is bounded by
-its value at the center, first and second derivatives there, and bounds on third derivatives everywhere. Cells
-with large bounds are split until the largest bound is near the largest value that was seen.
+that are linear in trigonometric polynomials (:mod:`armgpi.certification.trigonometric`). In a cell it is
+bounded by its value at the center, first and second derivatives there, and bounds on third derivatives
+everywhere. Cells with large bounds are split until the largest bound is near the largest value that was seen.
 
 For any number x, and Z = X - x D, the largest eigenvalue of D^-1 X is at most x where Z is negative all over
 the cell, and at most ``x + z / (1 - d)`` otherwise: z bounds the largest one of D_c^-1 Z, D_c is D at the

@@ -19,13 +19,12 @@ from armgpi.errors import BackendError
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 
-#: Rates of decay alpha [omega] that are tried at first, and how far the best of them is refined.
-_ALPHAS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
-_REFINED = 1.15
+#: Rates of decay alpha [omega] that are tried.
+_ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.23, 0.26, 0.3, 0.4)
 #: By how much the inequality must hold at least in scaled coordinates: more in a retry.
 _MARGINS = (1e-7, 1e-6, 1e-5)
-#: A solver's answer that misses the inequality by more than this is not worth a retry.
-_HOPELESS = 1e-3
+#: Beyond the best rate of decay the bound gets worse: by how much ends the search.
+_WORSE = 1.1
 #: Significant digits of a solution.
 _DIGITS = 15
 
@@ -58,33 +57,23 @@ def solve(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[st
         BackendError: when Clarabel is not installed.
     """
     exact = [checker.exact(dict(x)) for x in (law, numbers, inputs)]
-    spread = exact[2]["spread"]
     problem = _Problem.made(*(_floats(x) for x in exact))
     if problem is None:
         return None
-    found: list[tuple[float, float, Solution]] = []
-
-    def attempt(alpha: float) -> None:
-        for margin in _MARGINS:
-            values = problem.solved(alpha, margin)
-            if values is None or problem.violation(values, alpha) > _HOPELESS:
-                return
-            solution = problem.rounded(values, alpha)
-            trial = checker.exact(solution._asdict())
-            trial["P"] = checker.symmetric(trial["P"])
-            if checker.holds(*exact[:2], spread, trial):
-                found.append((problem.bound(values, alpha), alpha, solution))
-                return
-
+    found: list[tuple[float, float, Array]] = []
     for alpha in _ALPHAS:
-        before = len(found)
-        attempt(alpha)
-        if len(found) == before:  # what is too fast at one rate is so at every larger one
-            break
-    for factor in (1.0 / _REFINED, _REFINED):
-        if found:
-            attempt(min(found)[1] * factor)
-    return min(found)[2] if found else None
+        values = problem.attempt(alpha)
+        if values is not None:
+            found.append((problem.bound(values, alpha), alpha, values))
+        if found and (values is None or found[-1][0] > _WORSE * min(each[0] for each in found)):
+            break  # what is too fast at one rate is so at every larger one
+    for _, alpha, values in sorted(found, key=lambda each: each[0]):
+        solution = problem.rounded(values, alpha)
+        trial = checker.exact(solution._asdict())
+        trial["P"] = checker.symmetric(trial["P"])
+        if checker.holds(*exact[:2], exact[2]["spread"], trial):
+            return solution
+    return None
 
 
 def solvable(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:
@@ -92,8 +81,7 @@ def solvable(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping
     problem = _Problem.made(*(_floats(checker.exact(dict(x))) for x in (law, numbers, inputs)))
     if problem is None:
         return False
-    values = problem.solved(_ALPHAS[0], _MARGINS[0])
-    return values is not None and problem.violation(values, _ALPHAS[0]) < 0.0
+    return problem.attempt(_ALPHAS[0]) is not None
 
 
 def _floats(data: Any) -> Any:
@@ -149,8 +137,13 @@ class _Problem:
         rows, columns = np.tril_indices(n)
         self._mixed = np.eye(len(self.basis))
         self._mixed[:lower, :lower] = [(back.T @ unit @ back)[rows, columns] for unit in units]
-        turn = np.eye(size)
+        # Inputs in units in which the unit matrix meets them with ones, and their multipliers with them.
+        at = np.tensordot(P[rows, columns], self.basis[:lower], 1)
+        weights = 1.0 / np.sqrt(np.maximum(-np.diagonal(at, axis1=1, axis2=2)[:, n:].min(axis=0), 1e-12))
+        turn = np.diag(np.concatenate([np.ones(n), weights]))
         turn[:n, :n] = self._to
+        inputs = range(lower, len(self.basis))
+        self._mixed[inputs, inputs] = 1.0 / weights**2
         mixed = np.tensordot(self._mixed, self.basis, 1)
         self._matrices = np.array([[_svec(turn.T @ X @ turn) for X in each] for each in mixed])
         self._units = np.zeros((len(self.basis), corners, size * (size + 1) // 2))
@@ -158,6 +151,19 @@ class _Problem:
             whole = np.zeros((size, size))
             whole[:n, :n] = unit
             self._units[k] = _svec(whole)
+
+    def attempt(self, alpha: float) -> Array | None:
+        """Return unknowns that solve the inequality as floats have it, None when there seem to be none."""
+        for margin in _MARGINS:
+            values = self.solved(alpha, margin)
+            if values is None:
+                return None
+            if self.violation(values, alpha) < 0.0:
+                return values
+            P = _split(values, self.n, self.used, len(self.sizes))[0]
+            if np.linalg.eigvalsh(P)[0] > 0.0:
+                self._choose(P)  # nearer to a solution the solver sees better
+        return None
 
     def solved(self, alpha: float, margin: float) -> Array | None:
         """Return the unknowns as Clarabel has them; None for numbers that are not finite."""
@@ -167,6 +173,7 @@ class _Problem:
         relative = self.sizes / self.sizes.max()
         line = np.zeros((1, unknowns + 1))
         line[0, unknowns - len(relative) : unknowns] = relative**2
+        line[0, :unknowns] = self._mixed @ line[0, :unknowns]
         blocks, right = [line], [np.array([alpha])]
         for corner in range(corners):
             blocks.append(-np.vstack([matrices[:, corner], np.zeros((1, matrices.shape[2]))]).T)
