@@ -18,6 +18,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
+from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -342,10 +344,16 @@ def parameter(text: str, *, default: Any = REQUIRED, kw_only: bool = False, **fa
 
 def parameters(cls: type) -> Mapping[str, Parameter]:
     """Return the declared parameters of a class, name -> parameter."""
+    found: Mapping[str, Parameter] = _parameters(cls)  # type: ignore[arg-type]
+    return found
+
+
+@lru_cache(maxsize=512)
+def _parameters(cls: type) -> Mapping[str, Parameter]:
     declared = fields(cls) if is_dataclass(cls) else ()
-    return {
-        f.name: replace(f.metadata["parameter"], name=f.name) for f in declared if "parameter" in f.metadata
-    }
+    return MappingProxyType(
+        {f.name: replace(f.metadata["parameter"], name=f.name) for f in declared if "parameter" in f.metadata}
+    )
 
 
 # Not frozen_default=True: mypy then takes an inherited per-joint field for what the constructor takes.

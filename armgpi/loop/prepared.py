@@ -19,7 +19,7 @@ from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
-from armgpi.loop.rollout import Recording, Status, summary_dataset, to_dataset
+from armgpi.loop.rollout import Recording, Status, provenance, summary_dataset, to_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.loop.running import Running, Totals
 from armgpi.loop.variables import Variable, checked, rows_of, spread, variables, with_values
@@ -281,14 +281,10 @@ class PreparedLoop:
         ends = {}
         if final:
             ends = {name: np.where(diverged[:, None], np.nan, part) for name, part in run.last.items()}
-        return summary_dataset(recording, loop.plant.robot, found, ends, {**self._described(), **made_from})
-
-    def _described(self) -> dict[str, Any]:
-        """Return what the loop is as it was prepared; describing every rollout would take too long."""
-        if "described" not in self._known:
-            self._known["described"] = self.loop.describe()
-        described: dict[str, Any] = self._known["described"]
-        return described
+        key = ("provenance", made_from["backend"])
+        if key not in self._known:  # of the loop as it was prepared: every rollout's would take too long
+            self._known[key] = provenance({**self.loop.describe(), **made_from})
+        return summary_dataset(recording, loop.plant.robot, found, ends, self._known[key])
 
 
 def whole_steps(t_final: float, dt: float) -> int:

@@ -264,7 +264,7 @@ def to_dataset(
             "title": f"armgpi rollout of {robot.name}",
             "robot": robot.name,
             "armgpi_format": FORMAT,
-            "provenance": Provenance({**made_from, "versions": versions()}).to_json(),
+            "provenance": provenance(made_from),
         },
     )
 
@@ -274,7 +274,7 @@ def summary_dataset(
     robot: AnyRobot,
     found: Mapping[str, Array],
     ends: Mapping[str, Array],
-    made_from: Mapping[str, Any],
+    made_from: str,
 ) -> xr.Dataset:
     """Return the dataset of a run that kept metrics alone.
 
@@ -283,7 +283,7 @@ def summary_dataset(
         robot: the plant's robot, for names.
         found: metrics by name, (rollouts, n).
         ends: positions and velocities at the end, likewise.
-        made_from: as of :func:`to_dataset`.
+        made_from: as :func:`provenance` has it.
     """
     batched = len(recording.shape) == 2
     dims = ("rollout", "joint") if batched else ("joint",)
@@ -302,9 +302,14 @@ def summary_dataset(
         attrs={
             "title": f"armgpi metrics of {robot.name}",
             "robot": robot.name,
-            "provenance": Provenance({**made_from, "versions": versions()}).to_json(),
+            "provenance": made_from,
         },
     )
+
+
+def provenance(made_from: Mapping[str, Any]) -> str:
+    """Return what was run, and by which versions, as JSON."""
+    return Provenance({**made_from, "versions": versions()}).to_json()
 
 
 def _status() -> dict[str, Any]:
