@@ -344,7 +344,7 @@ def parameter(text: str, *, default: Any = REQUIRED, kw_only: bool = False, **fa
 
 def parameters(cls: type) -> Mapping[str, Parameter]:
     """Return the declared parameters of a class, name -> parameter."""
-    found: Mapping[str, Parameter] = _parameters(cls)  # type: ignore[arg-type]
+    found: Mapping[str, Parameter] = _parameters(cls)
     return found
 
 

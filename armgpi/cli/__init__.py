@@ -27,6 +27,7 @@ from armgpi.cli import (
     loop,
     paper,
     robots,
+    sweep,
     tune,
     validate,
     view,
@@ -75,7 +76,7 @@ app = typer.Typer(
 
 #: Group in --help -> its commands.
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Simulate": (experiment.run, experiment.compare, zoo.zoo, tune.tune, contend.contend),
+    "Simulate": (experiment.run, experiment.compare, sweep.sweep, zoo.zoo, tune.tune, contend.contend),
     "Robots": (robots.robots, inspect.inspect, view.view),
     "Results": (view.report,),
     "Hand-derived dynamics": (validate.validate, derive.derive),

@@ -2,4 +2,5 @@
 
 from armgpi.cli import main
 
-main()
+if __name__ == "__main__":  # not in the workers of a sweep, which import this
+    main()

@@ -49,9 +49,16 @@ class SideEffects:
     """What laws reach outside of themselves, as it was when :meth:`watch` was called."""
 
     def __init__(self) -> None:
-        """Watch the random numbers of Python and NumPy."""
+        """Watch nothing yet."""
         self._places: list[_Place] = []
         self._seen: dict[int, Any] = {}  # with the things themselves, as an id may be used again
+        self._watches_random = False
+
+    def watch_random(self) -> None:
+        """Watch the random numbers of Python and NumPy: for a law of a user's, as threads draw them too."""
+        if self._watches_random:
+            return
+        self._watches_random = True
         self._random("random", random.getstate, random.setstate)
         self._random("np.random", np.random.get_state, np.random.set_state)
 

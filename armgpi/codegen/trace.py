@@ -273,6 +273,8 @@ class Tracer:
         self._copies[id(value)] = self._met(made)
         ours = type(value).__module__.startswith("armgpi.")
         self.trace.user_defined |= not ours
+        if not ours:
+            self._side_effects.watch_random()
         self._kind_of(value)
         varies = _varying(cast(Any, type(value))) if self.declared else _NOTHING
         for name, attribute in vars(value).items():

@@ -398,6 +398,24 @@ class ReferenceSection(Section):
 SupervisorSection: Any = section("supervisor", Supervisor)
 
 
+class VarySection(Section):
+    """What a parameter of a sweep is drawn from: one of four distributions.
+
+    Attributes:
+        uniform: lowest and highest value.
+        log_uniform: the same, its logarithm evenly drawn.
+        normal: mean and standard deviation; the tails beyond 4 of these are cut.
+        choices: some values, all as likely.
+        each: whether a per-joint parameter is drawn once for each rollout, or for each of its joints.
+    """
+
+    uniform: list[Number] | None = None
+    log_uniform: list[Number] | None = None
+    normal: list[Number] | None = None
+    choices: list[Number] | None = Field(default=None, min_length=1)
+    each: Literal["rollout", "joint"] = "rollout"
+
+
 class ExperimentConfig(Section):
     """A whole experiment file.
 
@@ -413,6 +431,9 @@ class ExperimentConfig(Section):
         t_final: how long [s]; when not given, until the reference has ended and 2 s more.
         record_every: record every so many samples.
         seed: of all random numbers.
+        vary: what `armgpi sweep` draws: name of a parameter -> distribution. Other commands leave it out.
+        failure: when a rollout of a sweep has failed: metric -> largest value of any joint. One that diverges
+            has failed anyway.
     """
 
     robot: RobotSection
@@ -425,6 +446,8 @@ class ExperimentConfig(Section):
     t_final: Positive | None = None
     record_every: Whole = Field(default=1, ge=1)
     seed: Whole = Field(default=0, ge=0, le=2**63 - 1)
+    vary: dict[str, VarySection] = {}
+    failure: dict[str, NotNegative] = {}
 
 
 SECTIONS |= {
@@ -433,6 +456,7 @@ SECTIONS |= {
     "plant": PlantSection,
     "payload": PayloadSection,
     "reference": ReferenceSection,
+    "vary": VarySection,
 }
 #: Steps of pydantic's locations that are tags and no keys.
 TAGS = {"number", "list", "table", "mapping", "[key]", "box", *KINDS, *registered(Load), *registered(Path)}

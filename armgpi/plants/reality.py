@@ -23,10 +23,10 @@ from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Encoder
 from armgpi.references.bezier import minimum_duration
-from armgpi.references.reference import Reference, ReferenceBatch
+from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.batch import AnyRobot
 from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -141,6 +141,7 @@ class Draw(NamedTuple):
         step_time: from when to when it acts [s].
         move: what the arm is asked to do.
         t_final: how long the experiment is [s].
+        robot: the arm as its URDF has it.
     """
 
     index: int  # type: ignore[assignment]
@@ -155,6 +156,7 @@ class Draw(NamedTuple):
     step_time: tuple[float, float]
     move: Move
     t_final: float
+    robot: Robot
 
     @property
     def dt(self) -> float:
@@ -409,7 +411,7 @@ class Reality(Parametrised):
         nominal = model.scaled_inertia(drawn.inertia_scale)
         step = drawn.torque_step * scale.gravity
         parts = (model, nominal, arm, friction, effort, scale.effort, step, self.step_time, move)
-        return Draw(index, drawn, *parts, self.t_final)
+        return Draw(index, drawn, *parts, self.t_final, robot)
 
     def _move(self, arm: Robot, scale: Scales, index: int) -> tuple[Move, Array]:
         """Return a move and the largest gravity torque on its way, (n,).
@@ -463,7 +465,7 @@ def together(draws: Sequence[Draw]) -> Together:
     if len({(draw.dt, draw.delay, draw.t_final, draw.step_time) for draw in draws}) != 1:
         raise ParameterError("draws", len(draws), "draws of the same sample time, delay and length")
     first = draws[0]
-    arm, model, nominal = (_stacked_robots(draws, name) for name in ("arm", "model", "nominal"))
+    arm, model, nominal = _robots(draws)
     step = Step(_stacked(draws, "torque_step"), *first.step_time)
     friction = None
     if first.friction is not None:
@@ -473,10 +475,12 @@ def together(draws: Sequence[Draw]) -> Together:
     if len(draws) > 1:
         bits = np.array([[float(draw.encoder_bits)] for draw in draws])
     plant = Delayed(Encoder(plant, bits), first.delay)
-    unique = {id(draw.move): draw.move for draw in draws}  # a search repeats its draws
-    ways = {key: Waypoints([m.start, m.goal], [m.duration], [m.begin, 0.0]) for key, m in unique.items()}
-    moves = [ways[id(draw.move)] for draw in draws]
-    reference: Reference = moves[0] if len(draws) == 1 else ReferenceBatch(moves)
+    moves = [draw.move for draw in draws]
+    points = [_rows([move.start for move in moves]), _rows([move.goal for move in moves])]
+    durations: Any = moves[0].duration
+    if len(draws) > 1:
+        durations = np.array([[move.duration] for move in moves])
+    reference: Reference = Waypoints(points, [durations], [moves[0].begin, 0.0])
     context = Context(model, first.dt, 0, first.delay * first.dt, bits, nominal)  # type: ignore[arg-type]
     return Together(plant, reference, context, first.t_final)
 
@@ -489,10 +493,25 @@ def batches(draws: Sequence[Draw]) -> list[list[Draw]]:
     return list(groups.values())
 
 
-def _stacked_robots(draws: Sequence[Draw], name: str) -> AnyRobot:
-    """Return one of the robots of each draw."""
-    robots = [getattr(draw, name) for draw in draws]
-    return robots[0] if len(robots) == 1 else RobotBatch(robots)
+def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
+    """Return what the arms of draws really are, as their makers know them, and the nominal models."""
+    first = draws[0]
+    if len(draws) == 1:
+        return first.arm, first.model, first.nominal
+
+    def varied(name: str, **more: Any) -> AnyRobot:
+        robots = [getattr(draw, name) for draw in draws]
+        rotors, efforts = (
+            np.stack(rows) for rows in zip(*((x.armature, x.limits.effort) for x in robots), strict=True)
+        )
+        return first.robot.varied(rotor_inertia=rotors, effort=efforts, **more)
+
+    mass = scales(first.robot).mass
+    payload = np.array([draw.numbers.payload * mass for draw in draws])
+    com = np.stack([draw.numbers.payload_place for draw in draws])
+    scale = np.array([draw.numbers.inertia_scale for draw in draws])
+    arm = varied("arm", payload=payload, com=com)
+    return arm, varied("model"), varied("nominal", inertia_scale=scale)
 
 
 def _stacked(draws: Sequence[Draw], name: str) -> Array:

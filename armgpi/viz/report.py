@@ -48,6 +48,7 @@ def build(
     findings: Sequence[str] = (),
     frame: str | None = None,
     folder: Path | None = None,
+    before: str = "",
 ) -> str:
     """Return the report of a rollout, or of several in one dataset, as HTML.
 
@@ -60,6 +61,7 @@ def build(
         findings: what else is to be said of the robot or the run.
         frame: the tool; the tip when not given.
         folder: where the rollout's file lies, to look for its robot there.
+        before: HTML before the tables.
 
     Raises:
         RolloutError: when the rollout has no samples, or `robot` is another one.
@@ -78,7 +80,7 @@ def build(
     values = {
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
         "summary": _summary(rollout, records),
-        "tables": _tables(rollout, records),
+        "tables": before + _tables(rollout, records),
         "findings": (page.bullets(findings, "findings") or "<p>None.</p>")
         + ("<h3>Notes on the model</h3>" + page.bullets(notes) if notes else ""),
         "configuration": _configuration(rollout, configuration),

@@ -1,0 +1,162 @@
+"""The command that runs an experiment many times with other numbers."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
+from armgpi.cli.terminal import say
+
+# What takes long to import is imported by the command, so that --help answers at once.
+if TYPE_CHECKING:
+    from armgpi.sweep.study import Study
+
+#: Most rollouts of a sweep.
+_MOST = 10**9
+
+
+@stoppable
+def sweep(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="Experiment file with `vary:`, or with a reality to draw from."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Where chunks and results go; one study each."),
+    ],
+    rollouts: Annotated[str, typer.Option(metavar="NUMBER", help="How many rollouts, such as 1e6.")] = "1000",
+    sampling: Annotated[
+        str, typer.Option(help="random, or sobol: points that fill the space evenly.")
+    ] = "random",
+    workers: Annotated[int, typer.Option(min=1, help="Dask workers on this machine; 1 for none.")] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.", show_default=False
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write one page with distributions, failure maps and the worst rollout.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Run an experiment many times with drawn numbers and say how often it fails, with intervals.
+
+    A sweep that was stopped goes on where it was when it is started again.
+
+    \b
+    armgpi sweep study.yaml --rollouts 10000 --out study
+    armgpi sweep study.yaml --rollouts 1e6 --out study --workers 2 --report study.html
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.config import read
+    from armgpi.sweep import results
+    from armgpi.sweep import workers as running
+    from armgpi.sweep.study import Study, chunk_file, save
+
+    count = _count(rollouts)
+    study = Study.of(*read(file), sampling)
+    save(study, out)
+    chunks = [(i, study.rows(i, count)) for i in range(-(-count // study.size))]
+    missing = [(i, rows) for i, rows in chunks if not chunk_file(out, i, rows).is_file()]
+    with _progress(count, count - sum(rows for _, rows in missing)) as done:
+        broken = running.run(out, missing, done, workers, cluster)
+    for chunk, reason in broken.items():
+        say(f"chunk {chunk} is broken: {reason}", err=True, fg="yellow")
+    if len(broken) == len(chunks):
+        sys.exit(FAILED)
+    found = results.collect(study, out, count)
+    written = results.write(study, found, out)
+    said = results.summary(study, found)
+    _print(study, said, results.sentences(said))
+    if report is not None:
+        from armgpi.sweep import pictures
+        from armgpi.viz.report import write
+
+        written.append(write(pictures.html(study, found, said), report))
+    say(f"wrote {len(written)} files to {out}", err=True)
+    sys.exit(FAILED if broken else OK)
+
+
+def _count(text: str) -> int:
+    """Return the number of rollouts."""
+    try:
+        count = float(text)
+    except ValueError:
+        count = 0.0
+    if not 1.0 <= count <= _MOST or count != round(count):
+        raise refusal("--rollouts", f"expected a whole number from 1 to {_MOST:.0e}, got {text!r}")
+    return int(count)
+
+
+def _print(study: Study, said: dict[str, Any], sentences: list[str]) -> None:
+    """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
+    from armgpi.loop import metrics
+
+    bounds = " or ".join(f"{metrics.ALL[name].heading} > {most:g}" for name, most in study.failure.items())
+    say(f"{study.label} on {study.robot.name}; failed is diverged or {bounds}")
+    for sentence in sentences:
+        say(sentence)
+    sliding = bool(study.robot.prismatic.all())
+    for each in metrics.shown_in("terminal"):
+        if each.name in said["quantiles"]:
+            values = said["quantiles"][each.name]
+            shares = (f"{100 * float(share):g} % {_short(x)}" for share, x in values.items())
+            say(f"{each.heading} [{each.unit.symbol(sliding) or '-'}]: {', '.join(shares)}")
+    for name, parts in said["failure by what was drawn"].items():
+        low, high = min(parts, key=_value), max(parts, key=_value)
+        if high["value"] > low["value"]:
+            say(f"{name}: fails {_share(low)}, {_share(high)}")
+
+
+def _value(part: dict[str, Any]) -> float:
+    return float(part["value"])
+
+
+def _share(part: dict[str, Any]) -> str:
+    """Return in words how often rollouts fail in a part of a range."""
+    place = f"{part['from']:.3g}" + ("" if part["to"] == part["from"] else f"..{part['to']:.3g}")
+    return (
+        f"{100.0 * part['value']:.3g} % at {place} ({100 * part['lower']:.3g} to {100 * part['upper']:.3g} %)"
+    )
+
+
+def _short(estimate: dict[str, float | None]) -> str:
+    """Return an estimate with its interval."""
+    low, value, high = (
+        "inf" if estimate[k] is None else f"{estimate[k]:.3g}" for k in ("lower", "value", "upper")
+    )
+    return f"{value} ({low} to {high})"
+
+
+@contextmanager
+def _progress(count: int, before: int) -> Iterator[Callable[[int], None]]:
+    """Give a function that counts rollouts; on a terminal it shows how many, their rate and what remains."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    if not sys.stderr.isatty():
+        yield lambda rows: None
+        return
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
+    begun, done = time.monotonic(), 0
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("rollouts", total=count, completed=before, rate="")
+
+        def advance(rows: int) -> None:
+            nonlocal done
+            done += rows
+            bar.update(task, advance=rows, rate=f"{done / (time.monotonic() - begun):.4g}/s")
+
+        yield advance

@@ -1,0 +1,135 @@
+"""What a number of a sweep is drawn from."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from armgpi.arrays import Array
+from armgpi.errors import ParameterError
+from armgpi.parameter import Parameter
+
+#: Kinds of distributions, by their names in experiment files.
+KINDS = ("uniform", "log_uniform", "normal", "choices")
+#: How chunks draw: every number by itself, or points that fill the space evenly (Sobol 1967, scrambled).
+SAMPLINGS = ("random", "sobol")
+#: A normal distribution ends so many standard deviations from its mean: beyond are 6 in 100,000.
+_TAILS = 4.0
+#: SciPy has Sobol points of no more dimensions.
+_MOST_DIMENSIONS = 21201
+
+
+class Distribution(NamedTuple):
+    """A distribution of one number.
+
+    Attributes:
+        kind: one of :data:`KINDS`.
+        numbers: lower and upper end, mean and standard deviation, or the choices.
+        joints: how many numbers are drawn for a rollout: one, or one for every joint.
+    """
+
+    kind: str
+    numbers: tuple[float, ...]
+    joints: int = 1
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest number that can be drawn."""
+        if self.kind == "normal":
+            mean, deviation = self.numbers
+            return mean - _TAILS * deviation, mean + _TAILS * deviation
+        return min(self.numbers), max(self.numbers)
+
+    def of(self, u: Array) -> Array:
+        """Return the numbers of which a share `u` (0 to 1) of the distribution is below."""
+        if self.kind == "choices":
+            places = np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)
+            return np.asarray(np.array(self.numbers)[places])
+        low, high = self.numbers
+        if self.kind == "uniform":
+            return np.asarray(low + (high - low) * u)
+        if self.kind == "log_uniform":
+            return np.asarray(np.exp(math.log(low) + (math.log(high) - math.log(low)) * u))
+        lowest, highest = self.ends
+        return np.asarray(np.clip(low + high * ndtri(u), lowest, highest))
+
+
+def distribution(name: str, given: Any, declared: Parameter, joints: int) -> Distribution:
+    """Return the distribution that an experiment file gives a parameter.
+
+    Args:
+        name: of the parameter.
+        given: the section: one of :data:`KINDS`, and `each`.
+        declared: the parameter.
+        joints: number of joints.
+
+    Raises:
+        ParameterError: when it is none, or leaves the parameter's bounds.
+    """
+    kinds = [kind for kind in KINDS if getattr(given, kind) is not None]
+    if len(kinds) != 1:
+        raise ParameterError(name, ", ".join(kinds) or None, f"one of {', '.join(KINDS)}")
+    kind, numbers = kinds[0], tuple(getattr(given, kinds[0]))
+    if kind != "choices" and len(numbers) != 2:
+        raise ParameterError(name, numbers, "two numbers")
+    if kind in ("uniform", "log_uniform") and numbers[0] > numbers[1]:
+        raise ParameterError(name, numbers, "[lowest, highest]")
+    if kind == "log_uniform" and numbers[0] <= 0.0:
+        raise ParameterError(name, numbers, "positive numbers for log_uniform")
+    if kind == "normal" and numbers[1] <= 0.0:
+        raise ParameterError(name, numbers, "[mean, standard deviation], the second positive")
+    if given.each == "joint" and not declared.per_joint:
+        raise ParameterError(name, "each: joint", "drawn once for each rollout; it is not per joint")
+    found = Distribution(kind, numbers, joints if given.each == "joint" else 1)
+    _check_bounds(name, found, declared)
+    return found
+
+
+def _check_bounds(name: str, found: Distribution, declared: Parameter) -> None:
+    """Refuse a distribution that leaves the bounds of its parameter."""
+    values = np.array(found.numbers if found.kind == "choices" else found.ends)
+    # Bounds alone: whole numbers are a matter of the choices.
+    inside = declared.inside(values)
+    if declared.kind == "integer" and found.kind != "choices":
+        raise ParameterError(name, found.kind, "choices: it is a whole number")
+    if not inside.all():
+        wrong = float(values[~inside][0])
+        tails = f" ({_TAILS:g} standard deviations from the mean)" if found.kind == "normal" else ""
+        raise ParameterError(name, wrong, f"{declared.bounds}; the distribution reaches {wrong:g}{tails}")
+
+
+def shares(sampling: str, key: int, chunk: int, size: int, dimensions: int) -> Array:
+    """Return the points of a chunk in the unit cube, a pure function of the arguments.
+
+    Args:
+        sampling: one of :data:`SAMPLINGS`.
+        key: of the study, at most 128 bits.
+        chunk: number of the chunk.
+        size: rollouts of a whole chunk.
+        dimensions: numbers of a rollout.
+
+    Returns:
+        Shape (size, dimensions), inside (0, 1).
+
+    Raises:
+        ParameterError: when there are no Sobol points of so many dimensions.
+    """
+    if not dimensions:
+        return np.empty((size, 0))
+    if sampling == "random":
+        # A counter-based generator: chunk i does not need those before it.
+        generator = np.random.Generator(np.random.Philox(key=key % 2**128, counter=chunk << 128))
+        points = generator.random((size, dimensions))
+    else:
+        if dimensions > _MOST_DIMENSIONS:
+            raise ParameterError(
+                "sampling", sampling, f"random: Sobol points have {_MOST_DIMENSIONS} dimensions"
+            )
+        sobol = qmc.Sobol(dimensions, scramble=True, seed=np.random.default_rng(key))
+        sobol.fast_forward(chunk * size)
+        points = sobol.random(size)
+    return np.asarray(np.clip(points, 2.0**-53, 1.0 - 2.0**-53))

@@ -1,0 +1,68 @@
+"""What so many rollouts say of a probability or a quantile: intervals that hold with 95 %."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import beta, binom
+from scipy.stats import norm as normal
+
+from armgpi.arrays import Array
+
+#: Share of all sweeps in which an interval holds the true value.
+LEVEL = 0.95
+
+
+class Estimate(NamedTuple):
+    """An estimate with its interval.
+
+    Attributes:
+        value: the estimate.
+        lower: lower end of the interval.
+        upper: upper end of the interval.
+    """
+
+    value: float
+    lower: float
+    upper: float
+
+
+def clopper_pearson(k: int, n: int, level: float = LEVEL) -> Estimate:
+    """Return the probability of what happened k times in n, with an interval that never holds less often.
+
+    By the quantiles of the beta distribution (Clopper and Pearson 1934), which has none for k = 0 and k = n:
+    there the interval ends at 0 and at 1.
+    """
+    if n == 0:
+        return Estimate(float("nan"), 0.0, 1.0)
+    tail = 0.5 * (1.0 - level)
+    lower = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
+    upper = 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
+    return Estimate(k / n, lower, upper)
+
+
+def wilson(k: int, n: int, level: float = LEVEL) -> Estimate:
+    """Return the same with a shorter interval, which holds so often on average (Wilson 1927)."""
+    if n == 0:
+        return Estimate(float("nan"), 0.0, 1.0)
+    z = float(normal.ppf(0.5 + 0.5 * level))
+    share, scale = k / n, 1.0 + z * z / n
+    centre = (share + 0.5 * z * z / n) / scale
+    half = z / scale * float(np.sqrt(share * (1.0 - share) / n + 0.25 * z * z / n**2))
+    return Estimate(share, max(0.0, centre - half), min(1.0, centre + half))
+
+
+def quantile(values: Array, share: float, level: float = LEVEL) -> Estimate:
+    """Return a quantile with an interval between two of the values, whatever they are distributed like.
+
+    The number of values below the true quantile is binomial. Infinite values are the largest ones; where
+    there are too few values for an end, it is the lowest or the largest.
+    """
+    ordered = np.sort(values)
+    n, tail = len(ordered), 0.5 * (1.0 - level)
+    low = int(binom.ppf(tail, n, share)) - 1
+    high = int(binom.ppf(1.0 - tail, n, share))
+    middle = min(n - 1, int(np.ceil(share * n)) - 1)
+    places = (max(0, middle), max(0, low), min(n - 1, high))
+    return Estimate(*(float(ordered[i]) for i in places))

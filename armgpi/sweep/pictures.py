@@ -1,0 +1,138 @@
+"""One page of a sweep: what it says, distributions of metrics, failure maps, and the worst rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from armgpi.arrays import Array
+from armgpi.config import build, dump
+from armgpi.config import experiment as experiments
+from armgpi.loop import metrics
+from armgpi.sweep.results import QUANTILES, of_arm, sentences, worst
+from armgpi.sweep.study import Study
+from armgpi.viz import page, report
+
+#: Bars of a histogram, and size of a picture [px].
+_BARS, _WIDTH, _HEIGHT = 40, 300, 110
+#: Colours: a bar, one of what has failed, an interval, a line of text.
+_BAR, _BAD, _LINE, _TEXT = "#4878a8", "#c44e52", "#1b2127", "#5a6570"
+
+
+def html(study: Study, found: xr.Dataset, said: Mapping[str, Any]) -> str:
+    """Return the page.
+
+    Args:
+        study: what was run.
+        found: its rollouts, from :func:`armgpi.sweep.results.collect`.
+        said: from :func:`armgpi.sweep.results.summary`.
+
+    Raises:
+        MissingPackage: when Plotly or MeshCat is not installed.
+    """
+    i = int(worst(found, 1)[0])
+    row = {name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn}
+    config = study.config_of(row, int(found["rollout"].values[i]))
+    experiment = build(config)
+    rollout = experiments.join({study.label: experiments.run(experiment, study.label, progress=False)})
+    parts = [
+        page.bullets(sentences(said)),
+        _table(study, said),
+        "<h3>Distribution of every metric</h3>",
+        *_figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in study.metrics),
+        "<h3>Share of failures by what was drawn</h3>",
+        *_figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
+        f"<p>Rollout {int(found['rollout'].values[i])}, the worst, is the one that is played and below.</p>",
+    ]
+    return report.build(
+        rollout,
+        experiment.robot,
+        title=f"Sweep of {study.robot.name}: {found.sizes['rollout']} rollouts",
+        configuration=dump(config),
+        before="".join(parts),
+    )
+
+
+def _table(study: Study, said: Mapping[str, Any]) -> str:
+    """Return the quantiles of the metrics as a table."""
+    rows, sliding = [], bool(study.robot.prismatic.all())
+    for name in study.metrics:
+        cells = [_cell(said["quantiles"][name][str(share)]) for share in QUANTILES]
+        rows.append(
+            [f"{metrics.ALL[name].heading} [{metrics.ALL[name].unit.symbol(sliding) or '-'}]", *cells]
+        )
+    head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
+    return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
+
+
+def _cell(estimate: Mapping[str, float | None]) -> str:
+    """Return an estimate with its interval as text."""
+    value, low, high = (
+        "inf" if x is None else metrics.short(x, 3)
+        for x in (estimate[k] for k in ("value", "lower", "upper"))
+    )
+    return f"{value} ({low} to {high})"
+
+
+def _figures(pictures: Any) -> list[str]:
+    """Return pictures with their titles."""
+    return [f"<figure><figcaption>{page.text(title)}</figcaption>{svg}</figure>" for title, svg in pictures]
+
+
+def _histogram(values: Array) -> str:
+    """Return a histogram of finite values; a logarithmic one where they span more than a hundredfold."""
+    finite = values[np.isfinite(values)]
+    lost = len(values) - len(finite)
+    if not len(finite):
+        return "<p>All infinite.</p>"
+    positive = finite[finite > 0.0]
+    log = len(positive) == len(finite) and positive.max() > 100.0 * positive.min()
+    drawn = np.log10(finite) if log else finite
+    counts, edges = np.histogram(drawn, bins=_BARS)
+    ends = [10.0**x if log else x for x in (edges[0], edges[-1])]
+    note = f"; {lost} infinite" if lost else ""
+    bars = [(k / _BARS, 1.0 / _BARS, count / max(1, counts.max()), _BAR) for k, count in enumerate(counts)]
+    scale = "log" if log else "linear"
+    return _svg(
+        bars, [f"{metrics.short(float(ends[0]), 3)}", f"{scale}{note}", f"{metrics.short(float(ends[1]), 3)}"]
+    )
+
+
+def _map(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the share of failures in each part of a range, with its interval."""
+    most = max(max(row["upper"] for row in rows), 1e-6)
+    bars = [(k / len(rows), 1.0 / len(rows), row["value"] / most, _BAD) for k, row in enumerate(rows)]
+    lines = [((k + 0.5) / len(rows), row["lower"] / most, row["upper"] / most) for k, row in enumerate(rows)]
+    texts = [
+        metrics.short(rows[0]["from"], 3),
+        f"up to {100.0 * most:.3g} %",
+        metrics.short(rows[-1]["to"], 3),
+    ]
+    return _svg(bars, texts, lines)
+
+
+def _svg(
+    bars: Sequence[tuple[float, float, float, str]],
+    texts: Sequence[str],
+    lines: Sequence[tuple[float, float, float]] = (),
+) -> str:
+    """Return a picture of bars (left, width, height, colour) and vertical lines (at, from, to), in shares."""
+    high = _HEIGHT - 18
+    parts = [
+        f'<rect x="{_WIDTH * x:.1f}" y="{high * (1 - h):.1f}" width="{max(0.5, _WIDTH * w - 1):.1f}" '
+        f'height="{high * h:.1f}" fill="{colour}"/>'
+        for x, w, h, colour in bars
+    ]
+    for x, a, b in lines:
+        ends = (
+            f'x1="{_WIDTH * x:.1f}" x2="{_WIDTH * x:.1f}" y1="{high * (1 - a):.1f}" y2="{high * (1 - b):.1f}"'
+        )
+        parts.append(f'<line {ends} stroke="{_LINE}" stroke-width="1.5"/>')
+    places = ((0, "start"), (_WIDTH / 2, "middle"), (_WIDTH, "end"))
+    for (x, anchor), text in zip(places, texts, strict=True):
+        kind = f'text-anchor="{anchor}" font-size="11" fill="{_TEXT}"'
+        parts.append(f'<text x="{x}" y="{_HEIGHT - 4}" {kind}>{page.text(text)}</text>')
+    return f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img">{"".join(parts)}</svg>'

@@ -1,0 +1,192 @@
+"""All chunks of a study as a dataset, what they say, and the worst rollouts as experiment files."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5netcdf
+import numpy as np
+import xarray as xr
+from xarray.backends import H5NetCDFStore
+
+from armgpi import files
+from armgpi.arrays import Array
+from armgpi.config import dump
+from armgpi.errors import RolloutError
+from armgpi.loop import metrics
+from armgpi.loop.rollout import Status
+from armgpi.sweep.intervals import Estimate, clopper_pearson, quantile, wilson
+from armgpi.sweep.study import Study, chunk_file
+
+#: Quantiles that are told of every metric.
+QUANTILES = (0.5, 0.9, 0.99)
+#: How many of the worst rollouts are written.
+WORST = 10
+#: Parts into which the range of what varies is cut for the failure maps, and least rollouts in each.
+_PARTS, _LEAST = 8, 20
+
+
+def collect(study: Study, folder: Path, rollouts: int) -> xr.Dataset:
+    """Return the rollouts whose chunks are there, in order: what was drawn, metrics, status and end.
+
+    Raises:
+        RolloutError: when there is no chunk, or one is damaged.
+    """
+    tables, places = [], []
+    for chunk in range(-(-rollouts // study.size)):
+        rows = study.rows(chunk, rollouts)
+        place = chunk_file(folder, chunk, rows)
+        if not place.is_file():
+            continue
+        try:
+            table = np.load(place)
+        except (OSError, ValueError):
+            raise RolloutError(f"{place}: is damaged; remove it, and run the sweep again") from None
+        if table.shape != (rows, len(study.columns)):
+            raise RolloutError(f"{place}: is damaged; remove it, and run the sweep again")
+        tables.append(table)
+        places.append(np.arange(rows) + chunk * study.size)
+    if not tables:
+        raise RolloutError(f"{folder}: there is no rollout")
+    return _dataset(study, np.vstack(tables), np.concatenate(places))
+
+
+def _dataset(study: Study, table: Array, places: Any) -> xr.Dataset:
+    """Return the numbers of rollouts as a dataset."""
+    robot, n = study.robot, study.robot.n
+    found: dict[str, Any] = {}
+    for name, column in zip(study.drawn, table.T, strict=False):
+        found[f"drawn.{name}"] = ("rollout", column, {"long_name": f"{name}, as drawn"})
+    begin = len(study.drawn)
+    sliding = bool(robot.prismatic.all())
+    for name in study.metrics:
+        declared = metrics.ALL[name]
+        unit = {"long_name": declared.long_name, "units": declared.unit.symbol(sliding, ascii=True)}
+        found[name] = (("rollout", "joint"), table[:, begin : begin + n], unit)
+        begin += n
+    found["status"] = ("rollout", table[:, -2].astype(np.int32), {"long_name": "how the rollout ended"})
+    found["t_end"] = ("rollout", table[:, -1], {"long_name": "end of the rollout", "units": "s"})
+    dataset = xr.Dataset(
+        found,
+        coords={"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))},
+        attrs={
+            "title": f"armgpi sweep of {robot.name}",
+            "study": study.digest,
+            "experiment": dump(study.config),
+            "sampling": study.sampling,
+        },
+    )
+    failed = study.failed({name: dataset[name].values for name in (*study.metrics, "status")})
+    attributes = {"long_name": f"diverged, or {_words(study.failure)}"}
+    return dataset.assign(failed=("rollout", failed, attributes))
+
+
+def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
+    """Return what the rollouts of a study say, as plain data: probabilities and quantiles with intervals."""
+    n = found.sizes["rollout"]
+    failed = found["failed"].values
+    diverged = found["status"].values == Status.DIVERGED
+    return {
+        "study": study.digest,
+        "controller": study.label,
+        "rollouts": n,
+        "failure": {"diverged": None, **study.failure},
+        "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
+        "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
+        "quantiles": {
+            name: {str(share): _finite(quantile(of_arm(found, name), share)) for share in QUANTILES}
+            for name in study.metrics
+        },
+        "failure by what was drawn": {name: failure_map(found, name) for name in study.drawn},
+    }
+
+
+def sentences(said: Mapping[str, Any]) -> list[str]:
+    """Return what a sweep says of failures, in words."""
+    lines = []
+    for name, word in (("failure", "failed"), ("divergence", "diverged")):
+        p = said[f"probability of {name}"]
+        lines.append(
+            f"{word}: {100.0 * p['value']:.3g} % of {said['rollouts']} rollouts "
+            f"({100.0 * p['lower']:.3g} to {100.0 * p['upper']:.3g} %, 95 % Clopper-Pearson)"
+        )
+    return lines
+
+
+def of_arm(found: xr.Dataset, name: str) -> Array:
+    """Return a metric of the arm for every rollout: the sum or the largest of its joints."""
+    return metrics.ALL[name].of_arm(found[name].values)
+
+
+def failure_map(found: xr.Dataset, name: str) -> list[dict[str, Any]]:
+    """Return how often rollouts fail in each part of the range of what was drawn.
+
+    Parts hold about as many rollouts each; the intervals are Wilson's.
+    """
+    values, failed = found[f"drawn.{name}"].values, found["failed"].values
+    levels = np.unique(values)
+    if len(levels) <= _PARTS:
+        parts = [(float(x), float(x), values == x) for x in levels]
+    else:
+        count = max(1, min(_PARTS, len(values) // _LEAST))
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
+        which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+        parts = [(float(edges[i]), float(edges[i + 1]), which == i) for i in range(len(edges) - 1)]
+    return [
+        {"from": low, "to": high, "rollouts": int(inside.sum())}
+        | wilson(int(failed[inside].sum()), int(inside.sum()))._asdict()
+        for low, high, inside in parts
+    ]
+
+
+def worst(found: xr.Dataset, count: int = WORST) -> Any:
+    """Return the places of the worst rollouts, the worst first: who diverges first, then by peak error."""
+    peak = found["peak_error"].values.max(axis=1)
+    return np.lexsort((found["rollout"].values, found["t_end"].values, -peak))[:count]
+
+
+def write(study: Study, found: xr.Dataset, folder: Path) -> list[Path]:
+    """Write ``results.nc``, ``summary.json`` and the worst rollouts as experiments that run (``worst/``).
+
+    Raises:
+        RolloutError: when something cannot be written.
+    """
+    try:
+        (folder / "worst").mkdir(exist_ok=True)
+    except OSError as error:
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    written = [
+        files.write(folder / "results.nc", _netcdf(found)),
+        files.write(folder / "summary.json", json.dumps(summary(study, found), indent=2) + "\n"),
+    ]
+    for place, i in enumerate(worst(found), start=1):
+        row = {name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn}
+        config = study.config_of(row, int(found["rollout"].values[i]))
+        written.append(files.write(folder / "worst" / f"{place:02d}.yaml", dump(config)))
+    return written
+
+
+def _netcdf(found: xr.Dataset) -> bytes:
+    """Return a dataset as a NetCDF file."""
+    content = io.BytesIO()
+    encoding = {
+        name: {"zlib": True, "complevel": 1} for name, x in found.data_vars.items() if x.dtype.kind == "f"
+    }
+    plain = found.assign(failed=found["failed"].astype(np.int8))
+    with h5netcdf.File(content, "w") as file:
+        plain.dump_to_store(H5NetCDFStore(file), encoding=encoding)
+    return content.getvalue()
+
+
+def _finite(estimate: Estimate) -> dict[str, float | None]:
+    """Return an estimate as JSON has it: None for infinite."""
+    return {key: float(x) if np.isfinite(x) else None for key, x in estimate._asdict().items()}
+
+
+def _words(failure: Mapping[str, float]) -> str:
+    """Return when a rollout has failed, in words."""
+    return " or ".join(f"{metrics.ALL[name].heading} > {most:g}" for name, most in failure.items())

@@ -1,0 +1,402 @@
+"""A study: an experiment, what varies in it and when it has failed; a chunk depends on it and its number."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armgpi import files
+from armgpi.arrays import Array
+from armgpi.config import Experiment, ExperimentConfig, build, controller, dump, read
+from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError, RolloutError
+from armgpi.loop import metrics
+from armgpi.loop.prepared import PreparedLoop, prepare
+from armgpi.loop.rollout import Status
+from armgpi.loop.variables import Variable
+from armgpi.parameter import parameters
+from armgpi.plants.reality import Draw, Reality, batches, together
+from armgpi.sweep.distributions import SAMPLINGS, Distribution, distribution, shares
+
+#: Rollout-steps of a chunk, about: some seconds of compiled code.
+_WORK = 1 << 23
+#: Rollouts of a chunk, at least and at most; a draw of a reality takes milliseconds.
+_FEWEST, _MOST, _MOST_DRAWS = 16, 4096, 256
+#: A rollout has failed that diverges or exceeds one of these, where the file does not say.
+FAILURE: Mapping[str, float] = {"peak_error": 0.5, "final_error": 0.1}
+#: The files of a study in its folder.
+EXPERIMENT, SETTINGS, CHUNKS = "experiment.yaml", "study.json", "chunks"
+#: What is told of a draw of a reality.
+_DRAWN = (
+    "sample_time",
+    "delay",
+    "encoder_bits",
+    "payload",
+    "inertia_scale",
+    "rotor_inertia",
+    "coulomb",
+    "step",
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """An experiment, what varies in it, and how it is drawn.
+
+    Attributes:
+        config: the experiment file, checked.
+        experiment: what it describes.
+        label: the controller that is run.
+        varied: name -> distribution; empty where a reality is drawn.
+        failure: metric -> largest value of any joint in a rollout that has not failed.
+        sampling: "random" or "sobol".
+        size: rollouts of a chunk.
+        digest: a name for all of this: another study has another one.
+    """
+
+    config: ExperimentConfig
+    experiment: Experiment
+    label: str
+    varied: Mapping[str, Distribution]
+    failure: Mapping[str, float]
+    sampling: str
+    size: int
+    digest: str
+
+    @classmethod
+    def of(cls, config: ExperimentConfig, origin: Any = None, sampling: str = "random") -> Study:
+        """Return the study that an experiment file describes.
+
+        Raises:
+            ConfigError: when something in it does not fit; it names the key.
+        """
+        if sampling not in SAMPLINGS:
+            raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
+        experiment = build(config, origin)
+        label = next(iter(experiment.controllers))
+        if bool(config.vary) == (config.reality is not None):
+            said = "a sweep varies something: give distributions below vary, or a reality to draw from"
+            raise ConfigError("" if origin is None else origin.source, "vary", said)
+        failure = {**FAILURE, **config.failure} if not config.failure else dict(config.failure)
+        unknown = [name for name in failure if name not in metrics.declared()]
+        if unknown:
+            reason = str(NameNotFound("metric", unknown[0], metrics.declared()))
+            raise ConfigError("" if origin is None else origin.source, f"failure.{unknown[0]}", reason)
+        steps = experiment.t_final / config.sample_time
+        most = _MOST if config.reality is None else _MOST_DRAWS
+        size = (
+            min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
+        )
+        content = json.dumps([dump(config), dict(failure), label, sampling, size], sort_keys=True)
+        found = cls(
+            config,
+            experiment,
+            label,
+            {},
+            failure,
+            sampling,
+            size,
+            hashlib.sha256(content.encode()).hexdigest()[:16],
+        )
+        if config.reality is not None:
+            return found
+        loop, varied = found._loop(), {}
+        for name, section in config.vary.items():
+            try:
+                variable = _known(loop.parameters, name)
+                varied[name] = distribution(name, section, variable.declared, experiment.robot.n)
+                with_value(found, name, 1.0)
+            except (ParameterError, NameNotFound) as error:
+                source = "" if origin is None else origin.source
+                raise ConfigError(source, f"vary.{name}", str(error).removeprefix(f"{name}: ")) from None
+        object.__setattr__(found, "varied", varied)
+        return found
+
+    @property
+    def robot(self) -> Any:
+        """The arm as its URDF has it."""
+        return self.experiment.robot
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the numbers of a rollout: what was drawn, metrics of every joint, status and end."""
+        joints = self.robot.joint_names
+        drawn = [*_DRAWN] if self.config.reality is not None else []
+        for name, each in self.varied.items():
+            drawn += [name] if each.joints == 1 else [f"{name}[{joint}]" for joint in joints]
+        return [*drawn, *(f"{name}[{joint}]" for name in self.metrics for joint in joints), "status", "t_end"]
+
+    @property
+    def drawn(self) -> list[str]:
+        """Names of the numbers that were drawn."""
+        return self.columns[: -2 - len(self.metrics) * self.robot.n]
+
+    @property
+    def metrics(self) -> list[str]:
+        """Names of the metrics that are kept."""
+        return [name for name, each in metrics.declared().items() if each.on_line is not None]
+
+    def rows(self, chunk: int, rollouts: int) -> int:
+        """Return how many rollouts a chunk has where there are so many in all."""
+        return min(self.size, rollouts - chunk * self.size)
+
+    def numbers(self, chunk: int, rows: int) -> Array:
+        """Return what is drawn for the first rollouts of a chunk, shape (rows, numbers)."""
+        each = list(self.varied.values())
+        u = shares(self.sampling, int(self.digest, 16) + self.config.seed, chunk, self.size, _width(each))
+        parts, place = [np.empty((rows, 0))], 0
+        for drawn in each:
+            parts.append(drawn.of(u[:rows, place : place + drawn.joints]))
+            place += drawn.joints
+        return np.hstack(parts)
+
+    def run(self, chunk: int, rows: int) -> Array:
+        """Run a chunk and return its numbers (rows, columns): a function of the study and the chunk."""
+        if self.config.reality is not None:
+            return self._run_draws(chunk, rows)
+        drawn = self.numbers(chunk, rows)
+        values, place = dict(self._fixed()), 0
+        for name, each in self.varied.items():
+            part = drawn[:, place : place + each.joints]
+            values[name] = part if each.joints > 1 else part[:, 0]
+            place += each.joints
+        seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
+        found = _compiled(self._loop(), values, seeds)
+        return np.hstack([drawn, self._flat(found)])
+
+    def config_of(self, row: Mapping[str, float], index: int) -> ExperimentConfig:
+        """Return the experiment of one rollout: of its numbers by name, and its place among all."""
+        if self.config.reality is not None:
+            reality = self.config.reality.model_copy(update={"index": index})
+            return self.config.model_copy(update={"reality": reality, "failure": {}})
+        # With every default filled in, as that of what varies must not change those.
+        data = self.experiment.config.model_dump(exclude={"vary", "failure"})
+        for name, each in self.varied.items():
+            joints = self.robot.joint_names
+            value: Any = [row[f"{name}[{joint}]"] for joint in joints] if each.joints > 1 else row[name]
+            _put(data, name, value, self)
+        data["seed"] = self.config.seed + index
+        return ExperimentConfig.model_validate(data)
+
+    def failed(self, table: Mapping[str, Array]) -> Any:
+        """Tell which rollouts have failed, from their metrics (rollouts, joints) and `status`."""
+        failed = np.asarray(table["status"]) == Status.DIVERGED
+        for name, most in self.failure.items():
+            failed |= ~(np.asarray(table[name]).max(axis=1) <= most)
+        return failed
+
+    def _loop(self) -> PreparedLoop:
+        """Return the loop, prepared once."""
+        if (known := _loops.get(self.digest)) is None:
+            experiment = self.experiment
+            if "plant.payload" in self.config.vary and self.config.plant.payload is not None:
+                plant = self.config.plant.model_copy(update={"payload": None})
+                experiment = build(self.config.model_copy(update={"plant": plant}))
+            law = experiment.controllers[self.label]
+            known = prepare(
+                experiment.plant,
+                law,
+                experiment.reference,
+                experiment.t_final,
+                record="metrics",
+                backend="compiled",
+            )
+            _loops.clear()
+            _loops[self.digest] = known
+        return known
+
+    def _fixed(self) -> dict[str, Any]:
+        """Return what goes with what varies: where the load is."""
+        load = self.config.plant.payload
+        if "plant.payload" not in self.varied or load is None:
+            return {}
+        return {"plant.frame": load.frame or self.robot.tip, "plant.com": [load.com]}
+
+    def _flat(self, found: Any) -> Array:
+        """Return the metrics, status and end of rollouts, shape (rollouts, k)."""
+        parts = [found[name].values for name in self.metrics]
+        return np.hstack([*parts, found["status"].values[:, None], found["t_end"].values[:, None]])
+
+    def _run_draws(self, chunk: int, rows: int) -> Array:
+        """Run draws of a reality; those of one sample time and delay run together."""
+        section: Any = self.config.reality
+        reality = Reality(**{name: getattr(section, name) for name in parameters(Reality)})
+        first = section.index + chunk * self.size
+        draws = [reality.draw(self.robot, first + i) for i in range(rows)]
+        law = self.config.controllers[0].model_dump(exclude={"label"}, exclude_defaults=True)
+        law["type"] = self.config.controllers[0].type
+        table = np.empty((rows, len(self.columns)))
+        for group in batches(draws):
+            both = together(group)
+            made = controller(law, both.context)
+            loop = prepare(
+                both.plant, made, both.reference, both.t_final, record="metrics", backend="compiled"
+            )
+            run = _compiled(loop)
+            values = self._flat(run if len(group) > 1 else run.expand_dims("rollout"))
+            for draw, row in zip(group, values, strict=True):
+                table[draw.index - first] = [*_told(draw), *row]
+        return table
+
+
+def _compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds: Any = None) -> Any:
+    """Run a loop by generated code alone, whose bits are the same wherever it runs.
+
+    Raises:
+        BackendError: when there is none for it.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "running by NumPy", ArmgpiWarning)
+        try:
+            return loop.run(values, seed=seeds)
+        except ArmgpiWarning as warning:
+            reason = str(warning).removeprefix("running by NumPy: ")
+            raise BackendError(f"a sweep needs generated code: {reason}") from None
+
+
+#: The prepared loop of this process's study.
+_loops: dict[str, PreparedLoop] = {}
+
+
+def save(study: Study, folder: Path) -> None:
+    """Write a study into its folder, or find it there.
+
+    Raises:
+        RolloutError: when the folder holds another one, or cannot be written to.
+    """
+    settings = {"digest": study.digest, "sampling": study.sampling, "size": study.size}
+    place = folder / SETTINGS
+    if place.is_file():
+        try:
+            known = json.loads(place.read_text(encoding="utf-8")).get("digest")
+        except (OSError, ValueError, AttributeError):
+            known = None
+        if known != study.digest:
+            raise RolloutError(f"{folder}: holds another study; choose another folder")
+        return
+    try:
+        (folder / CHUNKS).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    files.write(folder / EXPERIMENT, dump(study.config))
+    files.write(place, json.dumps(settings, indent=2) + "\n")
+
+
+@lru_cache(maxsize=4)
+def load(folder: Path) -> Study:
+    """Return the study of a folder.
+
+    Raises:
+        RolloutError: when there is none.
+        ConfigError: when its experiment is damaged.
+    """
+    try:
+        settings = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+        study = Study.of(*read(folder / EXPERIMENT), settings["sampling"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise RolloutError(f"{folder}: holds no study") from None
+    return study
+
+
+def chunk_file(folder: Path, chunk: int, rows: int) -> Path:
+    """Return the file of a chunk with so many rollouts."""
+    return folder / CHUNKS / f"{chunk:06d}-{rows}.npy"
+
+
+def run_chunk(folder: Path, chunk: int, rows: int) -> Path:
+    """Run a chunk, where it is not there already, and write it whole before returning."""
+    place = chunk_file(folder, chunk, rows)
+    if place.is_file():
+        return place
+    content = io.BytesIO()
+    np.save(content, load(folder).run(chunk, rows))
+    return files.write(place, content.getvalue())
+
+
+def with_value(study: Study, name: str, value: Any) -> None:
+    """Refuse a parameter that has no key in an experiment file: its worst cases could not be written."""
+    _put(study.experiment.config.model_dump(exclude={"vary", "failure"}), name, value, study)
+
+
+def _put(data: dict[str, Any], name: str, value: Any, study: Study) -> None:
+    """Write a number of a rollout into an experiment file."""
+    part, *steps = name.split(".")
+    if name == "plant.payload":
+        data["plant"]["payload"] = {**(data["plant"]["payload"] or {}), "mass": value}
+    elif name in ("plant.viscous", "plant.coulomb"):
+        now = study.experiment.plant.robot.friction if study.config.plant.friction == "urdf" else None
+        shown = {key: getattr(now, key).tolist() if now else 0.0 for key in ("viscous", "coulomb")}
+        if data["plant"]["friction"] != "urdf" or data["robot"]["friction"] is None:
+            data["robot"]["friction"] = shown
+        data["robot"]["friction"][steps[0]] = value
+        data["plant"]["friction"] = "urdf"
+    elif part == "controller":
+        _deep(data["controllers"][0], steps, value, name)
+    elif part == "reference":
+        moves = data["reference"]
+        for key, count in (
+            ("durations", len(moves["points"] or ()) - 1),
+            ("holds", len(moves["points"] or ())),
+        ):
+            if not isinstance(moves[key], list):
+                moves[key] = [moves[key]] * count
+        _deep(moves, steps, value, name)
+    else:
+        if steps[0] == "loads" and len(study.config.plant.loads) != len(_arm(study.experiment.plant).loads):
+            raise ParameterError(name, value, "the number of a load that is one entry of the file")
+        if steps[0] in data["plant"] and data["plant"][steps[0]] is None and len(steps) > 1:
+            data["plant"][steps[0]] = {}
+        _deep(data["plant"], steps, value, name)
+
+
+def _deep(data: Any, steps: list[str], value: Any, name: str) -> None:
+    """Put a value at a path of keys that must be there."""
+    way: list[Any] = [int(step) if step.isdigit() else step for step in steps]
+    last = way.pop()
+    try:
+        for step in way:
+            data = data[step]
+        if not isinstance(data, list) and last not in data:
+            raise KeyError
+        whole = isinstance(data[last], int) and isinstance(value, float) and value == round(value)
+        data[last] = int(value) if whole and not isinstance(data[last], bool) else value
+    except (KeyError, IndexError, TypeError):
+        expected = "a key of an experiment file, as the worst rollouts are written to one"
+        raise ParameterError(name, value, expected) from None
+
+
+def _arm(plant: Any) -> Any:
+    """Return the arm inside of its sensors and actuators."""
+    while hasattr(plant, "plant"):
+        plant = plant.plant
+    return plant
+
+
+def _known(known: Mapping[str, Variable], name: str) -> Variable:
+    """Return a parameter that may vary."""
+    if name not in known:
+        raise NameNotFound("parameter of this loop", name, tuple(known))
+    if reason := known[name].fixed:
+        raise ParameterError(name, known[name].value, f"left as it is: {reason}")
+    return known[name]
+
+
+def _width(each: list[Distribution]) -> int:
+    """Return how many numbers a rollout has."""
+    return sum(drawn.joints for drawn in each)
+
+
+def _told(draw: Draw) -> list[float]:
+    """Return what is told of a draw; of what every joint has, the mean over the joints."""
+    x = draw.numbers
+    means = (float(np.mean(part)) for part in (x.rotor_inertia, x.coulomb, np.abs(x.torque_step)))
+    return [x.sample_time, x.delay, x.encoder_bits, x.payload, x.inertia_scale, *means]

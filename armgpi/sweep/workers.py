@@ -1,0 +1,109 @@
+"""Who runs the chunks of a study: this process, or workers of Dask on this machine or a cluster."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from armgpi.errors import ArmgpiError, BackendError
+from armgpi.sweep.study import run_chunk
+
+#: How long to wait for a cluster [s].
+_PATIENCE = 10.0
+#: How often a chunk is tried anew whose worker was lost.
+_RETRIES = 3
+
+
+def run(
+    folder: Path,
+    chunks: Sequence[tuple[int, int]],
+    done: Callable[[int], None],
+    workers: int = 1,
+    cluster: str | None = None,
+) -> dict[int, str]:
+    """Run chunks and return those that are broken, with the reason.
+
+    Args:
+        folder: of the study.
+        chunks: number and rollouts of each.
+        done: is given the rollouts of each chunk that is there.
+        workers: processes on this machine; 1 for this process alone.
+        cluster: address of a Dask scheduler, whose workers see the folder under the same path.
+
+    Raises:
+        BackendError: when Dask is not installed or the cluster does not answer.
+    """
+    if workers == 1 and cluster is None:
+        return _here(folder, chunks, done)
+    try:
+        distributed: Any = import_module("dask.distributed")
+    except ImportError:
+        raise BackendError("Dask is not installed (pip install 'armgpi[cluster]')") from None
+    broken: dict[int, str] = {}
+    with _client(distributed, workers, cluster) as client:
+        rows = {}
+        for chunk, count in chunks:
+            future = client.submit(
+                _task, str(folder), chunk, count, pure=False, retries=_RETRIES, key=f"{folder.name}-{chunk}"
+            )
+            rows[future] = (chunk, count)
+        # A chunk is on the disk before its future is done: a lost worker loses nothing that was finished.
+        for future in distributed.as_completed(list(rows)):
+            chunk, count = rows[future]
+            if future.status == "finished" and (reason := future.result()) == "":
+                done(count)
+            else:
+                broken[chunk] = reason if future.status == "finished" else _said(future.exception())
+    return broken
+
+
+def _here(folder: Path, chunks: Sequence[tuple[int, int]], done: Callable[[int], None]) -> dict[int, str]:
+    """Run chunks in this process."""
+    broken = {}
+    for chunk, count in chunks:
+        try:
+            run_chunk(folder, chunk, count)
+            done(count)
+        except ArmgpiError as error:
+            broken[chunk] = str(error)
+    return broken
+
+
+def _task(folder: str, chunk: int, rows: int) -> str:
+    """Run a chunk in a worker, which has one core; return why it could not be run, empty when it was."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    try:
+        run_chunk(Path(folder), chunk, rows)
+    except ArmgpiError as error:  # the same wherever it runs: no use in trying again
+        return str(error)
+    return ""
+
+
+def _said(error: BaseException | None) -> str:
+    """Return an exception in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+@contextmanager
+def _client(distributed: Any, workers: int, cluster: str | None) -> Iterator[Any]:
+    """Give a client of a cluster, or of workers made here.
+
+    Raises:
+        BackendError: when there is none at the address.
+    """
+    if cluster is not None:
+        try:
+            client = distributed.Client(cluster, timeout=_PATIENCE)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise BackendError(f"no Dask scheduler answers at {cluster}: {_said(error)}") from None
+        with client:
+            yield client
+        return
+    options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    with distributed.LocalCluster(n_workers=workers, **options) as local, distributed.Client(local) as client:
+        yield client
