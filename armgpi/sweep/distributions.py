@@ -130,6 +130,7 @@ def shares(sampling: str, key: int, chunk: int, size: int, dimensions: int) -> A
                 "sampling", sampling, f"random: Sobol points have {_MOST_DIMENSIONS} dimensions"
             )
         sobol = qmc.Sobol(dimensions, scramble=True, seed=np.random.default_rng(key))
-        sobol.fast_forward(chunk * size)
+        if chunk:  # SciPy has no way of going nowhere
+            sobol.fast_forward(chunk * size)
         points = sobol.random(size)
     return np.asarray(np.clip(points, 2.0**-53, 1.0 - 2.0**-53))

@@ -304,6 +304,8 @@ def load(folder: Path) -> Study:
         study = Study.of(*read(folder / EXPERIMENT), settings["sampling"])
     except (OSError, ValueError, KeyError, TypeError):
         raise RolloutError(f"{folder}: holds no study") from None
+    if study.digest != settings.get("digest"):
+        raise RolloutError(f"{folder}: is a study of another version of armgpi")
     return study
 
 

@@ -1,0 +1,291 @@
+"""Sweeps: intervals that hold, chunks that are the same whoever runs them, and worst rollouts that run."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from armgpi.cli import main
+from armgpi.codegen import build
+from armgpi.config import build as build_experiment
+from armgpi.config import experiment as experiments
+from armgpi.config import parse, read
+from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
+from armgpi.loop import metrics
+from armgpi.parameter import Parameter
+from armgpi.sweep import results, study, workers
+from armgpi.sweep.distributions import Distribution, shares
+from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
+from armgpi.sweep.study import Study
+
+TEXT = """
+robot: {name: anthropomorphic3}
+plant:
+  payload: {mass: 0.1, com: [0.0, 0.0, 0.02]}
+  encoder_bits: 14
+  delay: 1
+  drop_out: 0.05
+  loads: [{type: step, amplitude: 0.5, onset: 0.1}]
+controllers: [{type: gpi, omega: 20}]
+reference: {points: [[0, 0.3, 0], [0.1, 0.4, -0.1]], durations: 0.15, holds: [0.02, 0.1]}
+t_final: 0.25
+vary:
+  plant.payload: {uniform: [0.0, 0.3]}
+  plant.delay: {choices: [0, 1, 2]}
+  controller.inertia_scale: {log_uniform: [0.8, 1.3]}
+  plant.loads.0.amplitude: {normal: [0.0, 0.5], each: joint}
+  plant.coulomb: {uniform: [0, 0.1], each: joint}
+  reference.durations.0: {uniform: [0.1, 0.2]}
+failure: {peak_error: 0.01}
+"""
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "_MOST", 16)
+
+
+def made(text: str = TEXT, sampling: str = "random") -> Study:
+    return Study.of(*parse(text, "study.yaml"), sampling)
+
+
+def run(folder: Path, count: int = 40, text: str = TEXT, **options: Any) -> xr.Dataset:
+    found = made(text)
+    study.save(found, folder)
+    chunks = [(i, found.rows(i, count)) for i in range(-(-count // found.size))]
+    assert workers.run(folder, chunks, lambda rows: None, **options) == {}
+    whole = results.collect(found, folder, count)
+    results.write(found, whole, folder)
+    return whole
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(x.relative_to(folder)): x.read_bytes() for x in folder.rglob("*") if x.is_file()}
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "_MOST", 16)
+        folder = tmp_path_factory.mktemp("sweep")
+        run(folder)
+    return folder
+
+
+def test_a_sweep_that_was_stopped_goes_on_to_the_same_bytes(done: Path, tmp_path: Path) -> None:
+    # As if it had been killed in its second chunk, of which a part was written.
+    first = made()
+    study.save(first, tmp_path)
+    study.run_chunk(tmp_path, 2, 8)
+    (tmp_path / study.CHUNKS / ".000001-16.npy.abc").write_bytes(b"half")
+    run(tmp_path)
+    (tmp_path / study.CHUNKS / ".000001-16.npy.abc").unlink()
+    assert contents(tmp_path) == contents(done)
+
+
+def test_the_worst_rollouts_run_as_they_did(done: Path) -> None:
+    found = xr.open_dataset(done / "results.nc")
+    for place, i in list(enumerate(results.worst(found), start=1))[:3]:
+        experiment = build_experiment(*read(done / "worst" / f"{place:02d}.yaml"))
+        again = experiments.run(experiment, "gpi", progress=False, backend="compiled")
+        for name in ("peak_error", "itae", "total_variation"):
+            values = getattr(metrics, name)(again).values
+            np.testing.assert_allclose(values, found[name].values[i], rtol=1e-9, err_msg=name)
+
+
+def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
+    found, said = xr.open_dataset(done / "results.nc"), json.loads((done / "summary.json").read_text())
+    assert said["rollouts"] == found.sizes["rollout"] == 40
+    assert said["probability of failure"]["value"] == float(found["failed"].mean())
+    peak = found["peak_error"].values.max(axis=1)
+    np.testing.assert_array_equal(found["failed"].values, peak > 0.01)
+    middle = said["quantiles"]["peak_error"]["0.5"]
+    assert middle["lower"] <= np.median(peak) <= middle["upper"]
+    parts = said["failure by what was drawn"]["plant.delay"]
+    assert [part["from"] for part in parts] == [0.0, 1.0, 2.0]
+    assert sum(part["rollouts"] for part in parts) == 40
+
+
+@pytest.mark.slow
+def test_workers_of_dask_write_the_same_bytes(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # as the workers do
+    study.save(made(), tmp_path)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp"
+    ) as local:
+        chunks = [(0, 16), (1, 16), (2, 8)]
+        broken = workers.run(tmp_path, chunks, lambda rows: None, cluster=local.scheduler_address)
+    assert broken == {}
+    for place in (done / study.CHUNKS).iterdir():
+        assert (tmp_path / study.CHUNKS / place.name).read_bytes() == place.read_bytes()
+
+
+def test_a_chunk_is_a_function_of_study_and_number() -> None:
+    found = made()
+    np.testing.assert_array_equal(found.numbers(3, 16), found.numbers(3, 16))
+    np.testing.assert_array_equal(found.numbers(3, 5), found.numbers(3, 16)[:5])
+    assert not np.array_equal(found.numbers(3, 16), found.numbers(4, 16))
+    assert made(TEXT.replace("0.05", "0.06")).digest != found.digest == made().digest
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_points_fill_the_unit_cube(sampling: str) -> None:
+    points = np.vstack([shares(sampling, 12345, i, 256, 3) for i in range(8)])
+    assert ((points > 0.0) & (points < 1.0)).all()
+    # The standard deviation of a mean of 2048 uniform numbers is 0.0064.
+    np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=0.03)
+    if sampling == "sobol":  # 2048 points, 2048 intervals, one in each
+        for column in points.T:
+            assert len(np.unique((column * 2048).astype(int))) == 2048
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "mean"),
+    [
+        ("uniform", (1.0, 3.0), 2.0),
+        ("log_uniform", (1.0, math.e), math.e - 1.0),
+        ("normal", (5.0, 2.0), 5.0),
+        ("choices", (1.0, 2.0, 6.0), 3.0),
+    ],
+)
+def test_distributions_have_their_means(kind: str, numbers: tuple[float, ...], mean: float) -> None:
+    u = (np.arange(10_000) + 0.5) / 10_000
+    drawn = Distribution(kind, numbers)
+    np.testing.assert_allclose(drawn.of(u).mean(), mean, rtol=1e-3)
+    assert drawn.ends[0] <= drawn.of(u).min() <= drawn.of(u).max() <= drawn.ends[1]
+
+
+def test_intervals_hold_at_both_ends() -> None:
+    # With k = 0 the upper end solves (1 - p)^n = 0.025.
+    assert clopper_pearson(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
+    assert clopper_pearson(100, 100) == pytest.approx((1.0, 0.025**0.01, 1.0))
+    assert wilson(0, 10).lower == 0.0
+    # Agresti and Coull (1998): 95 % Wilson of 5 in 10 is 0.2366 to 0.7634.
+    np.testing.assert_allclose(wilson(5, 10)[1:], (0.2366, 0.7634), atol=1e-4)
+    random = np.random.default_rng(0)
+    held = exact = 0
+    for _ in range(400):
+        estimate = quantile(random.normal(size=200), 0.9)
+        held += estimate.lower <= 1.2815515655 <= estimate.upper
+        found = clopper_pearson(int(random.binomial(50, 0.1)), 50)
+        exact += found.lower <= 0.1 <= found.upper
+    # 0.95 less three standard deviations of 400 trials.
+    assert min(held, exact) >= 400 * 0.917
+
+
+BAD: dict[str, tuple[str, str]] = {
+    "beyond a bound": ("plant.payload: {uniform: [-0.1, 0.3]}", "vary.plant.payload"),
+    "tails beyond a bound": ("plant.payload: {normal: [0.1, 0.1]}", "4 standard deviations"),
+    "no parameter": ("plant.paylod: {uniform: [0, 0.3]}", "plant.payload"),
+    "fixed": ("controller.integrators: {choices: [1, 2]}", "form of the generated code"),
+    "without a key": ("plant.gravity: {uniform: [0, 1]}", "key of an experiment file"),
+    "two kinds": ("plant.payload: {uniform: [0, 1], choices: [0, 1]}", "one of uniform"),
+    "no kind": ("plant.payload: {each: rollout}", "one of uniform"),
+    "upside down": ("plant.payload: {uniform: [1, 0]}", "lowest, highest"),
+    "logarithm of zero": ("plant.payload: {log_uniform: [0, 1]}", "positive"),
+    "no whole numbers": ("plant.delay: {uniform: [0, 2]}", "choices"),
+    "halves": ("plant.delay: {choices: [0.5]}", "whole"),
+    "one for each joint": ("plant.payload: {uniform: [0, 1], each: joint}", "each rollout"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_distributions_are_refused_by_name(case: str) -> None:
+    line, said = BAD[case]
+    text = TEXT[: TEXT.index("vary:")] + f"vary:\n  {line}\n"
+    with pytest.raises(ConfigError, match=said):
+        made(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (TEXT.replace("peak_error: 0.01", "peek_error: 0.01"), "peak_error"),
+        (TEXT[: TEXT.index("vary:")], "vary"),
+    ],
+)
+def test_bad_studies_are_refused(text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        made(text)
+
+
+def test_a_folder_of_another_study_is_refused(done: Path) -> None:
+    with pytest.raises(RolloutError, match="another study"):
+        study.save(made(TEXT.replace("0.05", "0.07")), done)
+    damaged = done / study.CHUNKS / "000000-16.npy"
+    before = damaged.read_bytes()
+    damaged.write_bytes(b"x")
+    with pytest.raises(RolloutError, match=r"000000-16.npy: is damaged"):
+        results.collect(made(), done, 40)
+    damaged.write_bytes(before)
+
+
+def test_a_broken_chunk_is_named_and_not_fatal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = made()
+    study.save(found, tmp_path)
+    monkeypatch.setattr(build, "library", lambda *_: (_ for _ in ()).throw(ArmgpiError("no disk")))
+    monkeypatch.setattr("armgpi.compiled.run._generated", {})
+    counted: list[int] = []
+    broken = workers.run(tmp_path, [(0, 16)], counted.append)
+    assert list(broken) == [0]
+    assert "no disk" in broken[0]
+    assert counted == []
+
+
+def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "_PATIENCE", 0.5)
+    with pytest.raises(ArmgpiError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1"):
+        workers.run(tmp_path, [(0, 16)], lambda rows: None, cluster="tcp://127.0.0.1:1")
+
+
+def called(*arguments: str) -> Any:
+    """Return the exit code of a command."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["armgpi", *arguments])
+        try:
+            main()
+        except SystemExit as end:
+            return end.code
+    return 0
+
+
+def test_the_command(done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "study.yaml"
+    file.write_text(TEXT)
+    page = tmp_path / "page.html"
+    assert not called("sweep", str(file), "--rollouts", "40", "--out", str(done), "--report", str(page))
+    said = capsys.readouterr().out
+    assert "of 40 rollouts" in said
+    assert "95 % Clopper-Pearson" in said
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<figure>") == len(made().metrics) + len(made().drawn)
+    for wrong in ("0", "many", "1.5"):
+        assert called("sweep", str(file), "--rollouts", wrong, "--out", str(done)) == 2
+        assert "--rollouts" in capsys.readouterr().err
+    assert called("sweep", str(tmp_path / "none.yaml"), "--out", str(tmp_path / "x")) == 2
+
+
+def test_a_sweep_of_a_reality_draws_by_index() -> None:
+    text = "robot: {name: anthropomorphic3}\nreality: {name: geared, seed: 3}\n"
+    found = made(text + "controllers: [{type: gpi, rolloff: 1}]\n")
+    assert found.columns[:2] == ["sample_time", "delay"]
+    config = found.config_of({}, 5)
+    assert config.reality is not None
+    assert config.reality.index == 5
+
+
+def test_parameters_say_whether_they_vary() -> None:
+    assert Parameter("x").varies
+    assert not Parameter("x", structural=True).varies
+    with pytest.raises(ParameterError):
+        Study.of(*parse(TEXT, "study.yaml"), "halton")
