@@ -185,9 +185,7 @@ def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under
 
 def dump(config: ExperimentConfig) -> str:
     """Return a configuration as YAML, every default written out."""
-    # What only sweeps look at is there where something is said.
-    unsaid = {key for key in ("vary", "failure") if not getattr(config, key)}
-    text: str = yaml.safe_dump(config.model_dump(exclude=unsaid), sort_keys=False, allow_unicode=True)
+    text: str = yaml.safe_dump(config.model_dump(), sort_keys=False, allow_unicode=True)
     return text
 
 
