@@ -20,7 +20,7 @@ SEED ?= $(shell date +%Y%m%d)
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format hooks types unit quick search docs examples wheel bench clean
+.PHONY: help install demo test lint format hooks types unit quick search docs playground examples wheel bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -92,6 +92,9 @@ search: $(FOR_ALL) ## What holds for every robot and file: new random examples, 
 
 docs: $(FOR_ALL) ## The documentation, into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -q docs build/docs
+
+playground: $(FOR_ALL) ## Pages to play with, into build/playground (docs/play.md)
+	$(BIN)/python tools/playground.py
 
 # Run from build/examples: they work from any folder, and what they write stays out of the way.
 examples: $(FOR_ALL) ## Run every example, with no screen

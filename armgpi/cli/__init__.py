@@ -26,6 +26,7 @@ from armgpi.cli import (
     inspect,
     loop,
     paper,
+    play,
     robots,
     sweep,
     tune,
@@ -76,7 +77,15 @@ app = typer.Typer(
 
 #: Group in --help -> its commands.
 _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Simulate": (experiment.run, experiment.compare, sweep.sweep, zoo.zoo, tune.tune, contend.contend),
+    "Simulate": (
+        experiment.run,
+        experiment.compare,
+        sweep.sweep,
+        play.play,
+        zoo.zoo,
+        tune.tune,
+        contend.contend,
+    ),
     "Robots": (robots.robots, inspect.inspect, view.view),
     "Results": (view.report,),
     "Hand-derived dynamics": (validate.validate, derive.derive),
@@ -87,7 +96,7 @@ _GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
 }
 for _group, _functions in _GROUPS.items():
     for _function in _functions:
-        _declares = _function in (experiment.run, experiment.compare, export.export, loop.loop)
+        _declares = _function in (experiment.run, experiment.compare, export.export, loop.loop, play.play)
         app.command(cls=DeclaredCommand if _declares else Command, rich_help_panel=_group)(_function)
 
 

@@ -21,6 +21,7 @@ _EXTRAS = {
     "check": (("yourdfpy", "yourdfpy"),),
     "mujoco": (("mujoco", "mujoco"),),
     "compiled": (("casadi", "casadi"),),
+    "play": (("ziglang", "ziglang"),),
 }
 _NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "pydantic", "typer", "rich", "PyYAML")
 _OLDEST_PIN, _OLDEST_DATA = 4, 6

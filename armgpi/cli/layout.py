@@ -21,6 +21,7 @@ _OPTIONS = {
     ),
     "Output": (
         *("--out", "--output", "--force", "--json", "--table", "--plot", "--view", "--html", "--report"),
+        "--interactive",
         *("--title", "--frame", "--port", "--open", "--backend"),
     ),
 }

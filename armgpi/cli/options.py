@@ -259,6 +259,14 @@ Report = Annotated[
         "--report", metavar="FILE", help="Write tables, plots, animation and data as one HTML file."
     ),
 ]
+Interactive = Annotated[
+    bool,
+    typer.Option(
+        "--interactive",
+        metavar=FLAG,
+        help="Make --report a page to play with, as `armgpi play` does; of the first controller.",
+    ),
+]
 Frame = Annotated[
     str | None, typer.Option(metavar="FRAME", help="The tool whose path is drawn; the tip by default.")
 ]
@@ -314,6 +322,7 @@ def results(
     view: View = False,
     html: Html = None,
     report: Report = None,
+    interactive: Interactive = False,
     as_json: Json = False,
 ) -> None:
     """List the options of what a run becomes, for :func:`shared`."""

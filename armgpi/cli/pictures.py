@@ -38,6 +38,12 @@ def check(options: dict[str, Any]) -> None:
         from armgpi.viz import plots
 
         plots.check_path(options["plot"])
+    if options.get("interactive"):
+        if options["report"] is None:
+            raise refusal("--interactive", "requires --report FILE")
+        from armgpi.play import check as check_play
+
+        check_play()
     for name in ("plot", "html", "report"):
         if options[name] is not None:
             check_file(options[name], f"--{name}")
@@ -83,9 +89,29 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     if options["report"] is not None:
         from armgpi.viz import report
 
-        page = report.build(result, robot, configuration=dump(experiment.config))
+        text = dump(experiment.config)
+        if options["interactive"]:
+            page = page_to_play_with(experiment, more=report.sections(result, robot, text))
+        else:
+            page = report.build(result, robot, configuration=text)
         written.append(report.write(page, options["report"]))
     return written
+
+
+def page_to_play_with(experiment: Experiment, **options: Any) -> str:
+    """Return the page of an experiment, told how far it is where somebody looks; see `armgpi.play.build`."""
+    from armgpi.play import build
+
+    looks = sys.stderr is not None and sys.stderr.isatty()
+
+    def told(what: str, share: float) -> None:
+        if looks:
+            print(f"\r{what} the loop: {share:4.0%} ", end="", file=sys.stderr, flush=True)
+
+    html = build(experiment, progress=told, **options)
+    if looks:
+        print("\r" + " " * 30, end="\r", file=sys.stderr, flush=True)
+    return html
 
 
 def serve_rollout(result: xr.Dataset, robot: Any) -> None:

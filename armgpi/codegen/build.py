@@ -12,11 +12,13 @@ import shutil
 import signal
 import stat
 import subprocess
+import sys
 import tempfile
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +48,10 @@ _KEPT = 256
 _ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.so")
 #: Longest time that a compiler may take [s].
 _PATIENCE = 300.0
+
+
+#: The compiler of the package `ziglang`: for machines that have no other, and for WebAssembly.
+ZIG = (sys.executable, "-m", "ziglang", "cc")
 
 
 class Compiler(NamedTuple):
@@ -115,7 +121,7 @@ def called(
 
 
 def compiler() -> Compiler:
-    """Return the C compiler: what CC names, or cc, gcc or clang.
+    """Return the C compiler: what CC names, or cc, gcc or clang, or the one of the package `ziglang`.
 
     Raises:
         BackendError: when there is none.
@@ -126,12 +132,16 @@ def compiler() -> Compiler:
     )  # a path may have spaces in it
     with suppress(ValueError):  # a quotation without an end
         commands.append(tuple(shlex.split(asked)) or ("",))
+    if not asked and find_spec("ziglang") is not None:
+        commands.append(ZIG)
     for command in commands:
         found = _probed(command, os.environ.get("PATH"))
         if found is not None:
             return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
-    raise BackendError(f"no C compiler: {wanted}; install GCC or Clang, or set CC")
+    raise BackendError(
+        f"no C compiler: {wanted}; install GCC or Clang, set CC, or take Zig's: pip install 'armgpi[play]'"
+    )
 
 
 @lru_cache(maxsize=1)
@@ -317,23 +327,40 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...], fo
     try:
         (work / "loop.c").write_text(source, encoding="utf-8")
         built = work / "loop.so"
-        command = [*found.command, *flags, "-o", str(built), str(work / "loop.c"), "-lm"]
-        said = called(command, _PATIENCE)
-        if said.returncode or not built.is_file():
-            text = said.stderr.decode(errors="replace")
-            # "final link failed: No space left on device" comes before the error that says nothing.
-            lines = [line for line in text.splitlines() if "error" in line or "failed" in line]
-            raise BackendError(f"{' '.join(found.command)} failed: {[*lines, 'it said nothing'][0]}")
+        translated(found.command, [*flags, "-o", str(built), str(work / "loop.c"), "-lm"], built, _PATIENCE)
         built.chmod(0o700)  # whatever the umask
         digest = hashlib.sha256(built.read_bytes()).hexdigest()[:16]
         built.replace(folder / f"{key}-{digest}.so")
-    except subprocess.TimeoutExpired:
-        raise BackendError(f"{' '.join(found.command)} took longer than {_PATIENCE:g} s") from None
     except OSError as error:
         raise BackendError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
     _prune(folder)
+
+
+def translated(compiler: Sequence[str], arguments: Sequence[str], file: Path, patience: float) -> None:
+    """Run a compiler that makes a file.
+
+    Args:
+        compiler: how it is called.
+        arguments: of this call.
+        file: what it makes.
+        patience: how long it may take [s].
+
+    Raises:
+        OSError: when it cannot be started.
+        BackendError: when it fails, with its first error, or takes longer.
+    """
+    name = " ".join(compiler)
+    try:
+        said = called([*compiler, *arguments], patience)
+    except subprocess.TimeoutExpired:
+        raise BackendError(f"{name} took longer than {patience:g} s") from None
+    if said.returncode or not file.is_file():
+        text = said.stderr.decode(errors="replace")
+        # "final link failed: No space left on device" comes before the error that says nothing.
+        lines = [line for line in text.splitlines() if "error" in line or "failed" in line]
+        raise BackendError(f"{name} failed: {[*lines, 'it said nothing'][0]}")
 
 
 def _prune(folder: Path) -> None:

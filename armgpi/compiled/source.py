@@ -49,31 +49,38 @@ def trace_used(loop: Any, state: Any, signals: bool, running: Running | None = N
 
 def source(traced: Trace, lanes: int) -> str:
     """Return the C of a closed loop, whole; no number of :class:`armgpi.codegen.trace.Values` is in it."""
-    names = recorded_names(traced)
     dialect = Dialect()
-    sizes = {
+    kernels = {call.kernel.name: call.kernel for call in traced.calls}
+    parts = [f"#define {name} {value}" for name, value in sizes(traced, lanes).items()]
+    parts.append(library_text("lanes.h"))
+    for kernel in kernels.values():
+        parts += function(kernel, dialect)
+    return "\n".join([*parts, *sample(traced, dialect), library_text("loop.h")])
+
+
+def sizes(traced: Trace, lanes: int) -> dict[str, int]:
+    """Return the sizes that `loop.h` needs, by the names of their macros."""
+    return {
         "LANES": lanes,
         "N": traced.n,
         "NS": len(traced.state),
         "NO": len(traced.own),
         "NT": len(traced.table),
         "ND": len(traced.draws),
-        "VARIABLES": len(names),
+        "VARIABLES": len(recorded_names(traced)),
         "HELD": HELD,
         "TAU": TAU,
         "NA": len(traced.sums),
     }
-    kernels = {call.kernel.name: call.kernel for call in traced.calls}
-    parts = [f"#define {name} {value}" for name, value in sizes.items()]
-    parts.append(_text("lanes.h"))
-    for kernel in kernels.values():
-        parts += _function(kernel, dialect)
-    return "\n".join(
-        [*parts, *_sample(traced, names, dialect), *_sums(traced, names, dialect), _text("loop.h")]
-    )
 
 
-def _function(kernel: Kernel, dialect: Dialect) -> list[str]:
+def sample(traced: Trace, dialect: Dialect) -> list[str]:
+    """Return the lines of the functions that take one sample, and add it to the sums."""
+    names = recorded_names(traced)
+    return [*_sample(traced, names, dialect), *_sums(traced, names, dialect)]
+
+
+def function(kernel: Kernel, dialect: Dialect) -> list[str]:
     """Return the lines of a kernel."""
     # Not inlined: a sample calls forward dynamics four times, and compilers take long over one huge function.
     return [
@@ -182,6 +189,6 @@ def _call(i: int, kernel: Kernel, first: int) -> list[str]:
     return [f"if (v_any({tests})) {call} else {{ {zeros} }}"]
 
 
-def _text(name: str) -> str:
+def library_text(name: str) -> str:
     """Return a file of C that comes with the package."""
     return (files("armgpi.compiled") / name).read_text(encoding="utf-8")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel
@@ -55,6 +55,8 @@ _PATH_TIME = 18.0
 #: Size of a path that is chosen for an arm, as a share of how far from the base it is; and the number of
 #: configurations among which the roomiest is looked for.
 _PATH_SIZE, _CANDIDATES = 0.1, 256
+
+_Part = TypeVar("_Part")
 
 
 class _Place(NamedTuple):
@@ -183,6 +185,57 @@ def robot(config: ExperimentConfig, origin: Origin | None = None) -> Robot:
         ConfigError: when something does not fit the robot; it names the key.
     """
     return _robot(config.robot, _Place(origin or Origin()).at("robot"))
+
+
+class Parts:
+    """Makes the parts of experiments that differ in a few keys: what has the same sections is made once.
+
+    In their controllers' sections every default has been filled in, so they do not depend on the plant's.
+    """
+
+    def __init__(self) -> None:
+        """Begin without parts."""
+        self._made: dict[tuple[str, ...], Any] = {}
+
+    def of(self, config: ExperimentConfig) -> tuple[Plant, Controller, Reference]:
+        """Return plant, first controller and reference of an experiment without a reality.
+
+        Raises:
+            ConfigError: when something in it does not fit the robot; it names the key.
+        """
+        top = _Place(Origin())
+        robot = self._once(("robot",), config, ("robot",), lambda: _robot(config.robot, top.at("robot")))
+        context = _context(config, robot, top)
+        plant = self._once(
+            ("plant",), config, ("robot", "plant", "sample_time", "seed"),
+            lambda: _plant(config, context, top.at("plant"), config.plant.engine),
+        )  # fmt: skip
+        section = config.controllers[0]
+        law = self._once(
+            ("controller", section.model_dump_json()), config, ("robot", "sample_time"),
+            lambda: controller(section.model_dump(), context),
+        )  # fmt: skip
+        reference = self._once(
+            ("reference",), config, ("robot", "reference"),
+            lambda: _reference(config.reference, robot, top.at("reference"))[0],
+        )  # fmt: skip
+        return plant, law, reference
+
+    def _once(
+        self,
+        name: tuple[str, ...],
+        config: ExperimentConfig,
+        keys: tuple[str, ...],
+        make: Callable[[], _Part],
+    ) -> _Part:
+        """Return a part that is made from some keys of an experiment."""
+        sections = (getattr(config, key) for key in keys)
+        said = (each.model_dump_json() if isinstance(each, BaseModel) else repr(each) for each in sections)
+        key = (*name, *said)
+        if key not in self._made:
+            self._made[key] = make()
+        made: _Part = self._made[key]
+        return made
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:

@@ -29,7 +29,7 @@ from armgpi.viz.meshes import MissingPackage, Triangles
 from armgpi.viz.scene import Body, Clip, Scene
 
 #: NumPy's types and their names in the page.
-_TYPES = {"float32": "f32", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
+_TYPES = {"float32": "f32", "float64": "f64", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
 #: Joints without limits get sliders over this range [rad or m].
 _UNLIMITED = math.pi
 
@@ -117,6 +117,7 @@ def fill(
     data: Any = None,
     arrays: Arrays | None = None,
     scripts: Sequence[str] = (),
+    computes: bool = False,
 ) -> str:
     """Return a page made from a template.
 
@@ -126,13 +127,15 @@ def fill(
         data: what becomes the page's JSON.
         arrays: what the JSON refers to.
         scripts: JavaScript, in its order.
+        computes: whether it runs WebAssembly that it holds, in a worker.
     """
     safe = [_safe_script(script) for script in scripts]
+    runs = " 'wasm-unsafe-eval'; worker-src blob:" if computes else ""
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in safe) or "'none'"
     places = {
         # What a page may do: its own scripts and styles, pictures within it, and nothing else. 'self' is the
         # server that a live page came from; a file has none.
-        "policy": f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; "
+        "policy": f"default-src 'none'; script-src {hashes}{runs}; style-src 'unsafe-inline'; "
         "img-src data: blob:; font-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'",
         "style": asset("page.css"),
         "data": json_text(data),

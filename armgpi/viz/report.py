@@ -81,8 +81,7 @@ def build(
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
         "summary": _summary(rollout, records),
         "tables": before + _tables(rollout, records),
-        "findings": (page.bullets(findings, "findings") or "<p>None.</p>")
-        + ("<h3>Notes on the model</h3>" + page.bullets(notes) if notes else ""),
+        "findings": _findings(findings, notes),
         "configuration": _configuration(rollout, configuration),
         "download": _download(content, every),
         "file": base64.b64encode(content).decode(),
@@ -90,6 +89,30 @@ def build(
     data = {**data, "plots": _plots_data(rollout, arrays), "file": "rollout.nc"}
     scripts = [page.plotly_script(), page.meshcat_script(), page.asset("scene.js"), page.asset("report.js")]
     return page.fill("report.html", values, data, arrays, scripts)
+
+
+def sections(rollout: xr.Dataset, robot: Robot, configuration: str) -> str:
+    """Return metrics, findings and configuration of rollouts as HTML, for a page with a scene of its own.
+
+    Args:
+        rollout: the rollout(s).
+        robot: the arm.
+        configuration: text of the experiment file.
+    """
+    records = _records(rollout)
+    troubles, notes = _health(robot)
+    parts = {
+        "Metrics": _tables(rollout, records),
+        "Findings": _findings([*troubles, *_found_in(rollout, records)], notes),
+        "Configuration": _summary(rollout, records) + _configuration(rollout, configuration),
+    }
+    return "".join(f"<section><h2>{name}</h2>{content}</section>" for name, content in parts.items())
+
+
+def _findings(findings: Sequence[str], notes: Sequence[str]) -> str:
+    """Return what was found, and mere notes, as HTML."""
+    said = page.bullets(findings, "findings") or "<p>None.</p>"
+    return said + ("<h3>Notes on the model</h3>" + page.bullets(notes) if notes else "")
 
 
 def _arm(

@@ -5,7 +5,7 @@
 "use strict";
 
 const Armgpi = (() => {
-  const TYPES = { f32: Float32Array, i8: Int8Array, u8: Uint8Array, u16: Uint16Array, u32: Uint32Array };
+  const TYPES = { f32: Float32Array, f64: Float64Array, i8: Int8Array, u8: Uint8Array, u16: Uint16Array, u32: Uint32Array };
 
   /** Return the page's data with its arrays. */
   async function unpack() {
@@ -67,8 +67,8 @@ const Armgpi = (() => {
       this.ghosts = [];
       const actors = this.clip ? this.clip.actors : [{ color: null }];
       actors.forEach((actor, i) => {
-        const color = actors.length > 1 ? actor.color : null;
-        this.robots.push(this.arm(["armgpi", `robot${i}`], color, 1, i));
+        const color = actors.length > 1 && !actor.plain ? actor.color : null;
+        this.robots.push(this.arm(["armgpi", `robot${i}`], color, actor.opacity || 1, i));
         if (this.clip) this.ghosts.push(this.arm(["armgpi", `ghost${i}`], "#667788", 0.25, 0));
       });
       if (this.clip) this.draw_paths();
@@ -92,12 +92,30 @@ const Armgpi = (() => {
     }
 
     unpacked(clip) {
+      const values = (given) => (ArrayBuffer.isView(given) ? given : this.array(given));
       const actors = clip.actors.map((actor) => {
         const arrays = {};
-        for (const name of ["q", "q_ref", "tau", "saturated"]) arrays[name] = this.array(actor[name]);
+        for (const name of ["q", "q_ref", "tau", "saturated"]) arrays[name] = values(actor[name]);
         return { ...actor, ...arrays };
       });
-      return { ...clip, times: this.array(clip.times), disturbance: this.array(clip.disturbance), actors };
+      return { ...clip, times: values(clip.times), disturbance: values(clip.disturbance), actors };
+    }
+
+    /** Show another rollout in the place of one, over the same times. */
+    replace(i, { q, q_ref, tau, saturated, end, t_end }, disturbance) {
+      Object.assign(this.clip.actors[i], { q, q_ref, tau, saturated, end, t_end });
+      this.clip.disturbance = disturbance;
+      this.draw_path(i);
+      this.set_apart(this.apart);
+      this.show(this.time);
+    }
+
+    /** Show one of the rollouts, or do not. */
+    show_actor(i, shown) {
+      this.clip.actors[i].hidden = !shown;
+      const robot = this.robots[i];
+      for (const thing of [robot.root.object, robot.desired, robot.drawn, robot.bead]) thing.visible = shown;
+      this.show(this.time);
     }
 
     /** Set light, ground, background and axes by the arm's size. */
@@ -288,22 +306,27 @@ const Armgpi = (() => {
 
     /** Draw the tool's paths for the exaggeration that is set. */
     draw_paths() {
+      this.clip.actors.forEach((_, i) => this.draw_path(i));
+    }
+
+    /** Draw the tool's path in one rollout. */
+    draw_path(i) {
       const T = this.THREE;
       const thickness = 0.0035 * this.size;
-      this.clip.actors.forEach((actor, i) => {
-        const robot = this.robots[i];
-        const add = (what, geometry, color) => {
-          const object = new T.Mesh(geometry, new T.MeshBasicMaterial({ color, side: T.DoubleSide }));
-          this.viewer.set_object(["armgpi", "paths", `${what}${i}`], object);
-          return object;
-        };
-        const desired = this.path(actor, "q_ref", 1, thickness);
-        const drawn = this.path(actor, "q", this.exaggeration, thickness);
-        robot.drawn_frames = drawn.frames;
-        robot.desired = add("desired", this.tube(desired.points, 0.6 * thickness), 0x777777);
-        robot.drawn = add("drawn", this.tube(drawn.points, thickness), actor.color);
-        robot.bead = add("bead", new T.SphereGeometry(3 * thickness, 12, 8), actor.color);
-      });
+      const actor = this.clip.actors[i];
+      const robot = this.robots[i];
+      const add = (what, geometry, color) => {
+        const object = new T.Mesh(geometry, new T.MeshBasicMaterial({ color, side: T.DoubleSide }));
+        object.visible = !actor.hidden;
+        this.viewer.set_object(["armgpi", "paths", `${what}${i}`], object);
+        return object;
+      };
+      const desired = this.path(actor, "q_ref", 1, thickness);
+      const drawn = this.path(actor, "q", this.exaggeration, thickness);
+      robot.drawn_frames = drawn.frames;
+      robot.desired = add("desired", this.tube(desired.points, 0.6 * thickness), 0x777777);
+      robot.drawn = add("drawn", this.tube(drawn.points, thickness), actor.color);
+      robot.bead = add("bead", new T.SphereGeometry(3 * thickness, 12, 8), actor.color);
     }
 
     /** Return the points of the tool's path that are apart, and the frames that they are of. */
@@ -369,7 +392,7 @@ const Armgpi = (() => {
         this.pose(this.ghosts[i], reference);
         // Where the arm is where it should be, a ghost would be inside it: not worth its time.
         const apart = q.some((value, j) => Math.abs(value - reference[j]) > 1e-3);
-        this.ghosts[i].root.object.visible = this.ghosts_wanted && apart;
+        this.ghosts[i].root.object.visible = this.ghosts_wanted && apart && !actor.hidden;
         const shown = robot.drawn_frames.filter((f) => f <= place.frame).length;
         robot.drawn.geometry.setDrawRange(0, 24 * Math.max(0, shown - 1));
         robot.bead.position.copy(this.tip(q));
@@ -644,7 +667,7 @@ const Armgpi = (() => {
         check("tool path", true, (on) => scene.toggle("paths", on)),
         check("joint torques", true, (on) => scene.toggle("rings", on))
       );
-      if (scene.robots.length > 1) row.append(check("side by side", true, (on) => { scene.set_apart(on); scene.look_from(scene.where); }));
+      if (scene.robots.length > 1) row.append(check("side by side", scene.apart, (on) => { scene.set_apart(on); scene.look_from(scene.where); }));
     }
     for (const view of ["iso", "front", "side", "top"]) {
       row.append(element("button", { type: "button", onclick: () => scene.look_from(view) }, view));

@@ -1,0 +1,62 @@
+"""The command that writes a page to play with."""
+
+from __future__ import annotations
+
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.declared import given
+from armgpi.cli.parsing import OK, refusal, stoppable
+from armgpi.cli.terminal import say
+
+File = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Where to put the page; ROBOT.html by default."),
+]
+Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open the page in a browser.")]
+
+
+@stoppable
+@opt.shared(opt.experiment)
+def play(
+    context: typer.Context,
+    robot: opt.RobotName = None,
+    controller: opt.Controller = None,
+    out: File = None,
+    open_: Open = False,
+    frame: opt.Frame = None,
+    **options: Any,
+) -> None:
+    """Write a page in which the loop is simulated anew when one of its knobs is turned.
+
+    One file, no network: gains, networks, loads, friction, encoders, delays, goals and pushes, with the arm
+    and its curves. What it shows can be copied as a command, YAML or Python, and has the same bits there.
+
+    \b
+    armgpi play panda --lock panda_finger_joint1 --lock panda_finger_joint2 -o panda.html
+    armgpi play --config experiment.yaml --open
+    """  # noqa: D301 (\b keeps the lines apart)
+    own = {"robot": robot, "controllers": controller, "declared": given(context), **options}
+    sys.exit(_play(own, out, open_, frame))
+
+
+def _play(options: dict[str, Any], out: Path | None, open_: bool, frame: str | None) -> int:
+    """Write the page, and return the exit code."""
+    from armgpi import config as configuration
+    from armgpi.cli import pictures
+    from armgpi.cli.settings import settings
+    from armgpi.viz import meshcat
+
+    experiment = configuration.build(*settings(options, compare=False))
+    path = Path(f"{experiment.robot.name}.html") if out is None else out
+    pictures.check({"plot": None, "view": False, "html": path, "report": None})
+    written = meshcat.write(pictures.page_to_play_with(experiment, frame=frame), path)
+    say(f"wrote {written}", err=True)
+    if open_ and not webbrowser.open(written.resolve().as_uri()):
+        raise refusal("--open", f"no browser could be started; open {written} yourself")
+    return OK

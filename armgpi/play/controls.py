@@ -1,0 +1,455 @@
+"""What can be moved in a page: what classes declare with a slider, and what an experiment says of the arm."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.config.building import Experiment
+from armgpi.config.schema import KINDS, ExperimentConfig
+from armgpi.parameter import Parameter, parameters
+from armgpi.plants.plant import Wrapper
+from armgpi.registry import registered
+from armgpi.robot.robot import Robot
+
+#: A way to a key of an experiment file.
+Path = tuple[str | int, ...]
+#: Places of a slider that goes by factors, and of one that goes by steps.
+_PLACES = 40
+#: Factors of the nominal model's inertia; shares of the arm's mass that a load may have.
+_SCALES = tuple(round(0.4 + 0.1 * k, 1) for k in range(13))
+_HEAVIEST, _LOADS = 0.15, 5
+#: Rotor inertia and friction of the plant, in percent of the inertia at the start and of the effort limits.
+_ROTORS = (0.0, 10.0, 30.0, 100.0)
+_COULOMB, _VISCOUS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.0, 0.5, 1.0, 2.0, 5.0)
+#: How far a goal can be moved [rad or m], and factors of a move's duration.
+_FAR = 0.5 * math.pi
+_DURATIONS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0)
+#: Structure that a page has all forms of; more integrators and the like come from the experiment.
+_FORMS: dict[str, tuple[Any, ...]] = {"rolloff": (0, 1), "feedforward": ("none", "model")}
+#: Controllers that a page changes between.
+_SIBLINGS = ("gpi", "network")
+#: Pushes that a page has room for; how long one lasts [s].
+PUSHES, PUSH = 3, 0.2
+
+
+def dotted(path: Path) -> str:
+    """Return a path with dots."""
+    return ".".join(map(str, path))
+
+
+class Control(NamedTuple):
+    """Something that can be moved.
+
+    Attributes:
+        path: of the key in the experiment.
+        label: its name in the page.
+        text: what it is.
+        unit: its unit; empty for none.
+        group: under which heading it stands.
+        stops: what the slider shows at each of its places; empty where every joint has a slider.
+        values: what the experiment file says there: a number, a list over the joints, or None.
+        value: what it says at first.
+        joints: lowest and highest value of every joint; empty for one slider.
+        whole: the section that it is in, without it; where the value is None or zero there is none.
+        arm: "plant" or "nominal" where it changes the equations of motion of one.
+        only: path -> value of the choice that it belongs to; None for all.
+        excludes: id of a control that is as at first while this one is not.
+    """
+
+    path: Path
+    label: str
+    text: str
+    unit: str
+    group: str
+    stops: tuple[float | None, ...]
+    values: tuple[Any, ...]
+    value: Any
+    joints: tuple[tuple[float, float], ...] = ()
+    whole: Mapping[str, Any] | None = None
+    arm: str = ""
+    only: tuple[Path, Any] | None = None
+    excludes: str = ""
+
+    @property
+    def id(self) -> str:
+        """Its path with dots."""
+        return dotted(self.path)
+
+    def put(self, config: dict[str, Any], value: Any) -> None:
+        """Put a value into an experiment as plain data."""
+        *way, last = self.path
+        section: Any = config
+        for step in way[:-1]:
+            section = section[step]
+        if self.whole is not None and not value:
+            section[way[-1]] = None
+            return
+        if self.whole is not None and section[way[-1]] is None:
+            section[way[-1]] = dict(self.whole)
+        section[way[-1]][last] = value
+
+
+class Choice(NamedTuple):
+    """Something of which each value has a form of the loop of its own.
+
+    Attributes:
+        path: of the key in the experiment; of the controller's section for its type.
+        label: its name in the page.
+        text: what it is.
+        values: what it may be.
+        value: what it is at first.
+        only: the controllers that have it; empty for all.
+    """
+
+    path: Path
+    label: str
+    text: str
+    values: tuple[Any, ...]
+    value: Any
+    only: tuple[str, ...] = ()
+
+    @property
+    def id(self) -> str:
+        """Its path with dots."""
+        return dotted(self.path)
+
+
+class Playable(NamedTuple):
+    """An experiment with what can be moved in it.
+
+    Attributes:
+        config: it as plain data, with room for pushes.
+        sections: type -> section of the controller.
+        choices: what has forms of its own.
+        controls: what can be moved.
+    """
+
+    config: dict[str, Any]
+    sections: dict[str, dict[str, Any]]
+    choices: tuple[Choice, ...]
+    controls: tuple[Control, ...]
+
+
+def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str, Any]]) -> Playable:
+    """Return what can be moved in an experiment.
+
+    Args:
+        experiment: from :func:`armgpi.config.build`.
+        label: which of its controllers.
+        siblings: type -> filled section of the other controllers that the page has.
+    """
+    config = plain(experiment.config)
+    robot = experiment.robot
+    own = next(section for section in config["controllers"] if section["label"] == label)
+    sections = {own["type"]: own, **siblings}
+    config["controllers"] = [own]
+    friction = config["plant"]["friction"]
+    choices = [Choice(("controllers", 0), "controller", "the law", tuple(sections), own["type"])]
+    for key, values in _FORMS.items():
+        having = tuple(name for name, section in sections.items() if key in section)
+        if having and key in own:
+            declared, place = _declared(having[0])[key], ("controllers", 0, key)
+            every = tuple(dict.fromkeys((*values, own[key])))
+            text = declared.short or declared.text
+            choices.append(Choice(place, key.replace("_", " "), text, every, own[key], having))
+    choices.append(
+        Choice(("plant", "friction"), "friction", "joint friction of the plant", ("none", "urdf"), friction)
+    )
+    config["robot"]["friction"] = _frictions(robot)
+    controls = [
+        *_controllers(sections, robot),
+        *_plant(config, robot),
+        *_reference(config, robot),
+        *_loads(config, experiment.t_final, robot),
+    ]
+    return Playable(config, sections, tuple(choices), tuple(controls))
+
+
+def plain(config: ExperimentConfig) -> dict[str, Any]:
+    """Return an experiment as plain data that may be changed."""
+    return copy.deepcopy(config.model_dump())
+
+
+def siblings(kind: str) -> tuple[str, ...]:
+    """Return the other controllers of a page whose experiment has a controller of some kind."""
+    return tuple(name for name in _SIBLINGS if name != kind) if kind in _SIBLINGS else ()
+
+
+def _declared(kind: str) -> dict[str, Parameter]:
+    """Return the parameters of a kind of controller by their keys in a file."""
+    return {each.key or name: each for name, each in KINDS[kind].parameters.items()}
+
+
+def stops_of(declared: Parameter) -> tuple[float, ...]:
+    """Return the places of the slider of a declared parameter, numbers of few digits."""
+    assert declared.slider is not None
+    low, high = declared.slider
+    if declared.kind == "integer":
+        return tuple(float(x) for x in range(int(low), int(high) + 1))
+    log = declared.log and low > 0.0
+    ways = np.geomspace(low, high, _PLACES) if log else np.linspace(low, high, _PLACES + 1)
+    return tuple(dict.fromkeys(float(f"{x:.3g}") for x in ways))
+
+
+def _slider(path: Path, declared: Parameter, value: Any, label: str, group: str) -> Control:
+    """Return the control of a declared parameter."""
+    stops = stops_of(declared)
+    if value is not None and not isinstance(value, list):
+        stops = tuple(sorted({*stops, float(value)}))
+    values: tuple[Any, ...] = tuple(int(x) if declared.kind == "integer" else x for x in stops)
+    return Control(path, label, declared.text, declared.unit, group, stops, values, value)
+
+
+def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[Control]:
+    """Yield the controls of the controllers, those of one parameter one after the other."""
+    keys = dict.fromkeys(key for kind in sections for key in _declared(kind))
+    for key, kind in itertools.product(keys, sections):
+        declared = _declared(kind).get(key)
+        if declared is not None and declared.slider is not None:
+            yield from _declared_slider(kind, key, declared, sections[kind][key])
+    yield from _nominal(sections, robot)
+
+
+def _declared_slider(kind: str, key: str, declared: Parameter, value: Any) -> Iterator[Control]:
+    """Yield the slider of a controller's parameter, or those of the ends of its box.
+
+    One that follows another one, or differs by joint, has none.
+    """
+    place: Path = ("controllers", 0, key)
+    label = key.replace("_", " ")
+    ends = value if isinstance(value, dict) else {"": value}
+    for end, number in ends.items():
+        if isinstance(number, float | int):
+            way = (*place, end) if end else place
+            name = f"{label}, {end} end" if end else label
+            control = _slider(way, declared, number, name, "controller")
+            yield control._replace(only=(("controllers", 0), kind))
+
+
+def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[Control]:
+    """Yield the controls of the nominal model: its inertia, and the load that it carries."""
+    one = next(iter(sections.values()))
+    scale: Path = ("controllers", 0, "inertia_scale")
+    loaded: Path = ("controllers", 0, "payload_range", "heaviest")
+    scales = tuple(sorted({*_SCALES, one["inertia_scale"]}))
+    yield Control(
+        path=scale,
+        label="inertia of the nominal model",
+        text="factor of D(q) that the controller works with",
+        unit="",
+        group="controller",
+        stops=scales,
+        values=scales,
+        value=one["inertia_scale"],
+        excludes=dotted(loaded),
+    )
+    if all("payload_range" in section for section in sections.values()):
+        given = one["payload_range"] or {"lightest": 0.0, "heaviest": 0.0, "frame": None, "com": [0.0] * 3}
+        masses = _masses(robot, given["heaviest"])
+        yield Control(
+            path=loaded,
+            label="load of the nominal model",
+            text="heaviest load that the controller works with",
+            unit="kg",
+            group="controller",
+            stops=masses,
+            values=masses,
+            value=given["heaviest"],
+            whole={key: value for key, value in given.items() if key != "heaviest"},
+            arm="nominal",
+            excludes=dotted(scale),
+        )
+
+
+def _masses(robot: Robot, given: float) -> tuple[float, ...]:
+    """Return loads that an arm may carry [kg]: none, and some of 1, 2, 5 times powers of ten."""
+    most = _HEAVIEST * float(sum(inertia.mass for inertia in robot.pinocchio_model().inertias))
+    power = math.floor(math.log10(most)) if most > 0.0 else 0
+    series = [float(f"{m}e{p}") for p in range(power - 2, power + 1) for m in (1, 2, 5)]
+    return tuple(sorted({0.0, given, *[mass for mass in series if mass <= most][-_LOADS:]}))
+
+
+def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
+    """Yield the controls of the plant."""
+    plant = config["plant"]
+    payload = plant["payload"] or {"mass": 0.0, "frame": None, "com": [0.0, 0.0, 0.0]}
+    masses = _masses(robot, payload["mass"])
+    yield Control(
+        path=("plant", "payload", "mass"),
+        label="load",
+        text="mass at the tip that the controller does not know of",
+        unit="kg",
+        group="plant",
+        stops=masses,
+        values=masses,
+        value=payload["mass"],
+        whole={key: value for key, value in payload.items() if key != "mass"},
+        arm="plant",
+    )
+    yield _rotors(plant["rotor_inertia"], robot)
+    yield from _friction(config, robot)
+    for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: -item[1].order):
+        own = [each for each in parameters(wrapper).values() if each.in_file]
+        if name not in plant or len(own) != 1 or own[0].slider is None:  # a class made since then is no key
+            continue
+        value = plant[name]
+        if isinstance(value, list):
+            continue
+        if name == "encoder_bits":
+            control = _slider(("plant", name), own[0], value, "encoder bits", "plant")
+            yield control._replace(stops=(*control.stops, None), values=(*control.values, None))
+        elif value is not None:
+            yield _slider(("plant", name), own[0], value, name.replace("_", " "), "plant")
+
+
+def _rotors(given: Any, robot: Robot) -> Control:
+    """Return the control of the plant's rotor inertia."""
+    inertia = np.diag(robot.mass_matrix(robot.middle()))
+    lists = [None, *(_rounded(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:])]
+    stops: tuple[float | None, ...] = _ROTORS
+    if given is not None:
+        stops, lists = (*stops, None), [*lists, given]
+    return Control(
+        path=("plant", "rotor_inertia"),
+        label="rotor inertia",
+        text="of the plant alone, in percent of the arm's own inertia",
+        unit="%",
+        group="plant",
+        stops=stops,
+        values=tuple(lists),
+        value=given,
+        arm="plant",
+    )
+
+
+def _friction(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
+    """Yield the controls of the plant's friction, where it has some."""
+    efforts = _efforts(robot)
+    for key, shares, unit in (("coulomb", _COULOMB, "%"), ("viscous", _VISCOUS, "% s/rad")):
+        own = config["robot"]["friction"][key]
+        values = [_rounded(0.01 * share * efforts) for share in shares]
+        stops: tuple[float | None, ...] = shares
+        if own not in values:
+            stops, values = (*stops, None), [*values, own]
+        yield Control(
+            path=("robot", "friction", key),
+            label=f"{key} friction",
+            text="in percent of the effort limits",
+            unit=unit,
+            group="plant",
+            stops=stops,
+            values=tuple(values),
+            value=own,
+            only=(("plant", "friction"), "urdf"),
+        )
+
+
+def _reference(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
+    """Yield the goals of the moves, and how long they take."""
+    points: list[Any] = config["reference"]["points"] or []
+    for index, point in enumerate(points[1:], start=1):
+        if point == points[0]:
+            continue
+        low = np.maximum(robot.limits.lower, np.array(point) - _FAR)
+        high = np.minimum(robot.limits.upper, np.array(point) + _FAR)
+        yield Control(
+            path=("reference", "points", index),
+            label="goal" if len(points) <= 3 else f"point {index + 1}",
+            text="where the move goes",
+            unit="rad or m",
+            group="move",
+            stops=(),
+            values=(),
+            value=point,
+            joints=tuple((_inward(a, 1.0), _inward(b, -1.0)) for a, b in zip(low, high, strict=True)),
+        )
+    times = config["reference"]["durations"]
+    if isinstance(times, list) and times:
+        lists = [[_few(factor * time) for time in times] for factor in _DURATIONS]
+        lists[_DURATIONS.index(1.0)] = times
+        yield Control(
+            path=("reference", "durations"),
+            label="duration",
+            text="how long the move takes",
+            unit="s",
+            group="move",
+            stops=tuple(each[0] for each in lists),
+            values=tuple(lists),
+            value=times,
+        )
+
+
+def _loads(config: dict[str, Any], t_final: float, robot: Robot) -> Iterator[Control]:
+    """Yield the controls of what disturbs the arm, and make room for it in the experiment."""
+    none, onset = [0.0] * robot.n, _few(0.3 * t_final)
+    loads = config["plant"]["loads"]
+    step = len(loads)
+    loads.append({"type": "step", "amplitude": none, "onset": onset, "end": None})
+    loads += [{"type": "pulse", "amplitude": none, "onset": 0.0, "duration": PUSH} for _ in range(PUSHES)]
+    torque = Control(
+        path=("plant", "loads", step, "amplitude"),
+        label="constant torque",
+        text="a disturbance that begins at its onset",
+        unit="N m or N",
+        group="disturbances",
+        stops=(),
+        values=(),
+        value=none,
+        joints=tuple((-_few(x), _few(x)) for x in 0.3 * _efforts(robot)),
+    )
+    onsets = tuple(sorted({onset, *(_few(x) for x in np.linspace(0.0, t_final, _PLACES + 1)[:-1])}))
+    begins = torque._replace(
+        path=("plant", "loads", step, "onset"),
+        label="its onset",
+        text="when the constant torque begins",
+        unit="s",
+        stops=onsets,
+        values=onsets,
+        value=onset,
+        joints=(),
+    )
+    yield from (torque, begins)
+    anything, ends = ((-math.inf, math.inf),) * robot.n, (0.0, t_final)
+    for k in range(step + 1, step + 1 + PUSHES):
+        way: Path = ("plant", "loads", k)
+        yield torque._replace(path=(*way, "amplitude"), label="push", group="pushes", joints=anything)
+        one = begins._replace(path=(*way, "onset"), label="time", group="pushes")
+        yield one._replace(stops=ends, values=ends, value=0.0)
+
+
+def _efforts(robot: Robot) -> Any:
+    """Return what torques are measured by: effort limits, or what gravity asks for."""
+    gravity = np.abs(robot.gravity(robot.middle())) + 1e-3
+    limits = robot.limits.effort
+    return np.where(np.isfinite(limits) & (limits < 1e6) & (limits > 0.0), limits, 2.0 * gravity)
+
+
+def _frictions(robot: Robot) -> dict[str, Any]:
+    """Return the friction that a page begins with where it is switched on: the URDF's, or a little."""
+    viscous, coulomb = robot.friction
+    efforts = _efforts(robot)
+    return {
+        "viscous": viscous.tolist() if viscous.any() else _rounded(0.01 * _VISCOUS[1] * efforts),
+        "coulomb": coulomb.tolist() if coulomb.any() else _rounded(0.01 * _COULOMB[3] * efforts),
+    }
+
+
+def _few(x: float) -> float:
+    """Return a number of three digits."""
+    return float(f"{x:.3g}")
+
+
+def _rounded(values: Sequence[float] | Any) -> list[float]:
+    """Return numbers of three digits."""
+    return [_few(float(x)) for x in values]
+
+
+def _inward(x: float, toward: float) -> float:
+    """Return the nearest multiple of a thousandth on one side."""
+    return (math.ceil(1e3 * x) if toward > 0.0 else math.floor(1e3 * x)) / 1e3
