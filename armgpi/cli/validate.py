@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.derive import load, write
-from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, refusal
+from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal
 from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.validation.report import DynamicsReport
 
 Model = Annotated[
     str,
@@ -52,6 +56,25 @@ Suggest = Annotated[
     Path | None,
     typer.Option("--suggest-urdf", metavar="FILE", help="Write a URDF whose parameters fit the model best."),
 ]
+Absolute = Annotated[
+    bool, typer.Option("--absolute", help="The model counts the angles of parallel joints from the base.")
+]
+FromVertical = Annotated[
+    str | None,
+    typer.Option(
+        "--from-vertical", metavar="up|down", help="Where the model counts its first level axis from."
+    ),
+]
+Names = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map", metavar="NAME=FUNCTION", help="What the model calls a function; M, D, C, G are known."
+    ),
+]
+Markdown = Annotated[
+    Path | None, typer.Option("--markdown", metavar="FILE", help="Write the report as Markdown.")
+]
+Latex = Annotated[Path | None, typer.Option("--latex", metavar="FILE", help="Write the report as LaTeX.")]
 Seed = Annotated[int, typer.Option(metavar="NUMBER", help="Seed of the random states.")]
 
 
@@ -65,7 +88,13 @@ def validate(
     joints: Joints = None,
     time_limit: TimeLimit = 5.0,
     seed: Seed = 0,
+    absolute: Absolute = False,
+    from_vertical: FromVertical = None,
+    rotor_inertia: opt.RotorInertia = None,
+    names: Names = None,
     html: Html = None,
+    markdown: Markdown = None,
+    latex: Latex = None,
     suggest_urdf: Suggest = None,
     as_json: opt.Json = False,
 ) -> None:
@@ -79,18 +108,30 @@ def validate(
     from armgpi.validation.check import validate as validated
     from armgpi.validation.skeleton import suggest_urdf as suggested
 
-    if robot is None and (lock or keep or frame):
-        raise refusal("--robot", "is missing: --lock, --keep and --frame are about it")
+    if robot is None and (lock or keep or frame or absolute or from_vertical or rotor_inertia):
+        told = "--lock, --keep, --frame, --absolute, --from-vertical and --rotor-inertia are about it"
+        raise refusal("--robot", f"is missing: {told}")
+    if wrong := [item for item in names or () if item.count("=") != 1]:
+        raise refusal("--map", f"expected NAME=FUNCTION, as in M=mass_matrix, got {wrong[0]!r}")
     try:
         arm = None
         if robot is not None:
             arm = load(robot, lock, keep)
         report = validated(
-            model, arm, frame=frame, rtol=rtol, joints=joints, time_limit=time_limit, seed=seed
+            model,
+            arm,
+            frame=frame,
+            rtol=rtol,
+            joints=joints,
+            time_limit=time_limit,
+            seed=seed,
+            absolute=absolute,
+            from_vertical=from_vertical,
+            rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
+            names=dict(item.split("=") for item in names or ()),
         )
         say(report.to_json() if as_json else str(report), lines=True)
-        if html is not None:
-            write(html, report.html(), "--html")
+        _write(report, {"html": html, "markdown": markdown, "latex": latex})
         if suggest_urdf is not None:
             suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
             write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
@@ -99,3 +140,10 @@ def validate(
         say("interrupted", err=True, fg="yellow")
         sys.exit(INTERRUPTED)
     sys.exit(OK if report.agrees else FAILED)
+
+
+def _write(report: DynamicsReport, files: Mapping[str, Path | None]) -> None:
+    """Write a report in the forms that are asked for."""
+    for form, path in files.items():
+        if path is not None:
+            write(path, getattr(report, form)(), f"--{form}")

@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number, check_whole
+from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ModelError, ParameterError, Remedy
+from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
-from armgpi.validation import laws, samples
-from armgpi.validation.diagnose import Cause, Vary, diagnose
+from armgpi.validation import laws, repair, samples
+from armgpi.validation.conventions import declared
+from armgpi.validation.diagnose import Cause, Vary, diagnose, plausible
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
@@ -40,16 +42,21 @@ def validate(
     joints: int | None = None,
     time_limit: float = 5.0,
     seed: int = 0,
+    absolute: bool = False,
+    from_vertical: str | None = None,
+    rotor_inertia: PerJoint | None = None,
+    names: Mapping[str, str] | None = None,
 ) -> DynamicsReport:
     """Compare hand-derived dynamics with a robot's, and say what is wrong with them.
 
     Args:
-        model: any of: the path of a Python file or the name of a module, followed by ``:Name`` when it
-            has several models; a file of SymPy expressions; ``"paper"``; a module, class, object or
-            mapping with some of the functions ``mass_matrix(q)``, ``coriolis_matrix(q, v)``,
+        model: any of: the path of a Python file or of a notebook, or the name of a module, followed by
+            ``:Name`` when it has several models; a file of SymPy expressions; ``"paper"``; a module, class,
+            object or mapping with some of the functions ``mass_matrix(q)``, ``coriolis_matrix(q, v)``,
             ``coriolis_torque(q, v)``, ``gravity(q)``, ``inverse_dynamics(q, v, a)``,
             ``forward_dynamics(q, v, tau)``, ``kinetic_energy(q, v)``, ``potential_energy(q)``,
-            ``forward_kinematics(q)``, ``jacobian(q)``. It runs in a process of its own.
+            ``forward_kinematics(q)``, ``jacobian(q)``. They may be expressions of SymPy or CasADi. It runs
+            in a process of its own.
         robot: the reference, as a :class:`armgpi.Robot`, a name or a URDF. Without one, the laws that hold
             for every arm are checked.
         frame: the robot's frame that the kinematics mean; its tip when not given.
@@ -58,6 +65,11 @@ def validate(
         time_limit: how long one call of the model may take [s]; reading it may take twelve times that, and
             10 s at least.
         seed: of the random states.
+        absolute: the model counts the angles of parallel joints from the base, not from the link before.
+        from_vertical: "up" or "down" when it counts its first level axis from there.
+        rotor_inertia: what the robot's joints have in addition [kg m^2 or kg]: a number, one per joint, or
+            name -> value.
+        names: what the model calls its functions -> what they are; M, D, C and G are known.
 
     Returns:
         What agrees, what differs, where, and why.
@@ -69,13 +81,18 @@ def validate(
         NameNotFound: when there is no such robot or frame.
         UrdfError: when the robot's file is no usable URDF.
     """
+    check_type(absolute, "absolute", bool, "True or False")
     rtol = check_number(rtol, "rtol", "positive, at most 0.1", 0.0, 0.1, open_=True)
     time_limit = check_time_limit(time_limit)
     seed = check_whole(seed, "seed", 0)
     if robot is not None and not isinstance(robot, Robot):
         robot = Robot.load(robot)
+    if robot is not None and rotor_inertia is not None:
+        robot = robot.with_armature(rotor_inertia)
+    tree = None if robot is None else from_robot(robot, frame)
+    convention = declared(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
     name = str(model) if isinstance(model, str | PathLike) else name_of(model)
-    with Worker(model, name, time_limit) as worker:
+    with Worker(model, name, time_limit, None, convention) as worker:
         if robot is None:
             n = count_joints(worker, joints)
             states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
@@ -90,9 +107,9 @@ def validate(
         notes += _rounded(sampled)
         if robot is None:
             rows = min(len(s.values) for s in sampled.values())
-            names = tuple(f"q{i + 1}" for i in range(n))
-            return DynamicsReport(name, None, names, rows, (), (), tuple(found), tuple(notes))
-        return _compare(worker, robot, frame, rtol, states, sampled, own, found, notes)
+            joint_names = tuple(f"q{i + 1}" for i in range(n))
+            return DynamicsReport(name, None, joint_names, rows, (), (), tuple(found), tuple(notes))
+        return _compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes)
 
 
 def check_time_limit(time_limit: float) -> float:
@@ -112,6 +129,7 @@ def _rounded(sampled: Mapping[str, Sampled]) -> list[str]:
 
 
 def _compare(
+    model: Any,
     worker: Worker,
     robot: Robot,
     frame: str | None,
@@ -125,7 +143,7 @@ def _compare(
     """Return the report of a model beside a robot."""
     problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
     follows = dict(_follows(problem, sampled, own))
-    causes = diagnose(problem, follows, Vary(worker.numbers, _varied(worker, states, problem, sampled)))
+    causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
     functions = tuple(_function_report(robot, problem, states, s, causes) for s in sampled.values())
     return DynamicsReport(
         worker.name,
@@ -136,7 +154,29 @@ def _compare(
         tuple(causes),
         tuple(found),
         (*notes, *impossible_links(robot)),
+        repaired,
     )
+
+
+def _causes(
+    model: Any,
+    worker: Worker,
+    robot: Robot,
+    problem: Problem,
+    states: States,
+    sampled: Mapping[str, Sampled],
+    follows: Mapping[str, tuple[str, Mask]],
+) -> tuple[list[Cause], str | None]:
+    """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
+    if problem.agreeing.all():
+        return [], None
+    references = {name: _reference(robot, problem, name, states) for name in sampled}
+    found = repair.search(model, worker, states, problem, references)
+    if found is not None and worker.source is not None:
+        return list(repair.causes(found, worker.source, problem)), found.source
+    vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
+    causes = diagnose(problem, follows, vary)
+    return [plausible(cause, worker.source is not None) for cause in causes], None
 
 
 def name_of(model: Any) -> str:

@@ -58,6 +58,8 @@ _FACTORS = {
     -0.5: "its sign, and a factor 2 is missing",
     -2.0: "its sign, and a factor 1/2 is missing",
 }
+#: What is said where nothing explains what differs.
+NOT_NAMED = "not named: no usual mistake explains it"
 #: Quantities of a function that may have causes of their own; D first, as C and G may follow from the same.
 _QUANTITIES = ("D", "H", "B", "Z", "G", "V", "F", "J")
 
@@ -75,6 +77,7 @@ class Cause(NamedTuple):
         alternatives: other mistakes that explain the same.
         evidence: what was seen, one line each.
         structural: whether the formulas are wrong, and not the value of a parameter.
+        line: of the model's source, where the mistake is and a repair is proved; None without one.
     """
 
     kind: str
@@ -86,6 +89,40 @@ class Cause(NamedTuple):
     alternatives: tuple[str, ...] = ()
     evidence: tuple[str, ...] = ()
     structural: bool = True
+    line: int | None = None
+
+
+#: Kinds of causes that say nothing of a mistake.
+UNNAMED = ("unknown", "consequence")
+#: More values than these are not changed by one mistake.
+_MOST_VALUES = 4
+
+
+def plausible(cause: Cause, sourced: bool) -> Cause:
+    """Return a cause; one that nobody would believe is not named, and becomes an alternative.
+
+    Args:
+        cause: what explains the values.
+        sourced: whether the model's source was searched and nothing in it explains them: then only a
+            convention of the whole model does.
+    """
+    if cause.kind in UNNAMED:
+        return cause
+    odd = cause.kind == "gravity-strength" and not _is_usual(cause.value)
+    odd |= cause.kind in ("inertia", "mass", "armature") and cause.value is not None and cause.value <= 0.0
+    odd |= cause.kind == "tilt" or (
+        cause.kind == "inertial-parameters" and cause.text.count(" +") + cause.text.count(" -") > _MOST_VALUES
+    )
+    odd |= sourced and (cause.scope != "model" or not cause.structural)
+    if not odd:
+        return cause
+    alternatives = (cause.text, *cause.alternatives)[:ALTERNATIVES]
+    return cause._replace(kind="unknown", text=NOT_NAMED, alternatives=alternatives)
+
+
+def _is_usual(gravity: float | None) -> bool:
+    """Tell whether a strength is one that is taken for gravity [m/s²]."""
+    return gravity is None or any(abs(gravity / known - 1.0) < 1e-3 for known in _STRENGTHS)
 
 
 class Vary(NamedTuple):
@@ -426,7 +463,7 @@ class _Search:
             yield self.cause(_by_penalty([h]), fits, "elements")
             left &= ~fits
         for column in np.flatnonzero(left):
-            unknown = _Candidate(99.0, "unknown", "no usual mistake explains it")
+            unknown = _Candidate(99.0, "unknown", NOT_NAMED)
             candidates = self.explain_one(int(column)) or [unknown]
             yield self.cause(candidates, _only(int(column), mask), "elements")
 

@@ -23,14 +23,23 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
-from armgpi.validation.tree import Affine, Body, Quantities, Tree, christoffel, evaluate, identity
+from armgpi.validation.tree import (
+    PARALLEL,
+    Affine,
+    Body,
+    Quantities,
+    Tree,
+    absolute_angles,
+    christoffel,
+    evaluate,
+    identity,
+    parallel_pairs,
+)
 
 _XYZ = "xyz"
 _DEGREE = np.pi / 180.0
 #: Entries of an inertia matrix: the moments, then the products.
 MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-#: Two axes are the same when the cosine between them differs from one by less than rounding makes.
-_PARALLEL = 1e-9
 
 
 class Hypothesis(NamedTuple):
@@ -246,23 +255,10 @@ def _orders(n: int) -> Iterator[tuple[int, ...]]:
 def _absolute(tree: Tree) -> Iterator[Hypothesis]:
     """Yield angles counted from the base (or the other way round) where joints are parallel."""
     n, names = tree.n, Names(tree)
-    pairs = []
-    for i in range(n):
-        if tree.prismatic[i]:
-            continue
-        R, k = tree.rotations[i], tree.parents[i]
-        # A sliding joint between two parallel ones turns nothing.
-        while k >= 0 and tree.prismatic[k]:
-            R, k = tree.rotations[k] @ R, tree.parents[k]
-        if k >= 0:
-            along = float(tree.axes[k] @ (R @ tree.axes[i]))
-            if abs(abs(along) - 1.0) < _PARALLEL:
-                pairs.append((i, k, round(along)))
+    pairs = parallel_pairs(tree)
     chosen_sets = [pairs] + ([[p] for p in pairs] if len(pairs) > 1 else []) if pairs else []
     for chosen in chosen_sets:
-        B = np.eye(n)
-        for i, k, sign in chosen:
-            B[i, k] = -sign  # q of the robot is the absolute angle less that of the joint before
+        B = absolute_angles(tree, chosen)
         A, eye, zero = np.asarray(np.linalg.inv(B), dtype=np.float64), np.eye(n), np.zeros(n)
         joints = " and ".join(names.joint(i) for i, _, _ in chosen)
         penalty = 2.0 if chosen == pairs else 2.5
@@ -422,7 +418,7 @@ def _frames(tree: Tree) -> Iterator[Hypothesis]:
         for k, sign in itertools.product(range(3), (1.0, -1.0)):
             axis = np.zeros(3)
             axis[k] = sign
-            if abs(abs(axis @ tree.axes[i]) - 1.0) < _PARALLEL:
+            if abs(abs(axis @ tree.axes[i]) - 1.0) < PARALLEL:
                 continue  # the same axis, or another sign of the joint
             verb = "slides along" if tree.prismatic[i] else "turns about"
             text = f"{joint} {verb} {'-' if sign < 0 else ''}{_XYZ[k]}, the robot's {_vector(tree.axes[i])}"
@@ -861,7 +857,7 @@ def _joint_numbers(tree: Tree, i: int) -> Iterator[ParametricHypothesis]:
     yield _number("armature", f"rotor inertia of {joint}", "kg m²", float(tree.armature[i]), 7, rotor)
     for k, axis in enumerate(np.eye(3)):
         # A tilt about a joint's own axis is another zero of it.
-        if not slides and abs(abs(axis @ tree.axes[i]) - 1.0) < _PARALLEL:
+        if not slides and abs(abs(axis @ tree.axes[i]) - 1.0) < PARALLEL:
             continue
 
         def tilt(t: Tree, x: float, axis: Array = axis) -> Tree:
@@ -917,6 +913,6 @@ def _moved_links(tree: Tree, i: int) -> Iterator[ParametricHypothesis]:
 def _vector(x: Array) -> str:
     """Return an axis as text: "-y", or its numbers."""
     for k in range(3):
-        if abs(abs(x[k]) - 1.0) < _PARALLEL:
+        if abs(abs(x[k]) - 1.0) < PARALLEL:
             return f"{'-' if x[k] < 0.0 else ''}{_XYZ[k]}"
     return f"({', '.join(f'{value:.4g}' for value in x)})"

@@ -6,15 +6,13 @@ Derivatives are central differences of order four, good to some 1e-11, so a law 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from armgpi.arrays import Array
-from armgpi.errors import ModelError
-from armgpi.validation.samples import SAFETY, Sampled, States, call, slopes, torque_of
+from armgpi.validation.samples import SAFETY, Sampled, States, slopes, torque_of
 from armgpi.validation.tree import christoffel
 from armgpi.validation.worker import Worker
 
@@ -23,16 +21,9 @@ TOLERANCE = 1e-7
 #: Step of the difference quotients [rad or m]: its fourth power and the rounding error divided by it are both
 #: some 1e-12.
 STEP = 1e-3
-#: The simulated swing: how long [s], how exact, and how many evaluations at most: more of them mean that the
-#: motion is not smooth.
-SWING, SWING_RTOL, SWING_CALLS = 1.0, 1e-10, 3000
 #: Coriolis torques and slopes count as no smaller than this share of what they are derived from: below it
 #: the difference quotients have lost the digits that the law is about.
 FLOOR = 1e-3
-#: Energy may drift by this share over the swing: far above the integrator's error, far below a mistake.
-DRIFT = 1e-6
-#: Models slower than this [s a call] are not simulated: the swing would take some ten seconds.
-SLOW = 2e-3
 #: Configurations at which derivatives are taken; each takes four calls per joint.
 _ROWS = 12
 
@@ -42,7 +33,7 @@ class Law(NamedTuple):
 
     Attributes:
         name: short name.
-        verdict: "holds", "fails", "note" for something to know that is no mistake, or "skipped".
+        verdict: "holds", "fails", or "note" for something to know that is no mistake.
         error: largest violation, relative; NaN when it was not measured.
         text: what was found, for the report.
     """
@@ -96,8 +87,7 @@ def check(worker: Worker, states: States, sampled: Mapping[str, Sampled], own: D
     laws += _consistency(states, sampled)
     if "forward_kinematics" in sampled and "jacobian" in sampled:
         laws.append(_kinematics(worker, states, sampled))
-    swing = _swing(worker, states, sampled)
-    return laws + ([swing] if swing else [])
+    return laws
 
 
 def _law(name: str, away: float, size: float, good: str, bad: str, noise: float = 0.0) -> Law:
@@ -261,89 +251,3 @@ def _kinematics(worker: Worker, states: States, sampled: Mapping[str, Sampled]) 
     size = max(float(np.abs(slope).max()), _floor(sampled, "forward_kinematics"))
     noise = sampled["jacobian"].noise + _lost(sampled, "forward_kinematics")
     return _law("FK and Jacobian", float(away.max()), size, "J is the derivative of FK", bad, noise)
-
-
-class _Swing:
-    """A model whose arm swings freely, by whichever of its functions there are."""
-
-    def __init__(self, worker: Worker, names: Container[str], n: int) -> None:
-        """Choose the functions: the model's own terms before its forward dynamics."""
-        self._worker, self._names, self._n, self._count = worker, names, n, 0
-        self._torque = next((x for x in ("coriolis_torque", "coriolis_matrix") if x in names), "")
-        self._own = "mass_matrix" in names and bool(self._torque)
-
-    @property
-    def possible(self) -> bool:
-        """Whether motion and energy can be computed."""
-        names = self._names
-        moves = self._own or "forward_dynamics" in names
-        kinetic = "kinetic_energy" in names or "mass_matrix" in names
-        return kinetic and moves and (self._own or "gravity" in names or "potential_energy" in names)
-
-    def energy(self, x: Array) -> float:
-        """Return the energy and the work done against gravity [J] at positions, velocities and that work."""
-        q, v, names = x[: self._n], x[self._n : -1], self._names
-        K = self._call("kinetic_energy", q, v) if "kinetic_energy" in names else self.kinetic(x)
-        V = self._call("potential_energy", q) if "potential_energy" in names else 0.0
-        return float(K + V) + float(x[-1])
-
-    def kinetic(self, x: Array) -> float:
-        """Return the kinetic energy by the mass matrix, or of unit masses to compare with [J]."""
-        q, v = x[: self._n], x[self._n : -1]
-        return 0.5 * float(
-            v @ (self._call("mass_matrix", q) if "mass_matrix" in self._names else np.eye(self._n)) @ v
-        )
-
-    def rate(self, _: float, x: Array) -> Array:
-        """Return the derivative of positions, velocities and work, without a torque of the motors.
-
-        Raises:
-            _TooLong: when it has been asked for too often.
-        """
-        self._count += 1
-        if self._count > SWING_CALLS:
-            raise _TooLong
-        q, v = x[: self._n], x[self._n : -1]
-        G = self._call("gravity", q) if "gravity" in self._names else np.zeros(self._n)
-        if self._own:
-            h = self._call(self._torque, q, v)
-            a = -np.linalg.solve(self._call("mass_matrix", q), (h @ v if h.ndim == 2 else h) + G)
-        else:
-            a = self._call("forward_dynamics", q, v, np.zeros(self._n))
-        # Without a V of the model: the work done against gravity.
-        work = 0.0 if "potential_energy" in self._names else float(v @ G)
-        return np.concatenate([v, a, [work]])
-
-    def _call(self, function: str, *arguments: Array) -> Array:
-        value: Array = call(self._worker, function, *(x[np.newaxis] for x in arguments))[0]
-        return value
-
-
-def _swing(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> Law | None:
-    """Return whether energy is kept while the arm swings freely for a second."""
-    name, swing = "energy of a swing", _Swing(worker, sampled.keys(), states.q.shape[1])
-    if not swing.possible:
-        return None
-    if max(worker.takes.values(), default=0.0) > SLOW:
-        return Law(name, "skipped", math.nan, "the model is too slow to be simulated")
-    start = np.concatenate([states.q[0], 0.5 * states.v[0], [0.0]])
-    skipped = Law(name, "skipped", math.nan, "the swing cannot be simulated: the motion is not a smooth one")
-    try:
-        with np.errstate(all="ignore"):
-            path = solve_ivp(swing.rate, (0.0, SWING), start, method="DOP853", rtol=SWING_RTOL, atol=1e-12)
-        # Nine instants show a drift as well as all steps do.
-        ends = [path.y[:, k] for k in np.linspace(0, path.y.shape[1] - 1, 9).astype(int)]
-        energies = np.array([swing.energy(x) for x in ends])
-        largest = max(*(abs(swing.kinetic(x)) for x in ends), 1e-300)
-    except (_TooLong, np.linalg.LinAlgError, ValueError, ModelError):
-        return skipped
-    # Relative to the kinetic energy: the potential one has no zero.
-    error = float(np.abs(energies - energies[0]).max() / largest)
-    if not path.success or not math.isfinite(error):
-        return skipped
-    text = f"energy drifts by {error:.2g} of the kinetic energy in {SWING:g} s without torque"
-    return Law(name, "holds" if error <= DRIFT else "fails", error, text)
-
-
-class _TooLong(Exception):
-    """A swing that takes too many steps."""

@@ -10,18 +10,22 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import importlib.util
 import inspect
+import json
 import math
 import re
 import sys
+import tokenize
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from armgpi.validation.conventions import SHORT, Convention
 
 #: Function -> names of its arguments.
 ARGUMENTS: dict[str, tuple[str, ...]] = {
@@ -40,8 +44,15 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
 PAPER = ("paper", "paper-arm", "paper_arm")
 #: Files of bare expressions, read with SymPy's names and the symbols known.
 SYMPY_SUFFIXES = (".sympy", ".txt")
+#: Notebooks: their cells of code, one after the other, are the source.
+NOTEBOOK = ".ipynb"
 #: Numbers of a model that are varied, at most: each takes some dozens of calls.
 MAX_NUMBERS = 40
+#: How functions of MATLAB become a model.
+_MATLAB = (
+    "; of MATLAB, write the symbolic expressions with char() into a .sympy file (^ becomes **), "
+    "or call the functions from Python through matlab.engine or oct2py"
+)
 _NOWHERE = "there is no such file or module (built in is: paper)"
 #: Names that mean the same everywhere.
 _CONSTANTS = ("pi", "e", "tau", "inf", "nan", "n")
@@ -58,6 +69,22 @@ class Unusable(Exception):
     """A model that cannot be used; the text says why."""
 
 
+class Origin(NamedTuple):
+    """The file that a model was read from.
+
+    Attributes:
+        path: its name.
+        source: its text.
+        module: what running it gave.
+        again: reads the functions out of the module once more.
+    """
+
+    path: str
+    source: str
+    module: ModuleType
+    again: Callable[[], Functions]
+
+
 class Functions:
     """A model's functions and its numbers.
 
@@ -65,7 +92,10 @@ class Functions:
         calls: name -> function.
         numbers: name -> value of every number that can be varied (parameters, attributes, globals).
         n: number of joints, when the model says so.
+        origin: the file that it was read from, None when it was not.
     """
+
+    origin: Origin | None = None
 
     def __init__(
         self,
@@ -79,28 +109,71 @@ class Functions:
         self.n = n
         self.calls = dict(rebuild({}))
 
+    def seen(self, convention: Convention) -> Functions:
+        """Return the functions in the coordinates of the robot."""
+
+        def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+            return {name: convention.seen(name, call) for name, call in self._rebuild(changes).items()}
+
+        return self if convention.A is None else Functions(rebuild, self.numbers, self.n)
+
     def with_numbers(self, changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
         """Return the functions with some numbers changed; an empty mapping gives them as they were."""
         return self._rebuild(changes)
 
 
-def resolve(model: Any) -> Functions:
+def resolve(model: Any, source: str | None = None, convention: Convention | None = None) -> Functions:
     """Return the functions of whatever a user calls a model.
+
+    Args:
+        model: the model.
+        source: text to run in place of that of its file.
+        convention: how it may differ from the robot without being wrong.
 
     Raises:
         Unusable: when it is none, saying what was expected.
     """
+    used = convention or Convention(SHORT)
     if isinstance(model, str) and model in PAPER:
         from armgpi.paper.arm import PaperArm
 
-        return _of_object(PaperArm())
+        return _of_object(PaperArm()).seen(used)
     if isinstance(model, str | Path):
-        return _of_object(_load(str(model)))
-    return _of_object(model)
+        module, name = _load(str(model), source)
+
+        def again() -> Functions:
+            return _of_object(_named(getattr(module, name) if name else module, used.names)).seen(used)
+
+        functions = again()
+        path = getattr(module, "__file__", None)
+        if path is not None and Path(path).suffix in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
+            text = _text(Path(path)) if source is None else source
+            functions.origin = Origin(str(path), text, module, again)
+        return functions
+    return _of_object(_named(model, used.names)).seen(used)
 
 
-def _load(text: str) -> Any:
-    """Return what ``file.py``, ``file.py:Name``, ``module`` or ``module:Name`` means."""
+def _named(thing: Any, names: Mapping[str, str]) -> Any:
+    """Return a model whose functions have their full names too."""
+    if isinstance(thing, Mapping):
+        return {**{names[k]: v for k, v in thing.items() if k in names and _is_function(v)}, **thing}
+    for mine, name in names.items():
+        if not hasattr(thing, name) and _is_function(value := getattr(thing, mine, None)):
+            with suppress(AttributeError, TypeError):  # an object that takes no attributes
+                setattr(thing, name, value)
+    for value in list(vars(thing).values()) if isinstance(thing, ModuleType) else ():
+        if isinstance(value, type) and value.__module__ == thing.__name__:
+            _named(value, names)
+    return thing
+
+
+def _is_function(value: Any) -> bool:
+    """Tell whether a value can be a function of a model: `M` may be a mass."""
+    return callable(value) or hasattr(value, "free_symbols") or hasattr(value, "is_symbolic")
+
+
+def _load(text: str, source: str | None) -> tuple[ModuleType, str]:
+    """Return the module and the name in it that ``file.py``, ``file.py:Name`` or ``module:Name`` means."""
     place, name = text, ""
     # A file may have a colon in its name.
     if not Path(text).exists() and ":" in text:
@@ -108,23 +181,22 @@ def _load(text: str) -> Any:
     path = Path(place)
     if path.name == "__init__.py" or (path / "__init__.py").is_file():
         module = _package(path if path.is_dir() else path.parent)
-    elif path.suffix in SYMPY_SUFFIXES or path.suffix == ".py" or path.exists():
+    elif path.suffix in SYMPY_SUFFIXES or path.suffix in (".py", NOTEBOOK) or path.exists():
         if path.is_dir():
             raise Unusable("this is a folder; give a Python file, a module or 'paper'")
         if not path.exists():
             raise Unusable("there is no such file")
-        if path.suffix not in (".py", *SYMPY_SUFFIXES):
+        if path.suffix not in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
             raise Unusable(
-                f"expected a Python file (.py) or a file of SymPy expressions (.sympy), got {path.suffix!r}"
+                "expected a Python file (.py), a notebook (.ipynb) or a file of SymPy expressions (.sympy), "
+                f"got {path.suffix!r}" + (_MATLAB if path.suffix == ".m" else "")
             )
-        module = _run(path)
+        module = _run(path, source)
     else:
         module = _import(place)
-    if name:
-        if not hasattr(module, name):
-            raise Unusable(f"has no {name!r}")
-        return getattr(module, name)
-    return module
+    if name and not hasattr(module, name):
+        raise Unusable(f"has no {name!r}")
+    return module, name
 
 
 def _package(folder: Path) -> ModuleType:
@@ -133,27 +205,47 @@ def _package(folder: Path) -> ModuleType:
     return importlib.import_module(folder.resolve().name)
 
 
-def _run(path: Path) -> ModuleType:
-    """Run a file as a module; its own folder is searched for what it imports."""
+def _text(path: Path) -> str:
+    """Return the text of a file.
+
+    Raises:
+        Unusable: when it is none.
+    """
+    try:
+        with tokenize.open(path) as file:  # in the encoding that its first lines say
+            text = file.read()
+        return _cells(text) if path.suffix == NOTEBOOK else text
+    except (UnicodeDecodeError, SyntaxError) as error:
+        raise Unusable(f"is no text in UTF-8: {error}") from None
+
+
+def _cells(text: str) -> str:
+    """Return the code of a notebook; commands of its shell and magic lines become comments.
+
+    Raises:
+        Unusable: when it is no notebook.
+    """
+    try:
+        cells = [c["source"] for c in json.loads(text)["cells"] if c["cell_type"] == "code"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise Unusable(f"is no notebook: {type(error).__name__}: {error}") from None
+    lines = "\n".join("".join(cell) for cell in cells).splitlines()
+    return "".join(f"# {x}\n" if x.lstrip()[:1] in ("%", "!") else f"{x}\n" for x in lines)
+
+
+def _run(path: Path, source: str | None) -> ModuleType:
+    """Run a file, or another text in its place, as a module; its own folder is searched for imports."""
     sys.path.insert(0, str(path.resolve().parent))
+    text = _text(path) if source is None else source
+    module = ModuleType(path.stem)
+    module.__file__ = str(path)
     if path.suffix in SYMPY_SUFFIXES:
-        module = ModuleType(path.stem)
         # As in a notebook: all of SymPy's names, and q1, v1, ... without a declaration.
         exec("from sympy import *", module.__dict__)
         letters = [f"{letter}{i}" for letter in ("q", "v", "a", "tau") for i in range(1, 10)]
         module.__dict__.update({name: _sympy().Symbol(name, real=True) for name in letters})
-        try:
-            text = path.read_text(encoding="utf-8")
-        except UnicodeDecodeError as error:
-            raise Unusable(f"is no text in UTF-8: {error}") from None
-        exec(compile(text, str(path), "exec"), module.__dict__)
-        return module
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise Unusable("is no Python file")
-    module = importlib.util.module_from_spec(spec)
     sys.modules[path.stem] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
+    exec(compile(text, str(path), "exec"), module.__dict__)
     return module
 
 
@@ -268,6 +360,11 @@ def _settable(thing: Any, get: Callable[[str], Any], n: Any = None) -> Functions
     """Return the functions of a thing, whose numbers are set where they stand."""
     parameters = get("parameters")
     sympy = sys.modules.get("sympy")
+    casadi = sys.modules.get("casadi")
+    if casadi is not None and any(isinstance(get(name), casadi.SX | casadi.MX) for name in ARGUMENTS):
+        return _of_casadi(
+            casadi, {name: get(name) for name in ARGUMENTS if get(name) is not None}, parameters
+        )
     expressions = {
         name: get(name)
         for name in ARGUMENTS
@@ -339,6 +436,41 @@ def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
     return found
 
 
+def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> Functions:
+    """Return the functions of CasADi's expressions in q, v, a, tau, or in q1, v1, ..., and parameters."""
+    own = _numbers_of(parameters)
+    symbols = {str(x): x for e in expressions.values() for x in casadi.symvar(casadi.vertcat(casadi.vec(e)))}
+    places = {name: joint_of(name) for name in symbols if name not in own}
+    if missing := sorted(name for name, place in places.items() if place is None):
+        raise Unusable(
+            f"has the symbol {missing[0]}, which is neither q_0, q1, v1 or the like nor in `parameters`"
+        )
+    known = {name: place for name, place in places.items() if place is not None}
+    # The entries of a vector q are called q_0, q_1, ...
+    zero = any("_" in name or place[1] == 0 for name, place in known.items())
+    first = 0 if zero else 1
+    sizes = [e.shape[0] for name, e in expressions.items() if name not in ("forward_kinematics", "jacobian")]
+    n = max([place[1] + 1 - first for place in known.values()] + sizes)
+    order = list(symbols)
+    calls = {name: casadi.Function(name, [symbols[k] for k in order], [e]) for name, e in expressions.items()}
+
+    def bound(name: str, values: Mapping[str, float]) -> Callable[..., Any]:
+        def called(*state: Any) -> Any:
+            given = dict(zip(ARGUMENTS[name], state, strict=True))
+            numbers = [
+                values[k] if k in values else float(given.get(known[k][0], np.zeros(n))[known[k][1] - first])
+                for k in order
+            ]
+            return np.asarray(calls[name](*numbers)).squeeze()
+
+        return called
+
+    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+        return {name: bound(name, {**own, **changes}) for name in calls}
+
+    return Functions(rebuild, own, n)
+
+
 def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
     """Return the functions of SymPy expressions in q1.., v1.., a1.., tau1.. and parameters."""
     sympy = _sympy()
@@ -359,7 +491,7 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
     for name, expression in plain.items():
         swap = dict(fixed)
         for symbol in expression.free_symbols:
-            joint = _joint_of(symbol.name) if symbol.name not in own else None
+            joint = joint_of(symbol.name) if symbol.name not in own else None
             if joint is not None:
                 swap[symbol] = letters[joint[0]][joint[1] - first]
         arguments = [letters[letter] for letter in ARGUMENTS[name]]
@@ -389,7 +521,7 @@ def _joint_numbers(
     for symbol in expression.free_symbols:
         if symbol.name in own:  # a1, a2 may be lengths
             continue
-        joint = _joint_of(symbol.name)
+        joint = joint_of(symbol.name)
         if joint is not None and joint[0] not in ARGUMENTS[name]:
             takes = ", ".join(ARGUMENTS[name])
             raise Unusable(f"{name} has the symbol {symbol.name}, but it is a function of {takes} alone")
@@ -411,7 +543,7 @@ def _plain(sympy: Any, expression: Any) -> Any:
     # Second derivatives first: they contain the first ones.
     for derivative in sorted(expression.atoms(sympy.Derivative), key=lambda d: -d.derivative_count):
         letter = {1: "v", 2: "a"}.get(derivative.derivative_count)
-        joint = _joint_of(str(derivative.expr.func)) if isinstance(derivative.expr, applied) else None
+        joint = joint_of(str(derivative.expr.func)) if isinstance(derivative.expr, applied) else None
         if letter is None or joint is None:
             raise Unusable(f"cannot read {derivative} in an expression")
         swap[derivative] = sympy.Symbol(f"{letter}{joint[1]}")
@@ -421,7 +553,7 @@ def _plain(sympy: Any, expression: Any) -> Any:
     return expression.subs({k: v for k, v in swap.items() if isinstance(k, applied)}).xreplace(swap)
 
 
-def _joint_of(name: str) -> tuple[str, int] | None:
+def joint_of(name: str) -> tuple[str, int] | None:
     """Return which quantity of which joint (from 1) a symbol's name means."""
     for letter, pattern in _LETTERS.items():
         match = re.fullmatch(pattern, name)

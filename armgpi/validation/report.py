@@ -55,6 +55,7 @@ class DynamicsReport:
         causes: the mistakes found, the ones with the largest scope first.
         laws: what holds for every arm, and whether it does for this model.
         notes: what else was seen, such as a link of the robot that no rigid body can be.
+        repaired: the model's source with changes with which it agrees; None without such.
     """
 
     model: str
@@ -65,6 +66,7 @@ class DynamicsReport:
     causes: tuple[Cause, ...]
     laws: tuple[Law, ...]
     notes: tuple[str, ...]
+    repaired: str | None = None
 
     @property
     def agrees(self) -> bool:
@@ -108,6 +110,7 @@ class DynamicsReport:
             "causes": [_plain(cause) for cause in self.causes],
             "laws": [{**law._asdict(), "error": _finite(law.error)} for law in self.laws],
             "notes": list(self.notes),
+            "repaired": self.repaired,
         }
 
     def to_json(self) -> str:
@@ -144,16 +147,7 @@ class DynamicsReport:
         beside = f" beside {self.robot}" if self.robot else ""
         lines = [f"{self.model}{beside}: {self.states} states"]
         if self.functions:
-            rows = [
-                (
-                    t.function,
-                    "agrees" if t.agrees else "DIFFERS",
-                    f"{t.max_abs:.2g}",
-                    f"{t.max_rel:.2g}",
-                    _few(t.differing),
-                )
-                for t in self.functions
-            ]
+            rows = [_cells(t) for t in self.functions]
             lines += ["", *_table(("function", "", "largest error", "relative", "where"), rows)]
             for t in self.functions:
                 if not t.agrees:
@@ -215,11 +209,59 @@ class DynamicsReport:
         title = f"{self.model} beside {self.robot}" if self.robot else self.model
         return page.document(title, verdict, sections)
 
+    def markdown(self) -> str:
+        """Return the report as Markdown."""
+        lines = [
+            f"# {self.model}" + (f" beside {self.robot}" if self.robot else ""),
+            "",
+            f"**{self.verdict()}**",
+            "",
+        ]
+        if self.functions:
+            lines += ["| function | | largest error | relative | where |", "|---|---|---|---|---|"]
+            lines += [f"| {' | '.join(_cells(t))} |" for t in self.functions]
+        for cause in self.causes:
+            first, *rest = _lines_of(cause)
+            lines += ["", first, *(f"  - {line.strip()}" for line in rest)]
+        if self.laws:
+            lines += ["", "| law | | error | |", "|---|---|---|---|"]
+            lines += [f"| {' | '.join(row)} |" for row in self._checked_laws()]
+        return "\n".join([*lines, *(f"\n{note}" for note in self.notes)]) + "\n"
+
+    def latex(self) -> str:
+        """Return the report as LaTeX: a table of the functions, and a list of what is wrong."""
+        rows = [" & ".join(map(_tex, _cells(t))) + r" \\" for t in self.functions]
+        lines = [rf"\paragraph{{{_tex(self.model)}}} {_tex(self.verdict())}."]
+        lines += [r"\begin{tabular}{lllll}", *rows, r"\end{tabular}"] if rows else []
+        if self.causes:
+            told = [r"\item " + r" \\ ".join(_tex(x.strip()) for x in _lines_of(c)) for c in self.causes]
+            lines += [r"\begin{itemize}", *told, r"\end{itemize}"]
+        return "\n".join(lines) + "\n"
+
     def _checked_laws(self) -> list[tuple[str, ...]]:
         return [
             (law.name, law.verdict, "" if math.isnan(law.error) else f"{law.error:.1g}", law.text)
             for law in self.laws
         ]
+
+
+def _cells(t: FunctionReport) -> tuple[str, ...]:
+    """Return a function's row of a table."""
+    verdict = "agrees" if t.agrees else "DIFFERS"
+    return (t.function, verdict, f"{t.max_abs:.2g}", f"{t.max_rel:.2g}", _few(t.differing))
+
+
+#: Characters that mean something to LaTeX, and those that its fonts lack.
+_TEX = {c: "\\" + c for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
+_TEX |= {"½": r"$\frac12$", "²": "$^2$", "°": r"$^\circ$", "τ": r"$\tau$", "π": r"$\pi$", "∂": r"$\partial$"}
+_TEX |= {"q̇": r"$\dot q$", "Ḋ": r"$\dot D$", "≤": r"$\le$"}
+
+
+def _tex(text: str) -> str:
+    """Return text for LaTeX."""
+    # A letter and the dot on it are two characters.
+    text = text.replace("q̇", "\0")
+    return "".join(_TEX["q̇"] if c == "\0" else _TEX.get(c, c) for c in text)
 
 
 def _lines_of(cause: Cause) -> list[str]:

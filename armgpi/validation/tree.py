@@ -24,6 +24,9 @@ from armgpi.robot.robot import Robot
 
 Quantities = dict[str, Array]
 
+#: Two axes are the same when the cosine between them differs from one by less than rounding makes.
+PARALLEL = 1e-9
+
 
 class Body(NamedTuple):
     """What moves with one joint, all its fixed links together, in the joint's frame.
@@ -177,6 +180,31 @@ class Affine(NamedTuple):
     def after(self, first: Affine) -> Affine:
         """Return this one on top of another."""
         return Affine(first.A @ self.A, first.A @ self.b + first.b, first.L @ self.L)
+
+
+def parallel_pairs(tree: Tree) -> list[tuple[int, int, int]]:
+    """Return the turning joints with a parallel one before: joint, that one, and 1 or -1 for its sense."""
+    pairs = []
+    for i in range(tree.n):
+        if tree.prismatic[i]:
+            continue
+        R, k = tree.rotations[i], tree.parents[i]
+        # A sliding joint between two parallel ones turns nothing.
+        while k >= 0 and tree.prismatic[k]:
+            R, k = tree.rotations[k] @ R, tree.parents[k]
+        if k >= 0:
+            along = float(tree.axes[k] @ (R @ tree.axes[i]))
+            if abs(abs(along) - 1.0) < PARALLEL:
+                pairs.append((i, k, round(along)))
+    return pairs
+
+
+def absolute_angles(tree: Tree, pairs: list[tuple[int, int, int]] | None = None) -> Array:
+    """Return B of q = B q_absolute, (n, n): each of these joints counted from the base."""
+    B = np.eye(tree.n)
+    for i, k, sign in parallel_pairs(tree) if pairs is None else pairs:
+        B[i, k] = -sign  # q of the robot is the absolute angle less that of the joint before
+    return B
 
 
 def identity(n: int) -> Affine:

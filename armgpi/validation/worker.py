@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import time
@@ -25,11 +26,14 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError, Remedy
-from armgpi.validation import models
+from armgpi.validation import edits, models
+from armgpi.validation.conventions import Convention
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
 #: or derive something first.
 LOADING, LOADING_LEAST = 12.0, 10.0
+#: Memory that a model may take [bytes]; beyond it raises MemoryError.
+MEMORY = 4 * 1024**3
 #: Exit codes of the process when its pipe is gone, and when the Python in it no longer works: large ones,
 #: which few programs use.
 _CUT, _BROKEN = 96, 97
@@ -45,27 +49,38 @@ class Worker:
         functions: names of the functions that it has.
         numbers: its numbers that can be varied, name -> value.
         n: number of joints that it states, None when it does not.
+        source: the text of its file, None when it has none that can be read.
         time_limit: how long one call may take [s].
+        convention: how the model may differ from the robot.
         printed: whether it has printed something.
         takes: how long a call takes [s], per function: the least so far.
         changes: numbers of the model to change in the calls that follow.
     """
 
-    def __init__(self, model: Any, name: str, time_limit: float) -> None:
-        """Start the process and read the model in it.
+    def __init__(
+        self,
+        model: Any,
+        name: str,
+        time_limit: float,
+        source: str | None = None,
+        convention: Convention | None = None,
+    ) -> None:
+        """Start the process and read the model in it, from another text than its file's when one is given.
 
         Raises:
             ModelError: when the model cannot be read.
         """
         self.name = name
-        self.time_limit = time_limit
+        self.time_limit, self.convention = time_limit, convention
         self.takes: dict[str, float] = {}
         self.changes: Mapping[str, float] = {}
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(self._pipe, theirs, model), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(self._pipe, theirs, model, source, convention), daemon=True
+        )
         # What is in a buffer at the fork would be written by both.
         sys.stdout.flush()
         sys.stderr.flush()
@@ -75,10 +90,10 @@ class Worker:
             self._process.start()
         theirs.close()  # so that the pipe ends with the child
         try:
-            answer: tuple[list[str], dict[str, float], int | None, bool] = self._receive(
+            answer: tuple[list[str], dict[str, float], int | None, bool, str | None] = self._receive(
                 "", max(LOADING * time_limit, LOADING_LEAST), "reading it"
             )
-            self.functions, self.numbers, self.n, self.printed = answer
+            self.functions, self.numbers, self.n, self.printed, self.source = answer
         except BaseException:
             self.close()
             raise
@@ -128,6 +143,18 @@ class Worker:
             self.printed = self.printed or printed
             answers.append(value)
         return answers
+
+    def search(self, targets: Mapping[str, edits.Target]) -> tuple[edits.Change, ...]:
+        """Return changes of the source with which its functions give what they should; none when none do.
+
+        The model is of no use afterwards.
+        """
+        try:
+            self._pipe.send(("", targets, {}))
+            found: tuple[edits.Change, ...] = self._receive("", 10.0 * edits.BUDGET, "")
+        except (OSError, ModelError):
+            return ()
+        return found
 
     def _receive(self, function: str, limit: float, where: str) -> Any:
         """Return the next answer, or raise what it says."""
@@ -179,17 +206,19 @@ class _Silent(io.TextIOBase):
         return len(text)
 
 
-def _serve(parents: Any, pipe: Any, model: Any) -> None:
+def _serve(parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None) -> None:
     """Answer for the model in the child."""
     try:
-        _answer_all(parents, pipe, model)
+        _answer_all(parents, pipe, model, source, convention)
     except OSError:
         os._exit(_CUT)
     finally:
         os._exit(_BROKEN)  # not sys.exit: no handler of the parent's may run twice
 
 
-def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
+def _answer_all(
+    parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None
+) -> None:
     """Read the model, then answer calls until the parent goes away.
 
     Raises:
@@ -203,6 +232,10 @@ def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
         # A handler of the program that we run in (a test runner's alarm, say) must not run for the model.
         if callable(signal.getsignal(number)):
             signal.signal(number, signal.SIG_DFL)
+    with suppress(OSError, ValueError):
+        # What we have mapped already, and as much again as a model may need.
+        used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's business
     silent = _Silent()
     for stream in ("stdout", "stderr", "__stdout__", "__stderr__"):
@@ -215,9 +248,10 @@ def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
     warnings.simplefilter("ignore")  # those of the model are its own business
     sys.argv = [str(model)]  # a script that reads its arguments must not get ours
     try:
-        functions = models.resolve(model)
+        functions = models.resolve(model, source, convention)
         _end_copies(own)
-        pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used)))
+        text = functions.origin.source if functions.origin is not None else None
+        pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used, text)))
     except BaseException as error:
         _end_copies(own)
         _answer(pipe, False, _description(error))
@@ -227,7 +261,21 @@ def _answer_all(parents: Any, pipe: Any, model: Any) -> None:
             name, states, numbers = pipe.recv()
         except EOFError:
             os._exit(0)
+        if not name:
+            pipe.send((True, _searched(functions, states)))
+            os._exit(0)
         _answer_calls(pipe, functions, name, states, numbers, silent, own)
+
+
+def _searched(functions: models.Functions, targets: Mapping[str, edits.Target]) -> tuple[edits.Change, ...]:
+    """Return the changes of a model's source with which it gives what it should."""
+    origin = functions.origin
+    try:
+        if origin is None or not edits.harmless(origin.source):
+            return ()
+        return edits.Editor(origin.path, origin.source, origin.again, origin.module, targets).search()
+    except Exception:
+        return ()  # a source that is too odd to be changed
 
 
 def _answer_calls(

@@ -1,0 +1,361 @@
+"""What may stand in place of an expression when someone has made a mistake there.
+
+Everything is a change of Python's syntax tree. The kinds are those of mistakes: "sign", "factor", "square",
+"trig", "angle", "degrees", "name", "index", "transposed", "cross", "term", "extra", "product", "swapped".
+Whether a choice means anything is not asked here: it is compiled and tried.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.validation.numbers import Number
+
+Choice = tuple[str, ast.expr]
+
+#: Numbers from this on may be angles in degrees.
+_DEGREES = 5.0
+_ADDITIVE = (ast.Add, ast.Sub)
+_FACTORS = (ast.Mult, ast.Div, ast.MatMult, ast.Pow)
+_TURNS = {"sin": "cos", "cos": "sin"}
+#: Vectors that are combined to cross products, at most: their squares are tried; fewer where every product is
+#: compiled, in loops.
+_VECTORS, _IN_LOOPS = 24, 12
+
+
+class Scope(NamedTuple):
+    """What can be written at a place.
+
+    Attributes:
+        kinds: name -> what it holds: "float", "int", an array's shape, a symbol.
+        scalars: expressions of one number that depend on the state, such as ``q[0]`` or ``np.cos(q[1])``.
+        vectors: expressions of vectors of three.
+        products: matrices times vectors, and cross products, that stand somewhere.
+        keys: keys of dictionaries that are read.
+        joints: expressions of the joints' positions.
+        cross: how the function for cross products is called there.
+        loops: whether variables have several values in one call.
+    """
+
+    kinds: Mapping[str, Any]
+    scalars: tuple[ast.expr, ...] = ()
+    vectors: tuple[ast.expr, ...] = ()
+    products: tuple[ast.expr, ...] = ()
+    keys: tuple[str, ...] = ()
+    joints: tuple[ast.expr, ...] = ()
+    cross: ast.expr | None = None
+    loops: bool = False
+
+
+def kind_of(value: Any) -> Any:
+    """Return what can stand for a value: None for what is never replaced."""
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int):
+        return "int"
+    if isinstance(value, float | np.floating | Number):
+        return "float"
+    if isinstance(value, np.ndarray):
+        return value.shape
+    return None
+
+
+def scope_of(
+    tree: ast.AST, values: Mapping[str, Any], arguments: tuple[str, ...], everywhere: ast.AST
+) -> Scope:
+    """Return what can be written in a block, from its syntax tree and the values of its names."""
+    kinds = {name: kind for name, value in values.items() if (kind := kind_of(value)) is not None}
+    seen = _Seen(arguments)
+    for node in ast.walk(everywhere):
+        # What is a function of the state elsewhere may be missing here.
+        if isinstance(node, ast.Call) and _called(node) in _TURNS:
+            used = {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and x is not node.func}
+            if used & set(arguments) or not arguments:
+                seen.scalars[ast.unparse(node)] = node
+    seen.visit(tree)
+    for name, kind in kinds.items():
+        if kind == (3,):
+            seen.vectors[name] = ast.Name(name, ast.Load())
+        if kind == "float" and not arguments and name[:1] == "q":
+            seen.joints[name] = ast.Name(name, ast.Load())
+    few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))[:_VECTORS]
+    scalars, products = tuple(seen.scalars.values()), tuple(seen.products.values())
+    return Scope(
+        kinds, scalars, tuple(few), products, tuple(seen.keys), tuple(seen.joints.values()), seen.cross
+    )
+
+
+class _Seen(ast.NodeVisitor):
+    """Collects the expressions of a block that may belong elsewhere in it, by their text."""
+
+    def __init__(self, arguments: tuple[str, ...]) -> None:
+        self._arguments = arguments
+        self.scalars: dict[str, ast.expr] = {}
+        self.vectors: dict[str, ast.expr] = {}
+        self.products: dict[str, ast.expr] = {}
+        self.joints: dict[str, ast.expr] = {}
+        self.keys: dict[str, None] = {}
+        self.cross: ast.expr | None = None
+
+    def visit_Call(self, node: ast.Call) -> None:
+        """Keep sines, cosines and cross products."""
+        if _called(node) in _TURNS:
+            self.scalars[ast.unparse(node)] = node
+        elif _called(node) == "cross" and len(node.args) == 2:
+            self.cross = node.func
+            self.vectors |= {ast.unparse(part): part for part in node.args}
+            self.products[ast.unparse(node)] = node
+        self.generic_visit(node)
+
+    def visit_BinOp(self, node: ast.BinOp) -> None:
+        """Keep products of matrices."""
+        if isinstance(node.op, ast.MatMult):
+            self.products[ast.unparse(node)] = node
+        self.generic_visit(node)
+
+    def visit_Subscript(self, node: ast.Subscript) -> None:
+        """Keep parts of the arguments and items of dictionaries."""
+        if isinstance(node.ctx, ast.Load):
+            owner = node.value.id if isinstance(node.value, ast.Name) else ""
+            key = node.slice.value if isinstance(node.slice, ast.Constant) else None
+            if isinstance(key, str):
+                self.keys[key] = None
+            if isinstance(key, str) or (
+                owner in self._arguments and isinstance(node.slice, ast.Constant | ast.Name)
+            ):
+                self.scalars[ast.unparse(node)] = node
+            if isinstance(key, int) and owner == "q":
+                self.joints[ast.unparse(node)] = node
+        self.generic_visit(node)
+
+
+def insertion(node: ast.expr, parent: Any) -> bool:
+    """Tell whether a term may be added to an expression: to a whole sum, not to each of its parts."""
+    if isinstance(parent, ast.Subscript | ast.Attribute) or (
+        isinstance(parent, ast.BinOp) and isinstance(parent.op, _ADDITIVE)
+    ):
+        return False
+    return isinstance(node, ast.BinOp | ast.Name | ast.Call | ast.Subscript | ast.UnaryOp | ast.Constant)
+
+
+def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield what may stand in place of an expression."""
+    if isinstance(parent, ast.Subscript | ast.Attribute):
+        yield from _of_name(node, scope) if isinstance(node, ast.Name) else ()
+        return
+    yield from _of_itself(node, scope)
+    summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
+    if summed or isinstance(node, ast.Name | ast.Subscript | ast.Call):
+        yield "square", _power(node, 2)
+    if _is_term(node, parent):
+        yield from _of_term(node, scope)
+    if scope.loops and insertion(node, parent) and _is_vector(node):
+        for term in vector_terms(scope):
+            yield "term", ast.BinOp(node, ast.Add(), term)
+            yield "term", ast.BinOp(node, ast.Sub(), term)
+
+
+def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield the changes of one kind of expression."""
+    match node:
+        case ast.BinOp():
+            yield from _of_operation(node)
+        case ast.UnaryOp(op=ast.USub()):
+            yield "sign", node.operand
+        case ast.Call():
+            yield from _of_call(node, scope)
+        case ast.Attribute(attr="T"):
+            yield "transposed", node.value
+        case ast.Name():
+            yield from _of_name(node, scope)
+        case ast.Subscript():
+            yield from _of_subscript(node, scope)
+        case ast.Tuple() | ast.List():
+            yield from _of_row(node)
+        case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
+            yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
+
+
+def _is_vector(node: ast.expr) -> bool:
+    """Tell whether an expression may be a sum of vectors: it has a matrix's product or a cross product."""
+    parts = ast.walk(node)
+    return any(
+        (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
+        or (isinstance(x, ast.Call) and _called(x) == "cross")
+        for x in parts
+    )
+
+
+def _is_term(node: ast.expr, parent: Any) -> bool:
+    """Tell whether an expression is a whole product."""
+    if isinstance(parent, ast.BinOp) and isinstance(parent.op, _FACTORS):
+        # A sum in brackets is multiplied as a whole outside of them; the base of a power is not.
+        return isinstance(parent.op, ast.Pow) and parent.left is node
+    if isinstance(node, ast.BinOp):
+        return isinstance(node.op, _FACTORS) or not isinstance(parent, ast.BinOp)
+    return isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.UnaryOp)
+
+
+def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield a product with one more factor, or one more term beside it."""
+    yield "sign", ast.UnaryOp(ast.USub(), node)
+    yield "factor", _times(ast.Constant(2), node)
+    yield "factor", _times(ast.Constant(0.5), node)
+    names = [name for name, kind in scope.kinds.items() if kind == "float"]
+    factors = [*(ast.Name(name, ast.Load()) for name in names), *scope.scalars]
+    for factor in factors:
+        yield "product", _times(factor, node)
+        yield "product", ast.BinOp(node, ast.Div(), factor)
+
+
+def vector_terms(scope: Scope) -> Iterator[ast.expr]:
+    """Yield vectors that a vector's equation may lack: products that stand elsewhere, and cross products."""
+    cross = scope.cross
+    if cross is None:
+        return
+    found: dict[str, ast.expr] = {ast.unparse(x): x for x in (*scope.products, *scope.vectors)}
+    vectors = scope.vectors[: _IN_LOOPS if scope.loops else None]
+    for a in vectors:
+        for b in (*vectors, *(x for x in scope.products if isinstance(x, ast.BinOp))):
+            if a is not b:
+                one = ast.Call(cross, [a, b], [])
+                found[ast.unparse(one)] = one
+    found |= {ast.unparse(x): x for x in _turned(scope, cross)}
+    simple = [x for x in found.values() if isinstance(x, ast.Call) and not _nested(x)]
+    for call in simple:
+        two = ast.Call(cross, [call.args[0], call], [])
+        found[ast.unparse(two)] = two
+    for scalar in (x for x in scope.scalars if isinstance(x, ast.Subscript)):
+        for x in (*(simple if scope.loops else ()), *scope.vectors):
+            scaled = _times(scalar, x)
+            found[ast.unparse(scaled)] = scaled
+    yield from found.values()
+
+
+def _turned(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
+    """Yield I ω and ω × I ω of all matrices and vectors that have names."""
+    for matrix in (name for name, kind in scope.kinds.items() if kind == (3, 3)):
+        for x in scope.vectors:
+            turned = ast.BinOp(ast.Name(matrix, ast.Load()), ast.MatMult(), x)
+            yield from (turned, ast.Call(cross, [x, turned], []))
+
+
+def _nested(node: ast.Call) -> bool:
+    return any(isinstance(part, ast.Call) for part in node.args)
+
+
+def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
+    left, op, right = node.left, node.op, node.right
+    if isinstance(op, _ADDITIVE):
+        yield "sign", ast.BinOp(left, ast.Sub() if isinstance(op, ast.Add) else ast.Add(), right)
+        if isinstance(op, ast.Add):
+            yield "sign", ast.BinOp(right, ast.Sub(), left)
+        yield "extra", left
+        yield "extra", right if isinstance(op, ast.Add) else ast.UnaryOp(ast.USub(), right)
+    elif isinstance(op, ast.Mult):
+        for one, rest in ((left, right), (right, left)):
+            yield ("factor" if isinstance(one, ast.Constant) else "product"), rest
+    elif isinstance(op, ast.Div):
+        yield "product", left
+        yield "product", ast.BinOp(left, ast.Mult(), right)
+    elif isinstance(op, ast.Pow):
+        yield "square", left
+        yield "square", _power(left, 3)
+    elif isinstance(op, ast.MatMult):
+        yield "transposed", ast.BinOp(ast.Attribute(left, "T", ast.Load()), op, right)
+        yield "transposed", ast.BinOp(left, op, ast.Attribute(right, "T", ast.Load()))
+        yield "transposed", right
+        yield "transposed", left
+
+
+def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
+    name = _called(node)
+    if name in _TURNS and len(node.args) == 1:
+        (angle,) = node.args
+        yield "trig", ast.Call(_renamed(node.func, _TURNS[name]), node.args, [])
+        yield "degrees", ast.Call(node.func, [ast.BinOp(angle, ast.Mult(), ast.Constant(math.pi / 180))], [])
+        yield "degrees", ast.Call(node.func, [ast.BinOp(angle, ast.Mult(), ast.Constant(180 / math.pi))], [])
+        for turn in (math.pi / 2, math.pi):
+            yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Add(), ast.Constant(turn))], [])
+        yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Sub(), ast.Constant(math.pi / 2))], [])
+        for other in scope.joints:
+            yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Add(), other)], [])
+            yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Sub(), other)], [])
+        for factor in (2, 0.5):
+            yield "angle", ast.Call(node.func, [_times(ast.Constant(factor), angle)], [])
+    if name == "cross" and len(node.args) == 2:
+        yield "cross", ast.Call(node.func, node.args[::-1], [])
+        yield "cross", node.args[1]
+    elif len(node.args) > 1:
+        for k in range(len(node.args) - 1):
+            items = [*node.args[:k], node.args[k + 1], node.args[k], *node.args[k + 2 :]]
+            yield "swapped", ast.Call(node.func, items, node.keywords)
+
+
+def _of_name(node: ast.Name, scope: Scope) -> Iterator[Choice]:
+    kind = scope.kinds.get(node.id)
+    if kind is not None:
+        for other, its in scope.kinds.items():
+            if other != node.id and its == kind:
+                yield "name", ast.Name(other, ast.Load())
+    if isinstance(kind, tuple) and len(kind) == 2:
+        yield "transposed", ast.Attribute(node, "T", ast.Load())
+
+
+def _of_subscript(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
+    for kind, index in _indices(node.slice, scope):
+        yield kind, ast.Subscript(node.value, index, node.ctx)
+    if isinstance(node.slice, ast.Name | ast.BinOp):
+        yield "transposed", ast.Attribute(node, "T", ast.Load())
+
+
+def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield other indices: another number, key or variable, two of them swapped."""
+    match index:
+        case ast.Constant(value=int() as k):
+            yield from (("index", ast.Constant(other)) for other in range(4) if other != k)
+        case ast.Constant(value=str() as key):
+            yield from (("name", ast.Constant(name)) for name in scope.keys if name != key)
+        case ast.Tuple(elts=items):
+            for j, k in itertools.combinations(range(len(items)), 2):
+                swapped = [*items]
+                swapped[j], swapped[k] = items[k], items[j]
+                yield "index", ast.Tuple(swapped, ast.Load())
+        case ast.Name(id=name) | ast.BinOp(left=ast.Name(id=name)):
+            others = [other for other, kind in scope.kinds.items() if kind == "int" and other != name]
+            yield from (("index", ast.Name(other, ast.Load())) for other in others)
+            for step in (1, -1):
+                yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
+
+
+def _of_row(node: ast.Tuple | ast.List) -> Iterator[Choice]:
+    items = node.elts
+    for k in range(len(items) - 1):
+        if ast.dump(items[k]) != ast.dump(items[k + 1]):
+            swapped = [*items[:k], items[k + 1], items[k], *items[k + 2 :]]
+            yield "swapped", type(node)(swapped, ast.Load())
+
+
+def _called(node: ast.Call) -> str:
+    """Return the last part of a function's name."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def _renamed(func: ast.expr, name: str) -> ast.expr:
+    if isinstance(func, ast.Attribute):
+        return ast.Attribute(func.value, name, ast.Load())
+    return ast.Name(name, ast.Load())
+
+
+def _times(factor: ast.expr, node: ast.expr) -> ast.expr:
+    return ast.BinOp(factor, ast.Mult(), node)
+
+
+def _power(node: ast.expr, exponent: int) -> ast.expr:
+    return ast.BinOp(node, ast.Pow(), ast.Constant(exponent))

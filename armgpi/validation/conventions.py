@@ -1,0 +1,120 @@
+"""Conventions that a model may have and the robot has not: other names, other coordinates.
+
+A model in coordinates q_model = A q + b has the torques A⁻ᵀ tau. Its functions are seen in the robot's
+coordinates, so that everything else need not know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi.arrays import Array
+from armgpi.errors import ParameterError
+from armgpi.validation.tree import Tree, absolute_angles
+
+#: Short names that functions may have.
+SHORT = {"M": "mass_matrix", "D": "mass_matrix", "C": "coriolis_matrix", "G": "gravity"}
+#: What a model may have its first level axis counted from.
+VERTICALS = ("up", "down")
+
+
+class Convention(NamedTuple):
+    """How a model differs from the robot without being wrong.
+
+    Attributes:
+        names: what the model calls its functions -> what they are.
+        A: matrix of the model's coordinates, (n, n); None where they are the robot's.
+        b: offset of the model's coordinates [rad or m], (n,).
+    """
+
+    names: Mapping[str, str]
+    A: Array | None = None
+    b: Array | None = None
+
+    def seen(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function of the model as one of the robot's coordinates."""
+        if self.A is None or self.b is None:
+            return function
+        A, b = self.A, self.b
+        back = np.asarray(np.linalg.inv(A))
+
+        @wraps(function)
+        def called(q: Array, *rest: Array) -> Any:
+            others = [A @ x for x in rest]
+            if name == "forward_dynamics":
+                others[-1] = back.T @ rest[-1]
+            value = function(A @ q + b, *others)
+            if name in ("mass_matrix", "coriolis_matrix"):
+                return A.T @ np.asarray(value, dtype=np.float64) @ A
+            if name in ("coriolis_torque", "gravity", "inverse_dynamics"):
+                return A.T @ np.asarray(value, dtype=np.float64).ravel()
+            if name == "forward_dynamics":
+                return back @ np.asarray(value, dtype=np.float64).ravel()
+            return np.asarray(value, dtype=np.float64) @ A if name == "jacobian" else value
+
+        return called
+
+
+def declared(
+    tree: Tree | None,
+    names: Mapping[str, str],
+    absolute: bool,
+    from_vertical: str | None,
+    known: tuple[str, ...],
+) -> Convention:
+    """Return the convention that a user declares.
+
+    Args:
+        tree: the reference; None without one.
+        names: what the model calls its functions -> what they are.
+        absolute: its angles are counted from the base.
+        from_vertical: "up" or "down" when its first level axis is counted from there.
+        known: names of the functions that there are.
+
+    Raises:
+        ParameterError: when one of them is not possible.
+    """
+    for mine, name in names.items():
+        if name not in known:
+            raise ParameterError("names", f"{mine}={name}", f"names of {', '.join(known)}")
+    both = {**SHORT, **names}
+    if not absolute and from_vertical is None:
+        return Convention(both)
+    if tree is None:
+        raise ParameterError("robot", None, "given, as `absolute` and `from_vertical` are about its joints")
+    A, b = np.eye(tree.n), np.zeros(tree.n)
+    if absolute:
+        B = absolute_angles(tree)
+        if np.array_equal(B, A):
+            raise ParameterError("absolute", True, f"False, as no two joints of {tree.n} are parallel")
+        A = np.asarray(np.linalg.inv(B))
+    if from_vertical is not None:
+        if from_vertical not in VERTICALS:
+            raise ParameterError("from_vertical", from_vertical, " or ".join(map(repr, VERTICALS)))
+        joint, turn = _quarter(tree, from_vertical)
+        b = -turn * A[:, joint]
+    return Convention(both, A, b)
+
+
+def _quarter(tree: Tree, way: str) -> tuple[int, float]:
+    """Return the first joint with a level axis, and by how much it turns its link to the vertical [rad]."""
+    R = np.eye(3)
+    for i in range(tree.n):
+        R = R @ tree.rotations[i]
+        axis = R @ tree.axes[i]
+        if not tree.prismatic[i] and abs(axis[2]) < 1e-6:
+            ahead = tree.next_joint(i)
+            link = ahead if ahead is not None and ahead.any() else tree.bodies[i].com
+            for turn in (np.pi / 2, -np.pi / 2, 0.0, np.pi):
+                up = float((R @ pin.exp3(turn * tree.axes[i]) @ link)[2])
+                if abs(up) > 0.99 * float(np.linalg.norm(link)) and (up > 0.0) == (way == "up"):
+                    return i, float(turn)
+            break
+    raise ParameterError(
+        "from_vertical", way, "None: no joint with a level axis has a link that can stand upright"
+    )

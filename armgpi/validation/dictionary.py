@@ -1,0 +1,162 @@
+"""Terms by their values: which product of a model's names, at most a sum of two, a missing term is.
+
+A column of values is compared with all products of up to three expressions that depend on the state. Where
+one is a constant multiple of it, that constant is looked up among products of up to four of the model's
+numbers, times a usual coefficient.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+
+#: Coefficients that formulas have, the usual ones first.
+COEFFICIENTS = (1.0, 2.0, 0.5, 4.0, 0.25, 3.0, 1.0 / 3.0, 1.0 / 12.0)
+#: Relative error up to which two values are the same: they come from differences of outputs.
+SAME = 1e-7
+#: The same for sums of two products, of which there are so many that some come close by chance.
+EXACT = 1e-10
+#: Coefficients of the products in such a sum, and how many products take part.
+_SUMMED, _MOST_SUMMED = (1.0, -1.0, 2.0, -2.0), 900
+#: Names and expressions that take part, at most: their products are listed.
+_MOST_NAMES, _MOST_STATES = 16, 18
+
+
+class Term(NamedTuple):
+    """A sum of products as text, and how long its description is [bits]."""
+
+    text: str
+    bits: float
+
+
+class Dictionary:
+    """All products of some names."""
+
+    def __init__(self, constants: Mapping[str, float], states: Mapping[str, Array]) -> None:
+        """Take numbers by name, and expressions by their text with their values (rows,)."""
+        positive = {name: abs(x) for name, x in constants.items() if np.isfinite(x) and x != 0.0}
+        self._signs = {name: float(np.sign(constants[name])) for name in positive}
+        self._constants = dict(list(positive.items())[:_MOST_NAMES])
+        varying = {text: x for text, x in states.items() if np.isfinite(x).all()}
+        self._states = dict(list(varying.items())[:_MOST_STATES])
+
+    @cached_property
+    def _products(self) -> tuple[list[tuple[str, ...]], Array]:
+        """All products of up to four numbers, by their logarithms, sorted."""
+        names = list(self._constants)
+        words: list[tuple[str, ...]] = [()]
+        for size in (1, 2, 3, 4):
+            words += itertools.combinations_with_replacement(names, size)
+        logs = np.array([sum(np.log(self._constants[x]) for x in word) for word in words])
+        order = np.argsort(logs)
+        return [words[k] for k in order], logs[order]
+
+    @cached_property
+    def _shapes(self) -> tuple[list[tuple[str, ...]], Array]:
+        """All products of up to three expressions of the state, (count, rows)."""
+        texts = list(self._states)
+        rows = len(next(iter(self._states.values()))) if texts else 1
+        words: list[tuple[str, ...]] = [()]
+        for size in (1, 2, 3, 4):
+            words += itertools.combinations_with_replacement(texts[: _MOST_STATES if size < 4 else 8], size)
+        columns = np.stack([np.prod([self._states[x] for x in w] or [np.ones(rows)], axis=0) for w in words])
+        return words, columns
+
+    def term(self, values: Array) -> Term | None:
+        """Return the simplest product that has some values at the states, None when there is none."""
+        words, columns = self._shapes
+        size = np.linalg.norm(values)
+        if not size > 0.0 or columns.shape[1] != len(values):
+            return None
+        # The share of each shape, and whether it is all there is.
+        with np.errstate(all="ignore"):
+            share = columns @ values / np.einsum("ij,ij->i", columns, columns)
+            rest = np.linalg.norm(values - share[:, np.newaxis] * columns, axis=1)
+        for k in np.flatnonzero(rest <= SAME * size)[:8]:
+            if found := self.constant(float(share[k])):
+                text = " * ".join(
+                    [*([found.text] if found.text != "1" or not words[k] else []), *_powers(words[k])]
+                )
+                sign = text.startswith("-1 * ")
+                return Term("-" + text[5:] if sign else text, found.bits + np.log2(len(words)))
+        return self._sum(values)
+
+    def _sum(self, values: Array) -> Term | None:
+        """Return two products of different shapes that add up to some values."""
+        words, columns = self._shapes
+        few = np.flatnonzero([len(w) <= 2 for w in words])[:120]
+        size = float(np.linalg.norm(values))
+        for i, j in itertools.combinations(few, 2):
+            pair = columns[[i, j]].T
+            if len(values) < 4:
+                return None
+            shares = np.linalg.lstsq(pair, values, rcond=None)[0]
+            if np.linalg.norm(values - pair @ shares) > SAME * size or np.abs(shares).min() < 1e-12:
+                continue
+            parts = [self.constant(float(s)) for s in shares]
+            if all(parts):
+                texts = [
+                    " * ".join([p.text, *_powers(words[k])]) for p, k in zip(parts, (i, j), strict=True) if p
+                ]
+                bits = sum(p.bits for p in parts if p) + 2 * np.log2(len(words))
+                return Term(" + ".join(texts), float(bits))
+        return None
+
+    def constant(self, value: float) -> Term | None:
+        """Return the simplest product of numbers, times a usual coefficient, that has a value."""
+        words, logs = self._products
+        best: tuple[int, int, tuple[str, ...], float] | None = None
+        for rank, coefficient in enumerate(COEFFICIENTS):
+            wanted = np.log(abs(value) / coefficient)
+            low, high = np.searchsorted(logs, [wanted - SAME, wanted + SAME])
+            for k in range(low, high):
+                one = (len(words[k]), rank, words[k], coefficient)
+                if best is None or one[:2] < best[:2]:
+                    best = one
+        if best is None:
+            return self._two(value)
+        _, rank, word, coefficient = best
+        sign = float(np.sign(value) * np.prod([self._signs[x] for x in word] or [1.0]))
+        known = {1.0 / 3.0: "1 / 3", 1.0 / 12.0: "1 / 12"}
+        number = known.get(coefficient, f"{coefficient:g}")
+        parts = ([] if coefficient == 1.0 and word else [number]) + _powers(word)
+        return Term(
+            ("-" if sign < 0.0 else "") + " * ".join(parts), float(np.log2(len(words) * (rank + 1.0)))
+        )
+
+    def _two(self, value: float) -> Term | None:
+        """Return a sum of two products of numbers that has a value."""
+        words, logs = self._products
+        short = [k for k, word in enumerate(words) if 0 < len(word) <= 3][:_MOST_SUMMED]
+        signs = np.array([np.prod([self._signs[x] for x in words[k]]) for k in short])
+        parts = np.concatenate([c * signs * np.exp(logs[short]) for c in _SUMMED])
+        order = np.argsort(parts)
+        # What is left for the second one, looked up among all.
+        at = np.searchsorted(parts[order], value - parts)
+        for shift in (-1, 0):
+            near = order[np.clip(at + shift, 0, len(order) - 1)]
+            close = np.abs(parts + parts[near] - value) <= EXACT * np.maximum(np.abs(parts), abs(value))
+            for i in np.flatnonzero(close):
+                j = int(near[i])
+                degrees = [len(words[short[k % len(short)]]) for k in (int(i), j)]
+                # What is added has one unit: m l² and m lc², or a moment of inertia, which has one name.
+                if degrees[0] != degrees[1] and 1 not in degrees:
+                    continue
+                texts = []
+                for k in (int(i), j):
+                    coefficient, word = _SUMMED[k // len(short)], words[short[k % len(short)]]
+                    texts.append(" * ".join([f"{coefficient:g}", *_powers(word)]).removeprefix("1 * "))
+                return Term(f"({texts[0]} + {texts[1]})", 2.0 * float(np.log2(len(parts))))
+        return None
+
+
+def _powers(word: tuple[str, ...]) -> list[str]:
+    """Return the factors of a product, equal ones as powers."""
+    counted = {x: word.count(x) for x in word}
+    return [x if k == 1 else f"{x} ** {k}" for x, k in counted.items()]

@@ -1,0 +1,151 @@
+"""Numbers in place of SymPy's symbols: a module of expressions then gives its values at once.
+
+SymPy takes a tenth of a second to make functions of expressions, too long where thousands of changes are
+tried. A :class:`Number` has a value and knows its derivatives, so that a model may form them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+
+class Number:
+    """A value that can be differentiated by symbols."""
+
+    __slots__ = ("derivative", "value")
+
+    def __init__(self, value: float, derivative: Callable[[Any], Any] | None = None) -> None:
+        """Take a value and what gives its derivative by a symbol, nothing for a symbol itself."""
+        self.value = float(value)
+        self.derivative = derivative or (lambda x: 1.0 if x is self else 0.0)
+
+    def diff(self, *symbols: Any) -> Any:
+        """Return the derivative by one symbol after the other."""
+        result: Any = self
+        for symbol in symbols:
+            result = diff(result, symbol)
+        return result
+
+    def __float__(self) -> float:
+        """Return the value."""
+        return self.value
+
+    def __neg__(self) -> Number:
+        """Return the negative."""
+        return Number(-self.value, lambda x: -self.derivative(x))
+
+    def __add__(self, other: Any) -> Any:
+        """Return a sum."""
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return Number(self.value + float(other), lambda x: self.derivative(x) + diff(other, x))
+
+    def __mul__(self, other: Any) -> Any:
+        """Return a product."""
+        if isinstance(other, np.ndarray):
+            return NotImplemented
+        return Number(self.value * float(other), lambda x: self.derivative(x) * other + self * diff(other, x))
+
+    def __pow__(self, exponent: Any) -> Number:
+        """Return a power with a constant exponent."""
+        k = float(exponent)
+        return Number(self.value**k, lambda x: k * self ** (k - 1.0) * self.derivative(x))
+
+    def __sub__(self, other: Any) -> Any:
+        """Return a difference."""
+        return self + (-other)
+
+    def __rsub__(self, other: Any) -> Any:
+        """Return a difference."""
+        return -self + other
+
+    def __truediv__(self, other: Any) -> Any:
+        """Return a quotient."""
+        return self * _inverse(other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        """Return a quotient."""
+        return _inverse(self) * other
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+def diff(value: Any, *symbols: Any) -> Any:
+    """Return the derivative of a number; that of a constant is zero."""
+    for symbol in symbols:
+        value = value.derivative(symbol) if isinstance(value, Number) else 0.0
+    return value
+
+
+def _inverse(value: Any) -> Any:
+    return value**-1.0 if isinstance(value, Number) else 1.0 / float(value)
+
+
+def _sin(x: Any) -> Number:
+    return Number(math.sin(float(x)), lambda s: _cos(x) * diff(x, s))
+
+
+def _cos(x: Any) -> Number:
+    return Number(math.cos(float(x)), lambda s: -_sin(x) * diff(x, s))
+
+
+class Matrix(np.ndarray):
+    """A matrix whose product is that of matrices; a list makes a column."""
+
+    def __new__(cls, rows: Any) -> Matrix:
+        """Make it of rows, or of a column's entries."""
+        array = np.array(rows, dtype=object)
+        return (array[:, np.newaxis] if array.ndim == 1 else array).view(cls)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return entries; a single index counts through the rows."""
+        return self.ravel().view(np.ndarray)[index] if isinstance(index, int) else super().__getitem__(index)
+
+    def __mul__(self, other: Any) -> Any:
+        """Return a product."""
+        return self @ other if isinstance(other, Matrix) else super().__mul__(other)
+
+    def diff(self, symbol: Any) -> Any:
+        """Return the derivative of every entry."""
+        return Matrix([[diff(x, symbol) for x in row] for row in self.view(np.ndarray)])
+
+    def jacobian(self, symbols: Any) -> Any:
+        """Return the derivatives of a column by several symbols."""
+        return Matrix([[diff(x, s) for s in np.ravel(symbols)] for x in np.ravel(self)])
+
+
+def namespace(space: Mapping[str, Any], values: Mapping[str, Number]) -> dict[str, Any]:
+    """Return a module's names with numbers in place of its symbols, and what computes with them."""
+
+    def symbols(text: Any, **_: Any) -> Any:
+        found = [values[name] for name in str(text).replace(",", " ").split()]
+        return found if len(found) > 1 else found[0]
+
+    known: dict[str, Any] = {
+        "sin": _sin,
+        "cos": _cos,
+        "sqrt": lambda x: x**0.5,
+        "diff": diff,
+        "symbols": symbols,
+        "Symbol": symbols,
+        "Matrix": Matrix,
+        "zeros": lambda *shape: Matrix(np.zeros(shape if len(shape) > 1 else shape * 2)),
+        "eye": lambda n: Matrix(np.eye(n)),
+        "Rational": lambda a, b=1: a / b,
+        "pi": math.pi,
+        **{name: lambda x: x for name in ("simplify", "expand", "trigsimp", "factor")},
+    }
+    changed = dict(space)
+    for name, value in space.items():
+        if isinstance(value, ModuleType) and value.__name__ == "sympy":
+            changed[name] = SimpleNamespace(**known)
+        elif getattr(value, "__module__", "").startswith("sympy") and name in known:
+            changed[name] = known[name]
+        elif getattr(value, "is_Symbol", False):
+            changed[name] = values.get(value.name, value)
+    return changed

@@ -1,0 +1,118 @@
+"""A repair of the model's source: searched beside the model, and proved on a copy of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import ModelError
+from armgpi.validation import phrasing, samples
+from armgpi.validation.diagnose import Cause
+from armgpi.validation.edits import ROWS, Change, Target, patched
+from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.problem import Problem
+from armgpi.validation.samples import States
+from armgpi.validation.tree import evaluate
+from armgpi.validation.worker import Worker
+
+
+class Repair(NamedTuple):
+    """Changes of a model's source with which it agrees.
+
+    Attributes:
+        changes: the changes.
+        source: the whole source with them made.
+    """
+
+    changes: tuple[Change, ...]
+    source: str
+
+
+def search(
+    model: Any, worker: Worker, states: States, problem: Problem, references: Mapping[str, Array]
+) -> Repair | None:
+    """Return the changes of the source with which a copy of the model agrees, None when there are none."""
+    if worker.source is None:
+        return None
+    few = States(*(x[:ROWS] for x in states))
+    targets = {}
+    for name, values in references.items():
+        arguments = tuple(getattr(few, letter) for letter in ARGUMENTS[name])
+        flat = np.asarray(values[: len(few.q)], dtype=np.float64).reshape(len(few.q), -1)
+        size = float(np.abs(flat).max())
+        best = None
+        if name == "coriolis_matrix":
+            H = evaluate(problem.tree, few.q, ["H"])["H"]
+            best = np.einsum("Nijk,Nk->Nij", H, few.v).reshape(len(few.q), -1)
+        # At least what rounding leaves: an output that must be zero is compared with the others.
+        targets[name] = Target(arguments, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
+    with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
+        changes = copy.search(targets)
+    if not changes:
+        return None
+    repair = Repair(changes, patched(worker.source, changes))
+    return repair if agrees(model, worker, repair.source, states, problem) else None
+
+
+def agrees(model: Any, worker: Worker, source: str, states: States, problem: Problem) -> bool:
+    """Tell whether a model with another source agrees everywhere."""
+    try:
+        with Worker(model, worker.name, worker.time_limit, source, worker.convention) as repaired:
+            sampled = samples.sample(repaired, states)
+            return bool(Problem(problem.tree, states.q, sampled, problem.rtol).agreeing.all())
+    except ModelError:
+        return False
+
+
+#: More elements than these are not listed: a mistake in what many share shows everywhere.
+_FEW = 4
+#: Kind of a change -> what was wrong.
+_WRONG = {
+    "sign": "the sign",
+    "factor": "a factor of 2, or its half",
+    "square": "a square",
+    "trig": "sine and cosine",
+    "angle": "the angle",
+    "degrees": "degrees and radians",
+    "name": "one name for another",
+    "index": "one index for another",
+    "transposed": "a matrix transposed",
+    "cross": "the order of a cross product",
+    "term": "a term is missing",
+    "extra": "a term too much",
+    "product": "a factor is missing, or too much",
+    "swapped": "two values in each other's place",
+}
+
+
+def causes(repair: Repair, source: str, problem: Problem) -> Iterator[Cause]:
+    """Yield the mistakes that a repair undoes."""
+    elements = tuple(problem.elements[k] for k in np.flatnonzero(~problem.agreeing))
+    scope = "elements" if len(elements) <= _FEW else "model"
+    before, after = source.splitlines(), repair.source.splitlines()
+    for change in repair.changes:
+        first, _, last, _ = change.span
+        line = f"line {first}" + (f", in {change.where}" if change.where else "")
+        value = expected = None
+        if change.kind in ("unit", "value"):
+            value, expected = float(change.old), float(change.new)
+            text = f"the model's {change.name} is {value:.6g}; with {expected:.6g} it agrees"
+            text += phrasing.ratio(value / expected) if expected else ""
+        else:
+            wrong = _WRONG.get(change.kind, "a number")
+            text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
+        evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
+        if len(before) == len(after):
+            evidence += [f"{k}: {after[k - 1].strip()}   <- so it has to be" for k in range(first, last + 1)]
+        proof = (
+            "with this change the model agrees"
+            if len(repair.changes) == 1
+            else "with all changes the model agrees"
+        )
+        structural = change.kind not in ("unit", "value")
+        yield Cause(
+            change.kind, text, scope, elements, value, expected, (), (*evidence, proof), structural, first
+        )

@@ -1,0 +1,90 @@
+"""How well mistakes are named: mutants of the corpus, validated, and their repairs."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import mutants
+import textbooks
+from scipy.stats import beta
+
+from armgpi import validate
+from armgpi.validation.diagnose import UNNAMED
+
+
+class Outcome(NamedTuple):
+    """What became of one mutant."""
+
+    mutant: mutants.Mutant
+    found: bool
+    named: bool
+    right: bool
+    proved: bool
+    seconds: float
+    text: str
+
+
+def outcome(mutant: mutants.Mutant, folder: Path) -> Outcome:
+    """Validate a mutant; right is a repair that equals the right model, for other numbers too."""
+    path = folder / f"{mutant.arm}.py"
+    path.write_text(mutant.source, encoding="utf-8")
+    robot, start = textbooks.robot(mutant.arm, mutant.right), time.perf_counter()
+    report = validate(path, robot)
+    seconds = time.perf_counter() - start
+    named = any(cause.kind not in UNNAMED for cause in report.causes)
+    right = proved = False
+    if report.repaired is not None:
+        right = mutants.same(report.repaired, mutant.right, 99)
+        path.write_text(report.repaired, encoding="utf-8")
+        proved = validate(path, robot).agrees
+    text = " | ".join(cause.text for cause in report.causes)
+    return Outcome(mutant, not report.agrees, named, right, proved or report.repaired is None, seconds, text)
+
+
+def outcomes(arms: Iterable[str], count: int, seed: int, mistakes: int = 1) -> list[Outcome]:
+    """Return what becomes of random mutants of some arms."""
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = [m for arm in arms for m in mutants.draw(arm, count, seed, mistakes)]
+        return [outcome(mutant, Path(folder)) for mutant in drawn]
+
+
+def share(k: int, n: int) -> str:
+    """Return "k of n" with the interval of Clopper and Pearson at 95 %."""
+    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
+    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
+    return f"{k} of {n}, {100 * k / max(n, 1):.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
+
+
+def summary(found: list[Outcome]) -> str:
+    """Return the shares as text."""
+    named, right = sum(o.named for o in found), sum(o.right for o in found)
+    seconds = sorted(o.seconds for o in found)
+    return "\n".join(
+        [
+            f"found:     {share(sum(o.found for o in found), len(found))}",
+            f"precision: {share(right, named)}",
+            f"recall:    {share(right, len(found))}",
+            f"proved:    {share(sum(o.proved for o in found), len(found))}",
+            f"seconds:   median {seconds[len(seconds) // 2]:.1f}, longest {seconds[-1]:.1f}",
+        ]
+    )
+
+
+if __name__ == "__main__":
+    which, count, seed, mistakes = sys.argv[1], *map(int, sys.argv[2:5])
+    arms = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN}.get(which, (which,))
+    done = []
+    for arm in arms:
+        for one in outcomes([arm], count, seed, mistakes):
+            done.append(one)
+            if not one.right:
+                print(
+                    arm, one.mutant.kinds, "named" if one.named else "not named", one.text[:300], flush=True
+                )
+        print(arm, sum(o.right for o in done), "of", len(done), flush=True)
+    print(summary(done))

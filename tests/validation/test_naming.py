@@ -1,0 +1,229 @@
+"""Mistakes in the sources of textbook arms: named by a repair that is proved."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import textbooks
+from hand_models import in_coordinates, planar
+from mutants import same
+from scoring import outcomes, summary
+
+from armgpi import errors, testing, validate
+from armgpi.validation import edits
+from armgpi.validation.dictionary import Dictionary
+
+#: What was named wrongly once: arm, what the right source has, and what the mistaken one has instead.
+CASES = {
+    "a term that a precomputed constant hides": ("pendubot", " + m2 * l1**2", ""),
+    "the sign of a slider's centre of mass": ("rpr_inverse", "x = r - lc2", "x = r + lc2"),
+    "degrees for radians in a twist": ("dh3_jacobian", "0.0, np.pi / 2)", "0.0, 90.0)"),
+    "a missing m l² a": ("rpr_inverse", " + m3 * r**2", ""),
+    "an offset forgotten": ("furuta", "np.sin(2 * q[1])", "np.sin(2 * q[1] + np.pi / 2)"),
+    "c2 c2 for c2 s2": ("rrr_christoffel", "* c2 * s2", "* c2 * c2"),
+    "indices of a Christoffel symbol swapped": ("prr_jacobian", "- dD[j, k, i]", "- dD[k, i, j]"),
+    "a square lost": ("acrobot", "+ I1 + I2", "+ I1 + I2 + m2 * lc2 - m2 * lc2**2"),
+    "the unit of one length": ("scara", "l2 = 0.36", "l2 = 360.0"),
+    "a and d swapped": ("dh3_jacobian", "(0.0, 0.0, a2, 0.0)", "(0.0, a2, 0.0, 0.0)"),
+    "ω × I ω forgotten": ("ne3_base", " + np.cross(w3, I3 @ w3)", ""),
+    "a cross product forgotten": ("ne3_base", "p2 + np.cross(b2, s2) +", "p2 +"),
+    "a rotation transposed": ("ne4", "w = R[i].T @ (w", "w = R[i] @ (w"),
+    "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
+}
+
+
+def written(folder: Path, source: str) -> Path:
+    path = folder / "mine.py"
+    path.write_text(source, encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_a_mistake_is_named_by_a_repair_that_is_right(name: str, tmp_path: Path) -> None:
+    arm, old, new = CASES[name]
+    right = textbooks.text(arm)
+    assert old in right
+    path = written(tmp_path, right.replace(old, new, 1))
+    report = validate(path, textbooks.robot(arm, right))
+    assert not report.agrees
+    assert report.repaired is not None, report
+    assert same(report.repaired, right, 99), report
+    assert len(report.causes) == 1
+    assert "with this change the model agrees" in str(report)
+    line = report.causes[0].line
+    assert line is not None
+    assert report.repaired.splitlines()[line - 1].strip() in str(report)
+
+
+@pytest.mark.parametrize("arm", textbooks.ARMS)
+def test_a_right_arm_raises_no_alarm(arm: str, tmp_path: Path) -> None:
+    source = textbooks.text(arm, 20261122)
+    assert validate(written(tmp_path, source), textbooks.robot(arm, source)).agrees
+
+
+def test_a_mistake_of_a_free_value_is_no_longer_named_by_one() -> None:
+    # Gravity of 8.77 m/s²: nobody takes that, so something else is wrong.
+    robot, right = planar(1)
+    report = validate({"gravity": lambda q: 0.894 * right["gravity"](q)}, robot)
+    (cause,) = report.causes
+    assert cause.kind == "unknown"
+    assert cause.text.startswith("not named")
+    assert any("strength of gravity: 8.77" in text for text in cause.alternatives)
+
+
+# Conventions.
+
+REST = np.array([[1.0, 0.0], [-1.0, 1.0]])  # angles of the robot from absolute ones
+
+
+@pytest.mark.parametrize(
+    ("A", "b", "options"),
+    [
+        (REST, [0.0, 0.0], {"absolute": True}),
+        (np.eye(2), [np.pi / 2, 0.0], {"from_vertical": "up"}),
+        (np.eye(2), [-np.pi / 2, 0.0], {"from_vertical": "down"}),
+        (REST, [np.pi / 2, 0.0], {"absolute": True, "from_vertical": "up"}),
+    ],
+)
+def test_another_convention_may_be_declared(
+    A: np.ndarray, b: list[float], options: dict[str, object]
+) -> None:
+    robot, right = planar(1)
+    model = in_coordinates(right, A, b, A)
+    assert not validate(model, robot).agrees
+    assert validate(model, robot, **options).agrees
+
+
+def test_rotor_inertia_and_short_names_may_be_declared() -> None:
+    robot, right = planar(1)
+    rotors = {"M": lambda q: right["mass_matrix"](q) + np.diag([0.1, 0.2]), "G": right["gravity"]}
+    assert validate(rotors, robot, rotor_inertia={"q1": 0.1, "q2": 0.2}).agrees
+    assert not validate(rotors, robot).agrees
+    assert validate({"h": right["coriolis_torque"]}, robot, names={"h": "coriolis_torque"}).agrees
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"names": {"h": "nothing"}}, "names"),
+        ({"from_vertical": "left"}, "from_vertical"),
+        ({"absolute": "yes"}, "absolute"),
+        ({"absolute": True, "robot": None}, "robot"),
+    ],
+)
+def test_a_convention_that_is_none_is_refused(options: dict[str, object], name: str) -> None:
+    robot, right = planar(1)
+    with pytest.raises(errors.ParameterError) as caught:
+        validate(right, **{"robot": robot, **options})
+    assert caught.value.name == name
+
+
+# Forms of models and reports.
+
+
+def test_a_notebook_is_a_model(tmp_path: Path) -> None:
+    source = textbooks.text("cart_pole")
+    cells = [
+        {"cell_type": "markdown", "source": ["# A cart"]},
+        {"cell_type": "code", "source": ["%matplotlib inline\n"]},
+        {"cell_type": "code", "source": source.splitlines(keepends=True)},
+    ]
+    path = tmp_path / "arm.ipynb"
+    path.write_text(json.dumps({"cells": cells}), encoding="utf-8")
+    assert validate(path, textbooks.robot("cart_pole", source)).agrees
+    path.write_text("{}", encoding="utf-8")
+    with pytest.raises(errors.ModelError, match="is no notebook"):
+        validate(path, textbooks.robot("cart_pole", source))
+
+
+def test_expressions_of_casadi_are_a_model() -> None:
+    casadi = pytest.importorskip("casadi")
+    robot, right = planar(1)
+    at = np.array([0.3, -0.7])
+    far = right["gravity"](at)[1] / np.cos(at.sum())
+    near = (right["gravity"](at)[0] - right["gravity"](at)[1]) / np.cos(at[0])
+    q = casadi.SX.sym("q", 2)
+    second = far * casadi.cos(q[0] + q[1])
+    assert validate({"gravity": casadi.vertcat(near * casadi.cos(q[0]) + second, second)}, robot).agrees
+
+
+def test_functions_of_matlab_are_told_how_to_get_here(tmp_path: Path) -> None:
+    path = tmp_path / "arm.m"
+    path.write_text("function M = mass_matrix(q)", encoding="utf-8")
+    with pytest.raises(errors.ModelError, match="of MATLAB, write the symbolic expressions"):
+        validate(path, planar(1).robot)
+
+
+def test_a_model_that_takes_all_memory_is_stopped(tmp_path: Path) -> None:
+    path = written(tmp_path, "def gravity(q):\n    return [0.0] * 10**10\n")
+    with pytest.raises(errors.ModelError, match="MemoryError"):
+        validate(path, planar(1).robot)
+
+
+def test_an_assertion_prints_the_report() -> None:
+    robot, right = planar(1)
+    assert testing.assert_dynamics(right, robot).agrees
+    with pytest.raises(AssertionError, match="the model differs in gravity"):
+        testing.assert_dynamics({"gravity": lambda q: -right["gravity"](q)}, robot)
+
+
+def test_the_report_is_markdown_and_latex() -> None:
+    robot, right = planar(1)
+    report = validate({"gravity": lambda q: -right["gravity"](q)}, robot)
+    assert "| gravity | DIFFERS |" in report.markdown()
+    assert r"\begin{itemize}" in report.latex()
+    assert "dict" in report.latex()
+
+
+# The parts.
+
+
+def test_a_term_is_found_by_its_values() -> None:
+    rng = np.random.default_rng(1)
+    s, v = rng.normal(size=8), rng.normal(size=8)
+    terms = Dictionary({"m": 1.23, "l": 0.41, "k": 0.77}, {"s": s, "v": v})
+    space = {"m": 1.23, "l": 0.41, "k": 0.77, "s": s, "v": v}
+    for text in ("m * l ** 2", "2 * m * l * s", "-0.5 * k * s * v ** 2", "m * l ** 2 + 2 * m * k"):
+        values = np.broadcast_to(eval(text, space), 8)
+        found = terms.term(values)
+        assert found is not None, text
+        assert np.allclose(eval(found.text, space), values, rtol=1e-9), found
+    assert terms.term(rng.normal(size=8)) is None
+
+
+def test_a_source_is_changed_where_it_has_to_be() -> None:
+    change = edits.Change("sign", (2, 4, 2, 9), "a + b", "a - b", "f", "", 8.0)
+    assert edits.patched("ä = 1\nx = a + b  # ä\n", (change,)) == "ä = 1\nx = a - b  # ä\n"
+
+
+# What is measured: `make search` draws new mistakes and numbers.
+
+
+@pytest.mark.search
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize(("mistakes", "precision", "recall"), [(1, 0.97, 0.9), (2, 0.9, 0.8)])
+def test_mistakes_in_arms_that_nobody_had_seen_are_named(
+    mistakes: int, precision: float, recall: float
+) -> None:
+    seed = int.from_bytes(os.urandom(4), "big")
+    found = outcomes(textbooks.UNSEEN, 10 // mistakes, seed, mistakes)
+    text = f"seed {seed}\n{summary(found)}"
+    print(text)
+    assert all(one.found and one.proved for one in found), text
+    right, named = sum(one.right for one in found), sum(one.named for one in found)
+    assert right >= precision * named, text
+    assert right >= recall * len(found), text
+
+
+@pytest.mark.search
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("arm", textbooks.ARMS)
+def test_random_numbers_raise_no_alarm(arm: str, tmp_path: Path) -> None:
+    for seed in np.random.default_rng().integers(2**31, size=50).tolist():
+        source = textbooks.text(arm, seed)
+        assert validate(written(tmp_path, source), textbooks.robot(arm, source)).agrees, seed
