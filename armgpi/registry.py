@@ -8,7 +8,7 @@ Plugins may declare metrics and checks of URDFs as well.
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from importlib import import_module, metadata
@@ -36,6 +36,7 @@ class Context(NamedTuple):
         bits: resolution of the encoders, a number or (n,); None for exact positions.
         nominal: nominal model of a controller; `robot` but for a scaled inertia.
         omega_c: default bandwidth of a controller [rad/s].
+        given: parameters of the controller that the experiment sets.
         error_context: makes errors inside of it name the key of a parameter.
     """
 
@@ -46,6 +47,7 @@ class Context(NamedTuple):
     bits: Any = None
     nominal: Any = None
     omega_c: float = 0.0
+    given: Mapping[str, Any] = {}
     error_context: Callable[[str], AbstractContextManager[None]] = lambda name: nullcontext()
 
 

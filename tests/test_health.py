@@ -247,13 +247,13 @@ def test_the_bandwidth_of_an_encoder_is_where_a_count_costs_a_share_of_the_torqu
     found = report(GOOD, encoder_bits=12)
     elbow = found.facts["joints"][1]
     omega = elbow["omega_encoder"]
-    # A controller whose measurement jumps by one count there: its torque jumps by 5 % of the limit.
+    # A controller whose measurement jumps by one count there: its torque jumps by 1 % of the limit.
     robot = Robot.from_xml(GOOD)
     gpi = GPI(robot, dt=1e-6, gains=FixedGains(omega))
     beta3 = 10.0 * omega**2  # (s + w)^5 = s^5 + 5 w s^4 + 10 w^2 s^3 + ...
     assert gpi.gains.nominal().omega_c[1] == omega
     jump = elbow["inertia_most"] * beta3 * 2.0 * math.pi / 2**12
-    assert jump == pytest.approx(0.05 * 20.0, rel=1e-12)
+    assert jump == pytest.approx(0.01 * 20.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(

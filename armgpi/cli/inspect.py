@@ -129,6 +129,8 @@ def _show(report: HealthReport) -> None:
         f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
         f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column"
     )
+    if (law := facts["untuned"]) is not None:
+        _show_untuned(console, law, [joint["name"] for joint in facts["joints"]])
     load = facts["payload"]
     less, more = load["delta_unknown"][0], load["delta_nominal"][1]
     console.print(
@@ -147,6 +149,20 @@ def _show(report: HealthReport) -> None:
             f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
         )
     _show_findings(console, report.findings)
+
+
+def _show_untuned(console: Any, law: dict[str, Any], names: list[str]) -> None:
+    """Print what GPI takes for the arm when nobody tunes it."""
+    slowest, fastest = min(law["omega_c"]), max(law["omega_c"])
+    shares = law["count_share"]
+    j = shares.index(max(shares))
+    console.print(
+        f"untuned: omega_c = {slowest:.3g} to {fastest:.3g} rad/s with {law['integrators']} integrator "
+        f"and a roll-off of {law['rolloff']}; phase margin {math.degrees(law['phase_margin']):.3g} deg, stable for "
+        f"delta {law['delta'][0]:.2g} to {law['delta'][1]:.2g}, "
+        f"delay margin {1e3 * law['delay_margin']:.3g} ms; a count moves the torque of {shown(names[j])} by {law['count_torque'][j]:.2g}, "
+        f"{100 * shares[j]:.2g} % of its effort"
+    )
 
 
 def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:

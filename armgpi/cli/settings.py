@@ -67,11 +67,16 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     if options.get("torque_rate") is not None:
         rate = per_joint(options["torque_rate"], "--torque-rate")
         over.put("--torque-rate", rate, "supervisor", "torque_rate")
+    declared = options["declared"]
+    for option, value in declared:  # sensors first: which law is the standard one depends on them
+        if not option.owners:
+            over.put(option.flag, value, "plant", option.key)
     origin = _choose_controllers(options, compare, data, origin, over.sources)
     for index in range(len(data["controllers"])):
         over.take("inertia_scale", "controllers", index, "inertia_scale")
-    for option, value in options["declared"]:
-        _declared(over, option, value)
+    for option, value in declared:
+        if option.owners:
+            _declared(over, option, value)
     _reference(over)
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
@@ -100,10 +105,7 @@ def _robot(over: _Overlay) -> None:
 
 
 def _declared(over: _Overlay, option: Option, value: Any) -> None:
-    """Put the option of a declared parameter: of a sensor or actuator, or of the controllers that have it."""
-    if not option.owners:
-        over.put(option.flag, value, "plant", option.key)
-        return
+    """Put the option of a declared parameter of the controllers that have it."""
     having = [i for i, section in enumerate(over.data["controllers"]) if section["type"] in option.owners]
     if not having:
         raise refusal(
@@ -157,7 +159,7 @@ def _choose_controllers(
     option = "--controllers" if compare else "--controller"
     wanted = options["controllers"]
     if wanted is None:
-        standard = [{"type": "gpi"}, {"type": "pid"}]
+        standard = [{"type": configuration.standard_law(data)}, {"type": "pid"}]
         data["controllers"] = (listed or standard) if compare else (listed or standard)[:1]
         return origin
     names = [name.strip() for name in wanted.split(",")]

@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
 from armgpi import files
+from armgpi.arrays import quantity
 from armgpi.cli.parsing import refusal
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.config import Experiment
+from armgpi.control.gpi import GPI
+from armgpi.control.untuned import COUNT_SHARE
 from armgpi.escape import shown
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
+from armgpi.parameter import parameters
+from armgpi.plants.sensors import Encoder
 
 #: Length to which names of joints and controllers may be folded in tables.
 _FOLDED = 10
@@ -52,6 +59,9 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
         measured = describe_measurement(record["measurement"], record["knows"])
         console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
+        controller = experiment.controllers.get(record["label"])
+        if isinstance(controller, GPI):
+            console.print(_loop(controller, experiment))
 
 
 def check_table(path: Path | None) -> None:
@@ -116,6 +126,29 @@ def _latex(heads: list[str], rows: list[list[str]]) -> str:
 
 
 _FORMATS = {".csv": _csv, ".md": _markdown, ".tex": _latex}
+
+
+def _loop(controller: GPI, experiment: Experiment) -> str:
+    """Return what the loops tolerate, and what one count of the encoders does."""
+    phase, delay, delta = controller.margins()
+    spent = 0.5 * controller.dt + controller.delay
+    said = (
+        f"  loop: phase margin {math.degrees(phase):.3g} deg, stable for delta {delta.lower:.2g} to "
+        f"{delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (hold and transport take {1e3 * spent:.3g})"
+    )
+    bits = getattr(experiment.config.plant, "encoder_bits", None)
+    if bits is None:
+        return said
+    bits = quantity(bits, "encoder_bits", experiment.robot.joint_names, parameters(Encoder)["bits"].default)
+    torque = controller.count_torque(bits)
+    share = torque / controller.effort
+    j = int(np.argmax(share))
+    unit = "N" if experiment.robot.prismatic[j] else "N m"
+    much = ": more than 1 %, which shakes an arm" if share[j] > COUNT_SHARE else ""
+    return (
+        f"{said}; one encoder count moves the torque of {shown(experiment.robot.joint_names[j])} by "
+        f"{torque[j]:.2g} {unit}, {100 * share[j]:.2g} % of its effort{much}"
+    )
 
 
 def _table(

@@ -5,7 +5,7 @@ objects.
 """
 
 from armgpi.config.building import Experiment, build, controller, robot
-from armgpi.config.reading import Loaded, Origin, check, dump, parse, read
+from armgpi.config.reading import Loaded, Origin, check, dump, parse, read, standard_law
 from armgpi.config.schema import ExperimentConfig
 
 __all__ = [
@@ -20,4 +20,5 @@ __all__ = [
     "parse",
     "read",
     "robot",
+    "standard_law",
 ]

@@ -388,16 +388,20 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
         error_context=lambda name: place.at(declared[name].key or name).error_context(),
     )
     law = _given(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
-    context = kind.law.context_for(law, context)
     source: Any = kind.variant or kind.law
-    chosen = source.chosen(context)
-    keys = {parameters(source)[name].key or name: _as_section(value) for name, value in chosen.items()}
-    missing = {key: value for key, value in keys.items() if getattr(section, key) is None}
+    keys = {name: each.key or name for name, each in {**declared, **parameters(source)}.items()}
+    told = {key for key in section.model_fields_set if getattr(section, key) is not None}
+    set_here = {name: value for name, value in law.items() if keys[name] in told}
+    context = kind.law.context_for(law, context._replace(given=set_here))
+    chosen = {name: value for name, value in source.chosen(context).items() if name not in set_here}
+    missing = {keys[name]: _as_section(value) for name, value in chosen.items() if keys[name] not in told}
     if robot.batch is None:  # what differs by rollout has no form in a file
         section = type(section).model_validate({**section.model_dump(), **missing})
     if kind.variant is not None:
         given = _given(section, parameters(kind.variant), robot, place, chosen)
-        law[kind.part] = kind.variant(**{**chosen, **given})
+        law |= {name: value for name, value in chosen.items() if name in declared}
+        part = {name: value for name, value in chosen.items() if name not in declared}
+        law[kind.part] = kind.variant(**{**part, **given})
     else:
         law = {**chosen, **_given(section, declared, robot, place, chosen)}
     return section, kind.law.configured(law, context)
@@ -407,6 +411,8 @@ def _as_section(value: Any) -> Any:
     """Return a chosen value as an experiment file has it: one number where all are the same."""
     if isinstance(value, tuple):
         return {"lower": _as_section(value[0]), "upper": _as_section(value[1])}
+    if isinstance(value, str | int):
+        return value
     array = np.asarray(value, dtype=np.float64)
     return float(array.flat[0]) if (array == array.flat[0]).all() else array.tolist()
 

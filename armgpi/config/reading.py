@@ -141,6 +141,7 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
     """
     # A section of which every key is commented out is null: as if it were not there.
     data = {key: value for key, value in data.items() if value is not None}
+    data.setdefault("controllers", [{"type": standard_law(data)}])
     return checked(ExperimentConfig, data, origin)
 
 
@@ -181,6 +182,17 @@ def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
             message = f"{expected[0].lower()}{expected[1:]}, got {_shown(found)}"
         raise origin.error((*under, *path), message) from None
+
+
+def standard_law(data: Mapping[Any, Any]) -> str:
+    """Return which controller an experiment has that names none, by its plain data.
+
+    It is the law of the paper where positions are exact and at once, and what suits an arm that nobody tuned
+    where encoders count or measurements are late.
+    """
+    plant = data.get("plant")
+    real = isinstance(plant, Mapping) and (plant.get("encoder_bits") is not None or plant.get("delay"))
+    return "untuned" if real or data.get("reality") is not None else "gpi"
 
 
 def dump(config: ExperimentConfig) -> str:

@@ -98,6 +98,11 @@ class Member:
         return self.second_ratio is None and self.second_zeta is None
 
     @property
+    def ratios(self) -> tuple[Array, Array | None, Array | None]:
+        """What the poles beyond those of the tuning follow from."""
+        return self.rolloff_ratio, self.second_ratio, self.second_zeta
+
+    @property
     def printed(self) -> bool:
         """Whether it is the law of the paper."""
         return self.integrators == 2 and self.rolloff == 0 and self.equal

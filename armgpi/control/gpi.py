@@ -10,11 +10,19 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.arrays import Array, ArrayLike, as_float_array, new
+from armgpi.control import untuned
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.family import Member
-from armgpi.control.gains import FixedGains, Gains
-from armgpi.control.margins import default_omega, delay_margins, slow_default
+from armgpi.control.gains import FixedGains, Gains, Tuning
+from armgpi.control.margins import (
+    Margins,
+    count_noise,
+    default_omega,
+    delay_margins,
+    slow_default,
+    worst_margins,
+)
 from armgpi.control.payload import LoadRange, PayloadRange
 from armgpi.control.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.errors import ArmgpiWarning, ParameterError
@@ -22,9 +30,8 @@ from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints
+from armgpi.robot.robot import Robot
 
-#: What chooses the member of the family, in the order of :class:`armgpi.control.family.Member`.
-_MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
 
@@ -206,7 +213,7 @@ class GPI(Controller):
         check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
         given: Any = self.gains
-        member = _member(vars(self))
+        member = untuned.member(vars(self))
         if self.payload is not None:
             self.keep("payload", self._found(member))
             self.keep("robot", self.payload.nominal)
@@ -243,9 +250,33 @@ class GPI(Controller):
         self._warn_of_delay(member)
 
     @classmethod
+    def untuned(
+        cls, robot: AnyRobot, dt: float, *, delay: float = 0.0, bits: Any = None, **given: Any
+    ) -> GPI:
+        """Return a controller for an arm that nobody tuned, by the rule of :mod:`armgpi.control.untuned`.
+
+        Args:
+            robot: nominal model.
+            dt: sample time [s].
+            delay: transport delay in the loop [s].
+            bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); None
+                for exact positions.
+            **given: parameters of the controller that are not to be chosen.
+
+        Raises:
+            ArmgpiError: as the constructor, and for encoders that cannot be.
+        """
+        check_robot(robot)
+        if isinstance(loads := given.get("payload"), tuple | list):
+            given["payload"] = _load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
+        chosen = untuned.untuned(robot, dt, delay, bits, given)
+        gains = FixedGains(chosen.pop("omega_c"))
+        return cls(robot, dt, delay=delay, **{"gains": gains, **chosen, **given})
+
+    @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
         """Return the context with the bandwidth that sample time, delay and loads allow."""
-        payload, member = given.get("payload"), _member(given)
+        payload, member = given.get("payload"), untuned.member(given)
         omega_c = default_omega(context.dt, context.delay, member=member)
         if payload is not None:
             with context.error_context("payload"):
@@ -316,6 +347,32 @@ class GPI(Controller):
         beyond = e - np.minimum(np.maximum(e, -zone), zone)
         return (new(Resting, (beyond, 1.0 - rests * self._emptied)),)
 
+    def margins(self) -> Margins:
+        """Return what the loops of all joints tolerate, in continuous time and with the gains at rest."""
+        return worst_margins(self.gains.nominal(), untuned.member(vars(self)))
+
+    def count_torque(self, bits: ArrayLike) -> Array:
+        """Return by how much one count of an encoder moves a joint's torque at once [N m or N], (n,).
+
+        Args:
+            bits: resolution [bits], a number or an array that broadcasts against (n,).
+
+        Raises:
+            ParameterError: when the nominal model is a batch.
+        """
+        if not isinstance(self.robot, Robot):
+            raise ParameterError("robot", self.robot, "a single Robot")
+        every = np.zeros(self.robot.n)
+        ratios = [every + (np.nan if x is None else x) for x in untuned.member(vars(self)).ratios]
+        rows = np.stack([*(every + x for x in self.gains.nominal()), *ratios], axis=-1)
+        at_once = []
+        for omega_c, zeta_c, p_c, *own in rows:
+            given = [None if math.isnan(x) else x for x in own]
+            member = Member(self.integrators, self.rolloff, *given)  # type: ignore[arg-type]
+            at_once.append(count_noise(Tuning(omega_c, zeta_c, p_c), self.dt, member).at_once)
+        counts = self.robot.encoder_count(as_float_array(bits, "bits"))
+        return np.asarray((untuned.most_inertia(self.robot) * (at_once * counts)).max(axis=1))
+
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""
         return {**state.law._asdict(), **self.gains.signals(state.gains)}
@@ -349,9 +406,7 @@ class GPI(Controller):
         """Return the range of loads; who brings gains of their own chooses how slow they are."""
         loads = self.payload
         if not isinstance(loads, LoadRange):
-            if not isinstance(loads, tuple | list) or len(loads) != 2:
-                raise ParameterError("payload", loads, "two masses [kg], the lightest and the heaviest")
-            loads = LoadRange(loads[0], heaviest=loads[1], frame=self.frame, com=self.com)
+            loads = _load_range(loads, self.frame, self.com)
         given: Any = self.gains
         if given is not None:
             return loads.found(self.robot, self.dt, self.delay, 1e-9)
@@ -387,6 +442,8 @@ class GPI(Controller):
             )
 
 
-def _member(given: Mapping[str, Any]) -> Member:
-    """Return the member of the family that the parameters of a controller choose."""
-    return Member(**{name: given[name] for name in _MEMBER if name in given})
+def _load_range(loads: Any, frame: str | None, com: Any) -> LoadRange:
+    """Return a range of loads from two masses."""
+    if not isinstance(loads, tuple | list) or len(loads) != 2:
+        raise ParameterError("payload", loads, "two masses [kg], the lightest and the heaviest")
+    return LoadRange(loads[0], heaviest=loads[1], frame=frame, com=com)

@@ -51,6 +51,20 @@ class Interval(NamedTuple):
     upper: float
 
 
+class Margins(NamedTuple):
+    """What the loops of all joints tolerate.
+
+    Attributes:
+        phase: least phase margin [rad].
+        delay: least delay margin [s].
+        delta: by which constant factors the nominal inertia may be too large.
+    """
+
+    phase: float
+    delay: float
+    delta: Interval
+
+
 class Noise(NamedTuple):
     """What the counts of an encoder make of v, for white noise of 1 rad on each position.
 
@@ -178,6 +192,19 @@ def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0, member: 
     if not member.printed:
         phase *= tolerated_phase(member) / PRINTED_PHASE
     return min(phase / (1.5 * dt + delay), highest)
+
+
+def worst_margins(tuning: Tuning, member: Member = PRINTED) -> Margins:
+    """Return the least margins of all joints.
+
+    Args:
+        tuning: arrays that broadcast.
+        member: of the family.
+    """
+    every = loops(tuning, member)
+    intervals = [gain_interval(loop) for loop in every]
+    delta = Interval(max(each.lower for each in intervals), min(each.upper for each in intervals))
+    return Margins(min(map(phase_margin, every)), min(map(delay_margin, every)), delta)
 
 
 def peak_sensitivity(loop: Loop) -> float:

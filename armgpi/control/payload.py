@@ -35,6 +35,8 @@ LEAST_DELTA = 0.36
 _PHASE = 0.3
 #: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
 _SLOWEST = 15.0
+#: A load that an arm is likely to carry, as a share of its mass.
+_PLAUSIBLE = 0.05
 #: Configurations at which the mobility is evaluated.
 _CONFIGURATIONS = 512
 #: Configurations of the highest mobility around which others are tried.
@@ -221,6 +223,30 @@ def largest_payload(
         effort=_holdable(robot, frame, com),
         mobility=mobility,
     )
+
+
+class PlausibleLoad(NamedTuple):
+    """A load that an arm is likely to carry.
+
+    Attributes:
+        mass: 5 % of the arm's [kg].
+        delta: least eigenvalue of D^-1 D^ with it, of a nominal model without.
+    """
+
+    mass: float
+    delta: float
+
+
+def plausible_load(robot: Robot, mobility: float | None = None) -> PlausibleLoad:
+    """Return the load that an arm is likely to carry at its tip, and what it does to the loop.
+
+    Args:
+        robot: the arm without load.
+        mobility: of its tip [1/kg], if it is known.
+    """
+    mass = _PLAUSIBLE * robot.total_mass
+    mobility = _mobility(robot, robot.tip, np.zeros(3)) if mobility is None else mobility
+    return PlausibleLoad(mass, 1.0 / (1.0 + mass * mobility))
 
 
 def _check_robot(robot: Robot) -> None:

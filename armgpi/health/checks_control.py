@@ -10,6 +10,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.control.gains import Tuning, betas
 from armgpi.control.margins import SLOWEST_DEFAULT, slow_default
+from armgpi.control.untuned import COUNT_SHARE
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
 
@@ -22,8 +23,6 @@ _UNSTABLE = 16.0 / 15.0
 #: Configurations at which that is computed, step of the differences [rad or m], most of the delay margin
 #: (0.356) that a higher bandwidth may be proposed to use.
 _CONFIGURATIONS, _STEP, _MOST_PHASE = 50, 1e-4, 0.2
-#: One count of an encoder may cost this share of the torque.
-_COUNT_SHARE = 0.05
 
 
 @check("mass", "a joint that carries less than 0.1 g of its own", "warning")
@@ -204,14 +203,14 @@ def bandwidth(subject: Subject) -> Iterator[Finding]:
         yield Finding("warning", "loop", said, subject.omega, SLOWEST_DEFAULT, "sample faster")
 
 
-@check("encoder", "the default bandwidth costs more than 5 % of the torque per count", "warning", "info")
+@check("encoder", "the default bandwidth costs more than 1 % of the torque per count", "warning", "info")
 def encoder(subject: Subject) -> Iterator[Finding]:
     """Find joints whose encoder is too coarse for the default bandwidth."""
     omega, allowed = subject.omega, omega_of_encoder(subject)
     for j, name in enumerate(subject.robot.joint_names):
         if allowed[j] < omega:
             message = (
-                f"one count of a {subject.encoder_bits}-bit encoder costs more than {100 * _COUNT_SHARE:g} % "
+                f"one count of a {subject.encoder_bits}-bit encoder costs more than {100 * COUNT_SHARE:g} % "
                 f"of its torque above omega_c = {allowed[j]:.3g} rad/s, and the default is {omega:.3g}"
             )
             level: Level = "warning" if allowed[j] < 0.5 * omega else "info"
@@ -229,6 +228,6 @@ def omega_of_encoder(subject: Subject) -> Array:
     most = np.diagonal(subject.inertia, axis1=1, axis2=2).max(axis=0)
     count = robot.encoder_count(subject.encoder_bits)
     # Roots apart: a limit of 1e308 would overflow.
-    result: Array = np.sqrt(_COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * count)
+    result: Array = np.sqrt(COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * count)
     result[robot.limits.effort == 0.0] = math.inf  # the check of the effort reports it
     return result

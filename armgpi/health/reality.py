@@ -1,9 +1,11 @@
 """What laws come to on arms as they may really be: draws of a reality, counted by what went wrong.
 
 A rollout is *lost* when it diverged, its error passed 0.5 rad, or 0.1 rad in the last 1.2 s. One that is not
-lost is *hunting* when a joint moves by more than four encoder counts and 0.5 mrad in that time. It *chatters*
+lost is *hunting* when a joint moves by more than four encoder counts and 0.5 mrad in that time; it is
+*swinging* when a joint also comes back by as much, and not only creeps where friction lets it. It *chatters*
 when a joint's torque changes by more than 1 % of its effort from sample to sample in that time, on average.
-(m instead of rad for prismatic joints.)
+(m instead of rad for prismatic joints.) A draw is *feasible* when its motors can give what it takes to follow
+the reference exactly; no law can follow one that is not.
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ LOST_PEAK, LOST_END, END = 0.5, 0.1, 1.2
 HUNTING, HUNTING_COUNTS = 5e-4, 4.0
 #: Mean step of torque at the end that is chatter, as a share of the effort.
 CHATTER = 0.01
+#: Moments at which the torque that a move takes is looked at.
+_MOMENTS = 301
 #: Arms that are part of a larger robot belong to the family of the arm.
 _FAMILIES = {"anymal": "kinova", "b1": "z1"}
 #: The first draws of two arms are so many draws apart, or a multiple.
@@ -50,19 +54,28 @@ class Outcome(NamedTuple):
         arm: its name.
         index: of the draw.
         lost: whether the arm was lost.
-        hunting: whether it moves to and fro at rest.
+        hunting: whether it moves at rest.
+        swinging: whether it moves to and fro at rest.
         chatter: whether its torque does.
         peak: largest error [rad or m]; infinite where it diverged.
         itae: sum of the joints' ITAE [rad s^2 or m s^2], likewise.
+        demand: largest share of a motor's torque that following takes [-]; above 1 nothing can.
     """
 
     arm: str
     index: int  # type: ignore[assignment]
     lost: bool
     hunting: bool
+    swinging: bool
     chatter: bool
     peak: float
     itae: float
+    demand: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the motors can follow the reference."""
+        return self.demand <= 1.0
 
 
 class Interval(NamedTuple):
@@ -161,18 +174,41 @@ def outcomes(
 
 def outcome(rollout: xr.Dataset, draw: Draw, name: str = "") -> Outcome:
     """Return what came out of one rollout of a draw."""
+    needed = demand(draw)
     if int(rollout["status"]) == Status.DIVERGED:
-        return Outcome(name, draw.index, True, False, False, math.inf, math.inf)
+        return Outcome(name, draw.index, True, False, False, False, math.inf, math.inf, needed)
     error = np.abs((rollout["q"] - rollout["q_ref"]).values)
     time = rollout["time"].values
     end = time > time[-1] - END
     peak = float(error.max())
     lost = peak > LOST_PEAK or float(error[end].max()) > LOST_END
-    hunting = not lost and bool((np.ptp(rollout["q"].values[end], axis=0) > _still(draw)).any())
+    rest, still = rollout["q"].values[end], _still(draw)
+    moved = np.ptp(rest, axis=0)
+    back = moved - np.abs(rest[-1] - rest[0])
     steps = np.abs(np.diff(rollout["tau"].values[end], axis=0)).mean(axis=0)
-    chatter = bool((steps > CHATTER * draw.scale).any())
-    itae = float(metrics.itae(rollout).sum())
-    return Outcome(name, draw.index, lost, hunting, chatter, peak, itae)
+    return Outcome(
+        name,
+        draw.index,
+        lost,
+        hunting=not lost and bool((moved > still).any()),
+        swinging=not lost and bool((back > still).any()),
+        chatter=bool((steps > CHATTER * draw.scale).any()),
+        peak=peak,
+        itae=float(metrics.itae(rollout).sum()),
+        demand=needed,
+    )
+
+
+def demand(draw: Draw) -> float:
+    """Return the largest share of a motor's torque that following the reference exactly takes."""
+    time = np.linspace(0.0, draw.t_final, _MOMENTS)
+    target = draw.reference.at(time)
+    tau = draw.arm.inverse_dynamics(target.q, target.v, target.a)
+    if draw.friction is not None:
+        tau = tau + draw.friction.viscous * target.v + draw.friction.coulomb * np.sign(target.v)
+    begin, end = draw.step_time
+    pushed = tau + np.outer((time >= begin) & (time <= end), draw.torque_step)
+    return float((np.maximum(np.abs(tau), np.abs(pushed)) / draw.effort).max())
 
 
 def _still(draw: Draw) -> Array:
@@ -228,20 +264,25 @@ def experiments(
 def known(law: Mapping[str, Any]) -> str:
     """Return in words what a law measures and knows, by its section of an experiment file."""
     kind = KINDS[law["type"]].law
-    return describe_measurement(kind.measurement_type.__name__, kind.knows)
+    fed = "model" if law["type"] == "untuned" else law.get("feedforward", "none")
+    knows = kind.knows if fed == "none" else fed
+    return describe_measurement(kind.measurement_type.__name__, knows)
 
 
 def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> str:
     """Return outcomes, in groups, as a Markdown table with 95 % intervals of the shares."""
-    header = (heading, "draws", "lost [%]", "hunting [%]", "chatter [%]", "median peak", "median ITAE")
+    shares = ("lost", "hunting", "swinging", "chatter")
+    names = (*shares[:1], "lost where feasible", *shares[1:])
+    header = (heading, "draws", *(f"{name} [%]" for name in names), "median peak", "median ITAE")
     lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
     for label, found in groups.items():
-        shares = (_share([getattr(each, name) for each in found]) for name in ("lost", "hunting", "chatter"))
+        columns = {name: _share([getattr(each, name) for each in found]) for name in shares}
+        columns["lost where feasible"] = _share([each.lost for each in found if each.feasible])
         medians = (
             metrics.short(float(np.median([getattr(each, name) for each in found])) if found else None, 3)
             for name in ("peak", "itae")
         )
-        lines.append((label, str(len(found)), *shares, *medians))
+        lines.append((label, str(len(found)), *(columns[name] for name in names), *medians))
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import check_number, check_path, check_type, check_whole
-from armgpi.control.payload import largest_payload
+from armgpi.control.gpi import GPI
+from armgpi.control.payload import largest_payload, plausible_load
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.escape import html_table
 from armgpi.health import checks_control, findings
@@ -28,9 +29,8 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
-#: A load that an arm is likely to carry, as a share of its mass, the delta that it should leave, and the one
-#: below which GPI is unstable.
-_PLAUSIBLE, _LEAST_DELTA, _UNSTABLE_DELTA = 0.05, 0.5, 0.36
+#: Delta that a load should leave that an arm is likely to carry, and the one below which GPI is unstable.
+_LEAST_DELTA, _UNSTABLE_DELTA = 0.5, 0.36
 
 
 @dataclass(frozen=True)
@@ -160,11 +160,10 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
-    plausible = _PLAUSIBLE * report.robot.total_mass
-    delta = 1.0 / (1.0 + plausible * most.mobility)
+    plausible, delta = plausible_load(report.robot, most.mobility)
     if delta < _LEAST_DELTA:
         message = (
-            f"{plausible:.2g} kg at {report.robot.tip!r}, {100 * _PLAUSIBLE:g} % of the arm's mass, makes a "
+            f"{plausible:.2g} kg at {report.robot.tip!r}, 5 % of the arm's mass, makes a "
             f"nominal D(q) without it {delta:.2g} of the true one; GPI is stable above 0.36"
         )
         repair = "tell the controller of the load (payload range), and of the rotor inertia"
@@ -209,6 +208,28 @@ def _facts(subject: Subject) -> dict[str, Any]:
             "encoder_bits": subject.encoder_bits,
             "omega_c": subject.omega,
         },
+        "untuned": _untuned(subject),
+    }
+
+
+def _untuned(subject: Subject) -> dict[str, Any] | None:
+    """Return what GPI takes for the arm when nobody tunes it, and what its loops tolerate."""
+    dt, bits = subject.dt, subject.encoder_bits
+    if not (subject.robot.limits.effort > 0.0).all():
+        return None  # the check of the effort reports it
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
+        law = GPI.untuned(subject.robot, dt, delay=subject.delay * dt, bits=bits)
+    margins, torque = law.margins(), law.count_torque(bits)
+    return {
+        "integrators": law.integrators,
+        "rolloff": law.rolloff,
+        "omega_c": law.gains.nominal().omega_c.tolist(),
+        "phase_margin": margins.phase,
+        "delay_margin": margins.delay,
+        "delta": list(margins.delta),
+        "count_torque": torque.tolist(),
+        "count_share": (torque / law.effort).tolist(),
     }
 
 

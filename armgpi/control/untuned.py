@@ -1,0 +1,177 @@
+"""What GPI takes for an arm that nobody tuned: a member of the family and its numbers, by a rule.
+
+The rule looks at what is known before the first run: the nominal model with its efforts, the sample time, the
+delay and the encoders. A joint is as fast as the first of three things allows: the crossover frequency beyond
+which arms are not stiff, a share of the loop's delay margin, and what encoder counts make of the torque. Its
+numbers were chosen on half of the arms of example-robot-data and judged on the others (docs, zoo).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from armgpi.arrays import Array, as_float_array, check_number
+from armgpi.control.family import Member
+from armgpi.control.gains import FixedGains, Tuning
+from armgpi.control.margins import (
+    count_noise,
+    crossovers,
+    loops,
+    tolerated_phase,
+)
+from armgpi.control.payload import LoadRange
+from armgpi.errors import ParameterError
+from armgpi.parameter import with_parameters
+from armgpi.registry import Context
+from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: The member: one integrator, and one pole of roll-off so many times as fast as the others.
+INTEGRATORS, ROLLOFF, RATIO = 1, 1, 4.0
+#: Highest crossover frequency [rad/s]; that of the printed law at 30 rad/s is 56. Arms are not stiff beyond.
+CROSSOVER = 70.0
+#: Share of the delay margin that computation, hold and transport may take.
+DELAY_SHARE = 0.8
+#: Standard deviation of the torque's step between samples at rest, as a share of the effort.
+TORQUE_SHARE = 0.007
+#: Share of a joint's effort by which one count may move its torque at once, before it is warned of.
+COUNT_SHARE = 0.01
+#: Error that is not integrated while the reference rests [rad or m].
+REST_ZONE = 3e-4
+#: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
+_MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
+#: Configurations over which inertia and gravity are taken.
+_CONFIGURATIONS = 50
+#: What chooses the member of the family, in the order of :class:`armgpi.control.family.Member`.
+MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
+
+
+def member(given: Mapping[str, Any]) -> Member:
+    """Return the member of the family that parameters of a controller choose."""
+    return Member(**{name: given[name] for name in MEMBER if name in given})
+
+
+def untuned(
+    robot: AnyRobot,
+    dt: float,
+    delay: float = 0.0,
+    bits: Any = None,
+    given: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return parameters of :class:`armgpi.GPI` and `omega_c` [rad/s] for an arm that nobody tuned.
+
+    Args:
+        robot: nominal model; friction that it was given, besides the URDF's, is fed forward.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); None for
+            exact positions.
+        given: parameters that are chosen already; the others suit them.
+
+    Returns:
+        name -> value, without those given; `omega_c` of shape (n,) or (batch, n).
+
+    Raises:
+        ParameterError: when a number is out of its range.
+        PayloadError: when no bandwidth serves the loads given.
+    """
+    chosen: dict[str, Any] = {
+        "integrators": INTEGRATORS,
+        "rolloff": ROLLOFF,
+        "rolloff_ratio": RATIO,
+        "feedforward": "model",
+        "friction_feedforward": _knows_friction(robot),
+        "rest_dead_zone": REST_ZONE,
+    }
+    given = given or {}
+    law = member({**chosen, **given})
+    omega: Array = _fastest(law, dt, delay) * np.ones(robot.n)
+    loads = given.get("payload")
+    if isinstance(loads, LoadRange):
+        omega = np.minimum(omega, loads.found(robot, dt, delay, member=law).omega_c)
+    if bits is not None:
+        omega = omega * np.minimum(1.0, _quietness(robot, dt, law, omega, bits))
+    chosen["omega_c"] = omega
+    return {name: value for name, value in chosen.items() if name not in given}
+
+
+def _fastest(law: Member, dt: float, delay: float) -> float:
+    """Return the bandwidth that stiffness of the arm and lateness of the loop allow [rad/s]."""
+    dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
+    delay = check_number(delay, "delay", "zero or positive [s]")
+    one = np.ones(1)
+    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(one, one, one), law))
+    return min(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / (1.5 * dt + delay))
+
+
+def _quietness(robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any) -> Array:
+    """Return by what factor joints must be slower than `omega` to be quiet, (n,) or (batch, n).
+
+    The step of the torque grows with the third power of the bandwidth, to within a few per cent.
+    """
+    bits = as_float_array(bits, "bits")
+    if not ((bits >= 1.0) & (bits <= 52.0)).all():
+        raise ParameterError("bits", bits, "1 to 52 bits")
+    slowest = float(np.min(omega))
+    fast = [None if x is None else float(np.max(x)) for x in law.ratios]
+    loudest = Member(law.integrators, law.rolloff, fast[0] or 1.0, fast[1], fast[2])
+    one = Tuning(*map(np.array, (slowest, 1.0, slowest)))
+    step = count_noise(one, dt, loudest).step / math.sqrt(12.0) * (omega / slowest) ** 3
+    noise = step * robot.encoder_count(bits)
+    return np.asarray(np.cbrt(TORQUE_SHARE * _of_each(robot, _least_acceleration) / noise))
+
+
+def usual_effort(robot: Robot) -> Array:
+    """Return the effort that an arm is moved with [N m or N], (n,): its limit, or five times its gravity.
+
+    Motors of some arms could lift it many times: it would shake under what is little to them.
+    """
+    gravity = np.abs(robot.gravity(_configurations(robot))).max(axis=0)
+    floor = np.maximum(gravity, _LEAST_GRAVITY * gravity.max())
+    most = np.where(floor > 0.0, _MOST_EFFORT * floor, math.inf)
+    limit = robot.limits.effort
+    return np.where(np.isfinite(np.minimum(limit, most)), np.minimum(limit, most), 1.0)
+
+
+def _least_acceleration(robot: Robot) -> Array:
+    """Return the least acceleration of each joint that takes a joint's usual effort, (n,)."""
+    return np.asarray(1.0 / (most_inertia(robot) / usual_effort(robot)[:, np.newaxis]).max(axis=0))
+
+
+def most_inertia(robot: Robot) -> Array:
+    """Return the largest absolute entries of D(q) at random configurations, always the same, (n, n)."""
+    return np.asarray(np.abs(robot.mass_matrix(_configurations(robot))).max(axis=0))
+
+
+def _configurations(robot: Robot) -> Array:
+    return random_configurations(robot, _CONFIGURATIONS, seed=0)
+
+
+def _of_each(robot: AnyRobot, of: Callable[[Robot], Array]) -> Array:
+    """Return something of a robot, (n,), or of each of a batch, (batch, n)."""
+    if isinstance(robot, RobotBatch):
+        return np.stack([of(each) for each in robot.robots])
+    return of(robot)
+
+
+def _knows_friction(robot: AnyRobot) -> bool:
+    """Tell whether friction was given: what URDFs state is not measured."""
+    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+    return all(any("friction" in change for change in each.provenance["changes"]) for each in robots)
+
+
+@with_parameters
+class Untuned(FixedGains):
+    """Fixed gains that an experiment takes from the rule, as it does the member and the feedforward."""
+
+    config_name: ClassVar[str | None] = "untuned"
+
+    @classmethod
+    def chosen(cls, context: Context) -> dict[str, Any]:
+        """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
+        return untuned(context.nominal, context.dt, context.delay, context.bits, context.given)
