@@ -146,17 +146,30 @@ def _note_gripper(experiment: Experiment) -> None:
 
 
 def _warn_of_weak_motors(experiment: Experiment) -> None:
-    """Say where the reference leads to configurations at which gravity exceeds a joint's effort limit."""
+    """Say where the reference asks a joint for more torque than it has, to hold the arm or to move it."""
     import numpy as np
 
+    robot = experiment.plant.robot
     times = np.linspace(0.0, experiment.t_final, _LOOKS)
-    weak = experiment.plant.robot.overloaded(experiment.reference.at(times).q)
+    target = experiment.reference.at(times)
+    weak = robot.overloaded(target.q)
     if weak is not None:
         needed = abs(weak.torque)
         say(
             f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold the "
             f"arm where the reference is, and has effort limit {weak.effort:g}: it cannot hold it; go "
             f"elsewhere, or give what its motor can: --effort {weak.joint}={1.5 * needed:.3g}",
+            err=True,
+            fg="yellow",
+        )
+        return
+    share = np.abs(robot.inverse_dynamics(*target)) / robot.limits.effort
+    at, j = np.unravel_index(int(np.argmax(share)), share.shape)
+    if share[at, j] > 1.0:
+        joint, limit = robot.joint_names[j], robot.limits.effort[j]
+        say(
+            f"warning: at {times[at]:.3g} s joint {joint!r} needs {share[at, j] * limit:.4g} to follow the "
+            f"reference, and has effort limit {limit:g}: it cannot follow; go slower: --duration",
             err=True,
             fg="yellow",
         )

@@ -156,12 +156,12 @@ def _show_untuned(console: Any, law: dict[str, Any], names: list[str]) -> None:
     slowest, fastest = min(law["omega_c"]), max(law["omega_c"])
     shares = law["count_share"]
     j = shares.index(max(shares))
+    phase, delay, (low, high) = law["phase_margin"], law["delay_margin"], law["delta"]
     console.print(
-        f"untuned: omega_c = {slowest:.3g} to {fastest:.3g} rad/s with {law['integrators']} integrator "
-        f"and a roll-off of {law['rolloff']}; phase margin {math.degrees(law['phase_margin']):.3g} deg, stable for "
-        f"delta {law['delta'][0]:.2g} to {law['delta'][1]:.2g}, "
-        f"delay margin {1e3 * law['delay_margin']:.3g} ms; a count moves the torque of {shown(names[j])} by {law['count_torque'][j]:.2g}, "
-        f"{100 * shares[j]:.2g} % of its effort"
+        f"untuned: {law['integrators']} integrator, roll-off {law['rolloff']}, omega_c = {slowest:.3g} to "
+        f"{fastest:.3g} rad/s; phase margin {math.degrees(phase):.3g} deg, stable for delta {low:.2g} to "
+        f"{high:.2g}, delay margin {1e3 * delay:.3g} ms; one count moves the torque of {shown(names[j])} by "
+        f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort"
     )
 
 

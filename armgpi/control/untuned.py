@@ -9,6 +9,7 @@ numbers were chosen on half of the arms of example-robot-data and judged on the 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
@@ -18,13 +19,14 @@ from armgpi.arrays import Array, as_float_array, check_number
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Tuning
 from armgpi.control.margins import (
+    SLOWEST_DEFAULT,
     count_noise,
     crossovers,
     loops,
     tolerated_phase,
 )
-from armgpi.control.payload import LoadRange
-from armgpi.errors import ParameterError
+from armgpi.control.payload import LoadRange, least_delta, plausible_load
+from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import with_parameters
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, RobotBatch
@@ -97,7 +99,30 @@ def untuned(
     if bits is not None:
         omega = omega * np.minimum(1.0, _quietness(robot, dt, law, omega, bits))
     chosen["omega_c"] = omega
+    if isinstance(robot, Robot):
+        _warn(robot, law, omega, loads)
     return {name: value for name, value in chosen.items() if name not in given}
+
+
+def _warn(robot: Robot, law: Member, omega: Array, loads: Any) -> None:
+    """Warn of what will go wrong with an arm."""
+    j = int(np.argmin(omega))
+    if omega[j] < SLOWEST_DEFAULT:
+        warnings.warn(
+            f"sample time, delay and encoders leave joint {robot.joint_names[j]!r} {omega[j]:.3g} rad/s, "
+            f"and below {SLOWEST_DEFAULT:g} an arm follows badly; sample faster, or finer",
+            ArmgpiWarning,
+            stacklevel=4,
+        )
+    mass, delta = plausible_load(robot)
+    if loads is None and delta < least_delta(law):
+        warnings.warn(
+            f"{mass:.2g} kg at {robot.tip!r}, 5 % of the arm's mass, would make the nominal inertia "
+            f"{delta:.2g} of the true one, and the loop is stable above {least_delta(law):.2g}; tell the "
+            "controller of the load (payload), or of the rotor inertia that URDFs leave out (with_armature)",
+            ArmgpiWarning,
+            stacklevel=4,
+        )
 
 
 def _fastest(law: Member, dt: float, delay: float) -> float:

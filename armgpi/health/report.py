@@ -29,7 +29,8 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
-#: Delta that a load should leave that an arm is likely to carry, and the one below which GPI is unstable.
+#: Delta that a load should leave that an arm is likely to carry, and the one below which the printed law is
+#: unstable.
 _LEAST_DELTA, _UNSTABLE_DELTA = 0.5, 0.36
 
 
