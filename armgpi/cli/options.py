@@ -41,13 +41,17 @@ ConfigFile = Annotated[
 ]
 Controller = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="{controllers}; gpi by default; or a label of the experiment file."),
+    typer.Option(
+        metavar="NAME",
+        help="{controllers}; gpi by default, untuned with an encoder or delay; or a label of the experiment file.",
+    ),
 ]
 Controllers = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help="Which ones of {controllers}: 'gpi,pid' by default; or labels of the experiment file.",
+        help="Which ones of {controllers}: 'gpi,pid' by default, 'untuned,pid' with an encoder or delay; or "
+        "labels of the experiment file.",
     ),
 ]
 To = Annotated[

@@ -84,7 +84,7 @@ def _nominal(names: list[str]) -> _Shown:
 
 
 def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]:
-    """Return what runs draws of a reality under the default law: lost arms are its result, not a failure."""
+    """Return what runs draws of a reality under the rule for untuned arms: lost arms are its result, not a failure."""
     from armgpi.arrays import check_whole
     from armgpi.errors import ParameterError
     from armgpi.health.reality import experiments, markdown
@@ -98,9 +98,13 @@ def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]
 
     def run(names: list[str]) -> _Shown:
         done = experiments(
-            drawn, names, {"gpi": {"type": "gpi"}}, count * len(names), lambda name: say(name, err=True)
+            drawn,
+            names,
+            {"untuned": {"type": "untuned"}},
+            count * len(names),
+            lambda name: say(name, err=True),
         )
-        found = done.found["gpi"]
+        found = done.found["untuned"]
         by_arm = {name: [each for each in found if each.arm == name] for name in names}
         table = markdown({**{name: each for name, each in by_arm.items() if each}, "all": found}, "robot")
         remarks = [f"{name} was not run: {reason}" for name, reason in done.failed.items()]

@@ -137,7 +137,7 @@ def _fastest(law: Member, dt: float, delay: float) -> float:
 def _quietness(robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any) -> Array:
     """Return by what factor joints must be slower than `omega` to be quiet, (n,) or (batch, n).
 
-    The step of the torque grows with the third power of the bandwidth, to within a few per cent.
+    The step of the torque grows with the third power of the bandwidth, to within a tenth.
     """
     bits = as_float_array(bits, "bits")
     if not ((bits >= 1.0) & (bits <= 52.0)).all():

@@ -24,6 +24,9 @@ _UNSTABLE = 16.0 / 15.0
 #: (0.356) that a higher bandwidth may be proposed to use.
 _CONFIGURATIONS, _STEP, _MOST_PHASE = 50, 1e-4, 0.2
 
+#: Share of the torque that one count may cost before it is more than worth knowing.
+_MUCH = 0.2
+
 
 @check("mass", "a joint that carries less than 0.1 g of its own", "warning")
 def light(subject: Subject) -> Iterator[Finding]:
@@ -213,7 +216,8 @@ def encoder(subject: Subject) -> Iterator[Finding]:
                 f"one count of a {subject.encoder_bits}-bit encoder costs more than {100 * COUNT_SHARE:g} % "
                 f"of its torque above omega_c = {allowed[j]:.3g} rad/s, and the default is {omega:.3g}"
             )
-            level: Level = "warning" if allowed[j] < 0.5 * omega else "info"
+            cost = COUNT_SHARE * (omega / allowed[j]) ** 2
+            level: Level = "warning" if cost > _MUCH else "info"
             remedies = (Remedy("omega", (), float(f"{allowed[j]:.2g}")),)
             yield Finding(level, f"joint {name!r}", message, float(allowed[j]), omega, "", remedies)
 

@@ -1,0 +1,151 @@
+"""The rule for arms that nobody tuned: what it promises of margins and noise, and where it is taken."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgpi import (
+    GPI,
+    Bezier,
+    Delayed,
+    Encoder,
+    FixedGains,
+    RigidBodyPlant,
+    Robot,
+    RobotBatch,
+    config,
+    metrics,
+    simulate,
+)
+from armgpi.control import untuned
+from armgpi.control.family import Member
+from armgpi.control.gains import Tuning
+from armgpi.control.margins import count_noise, crossovers, delay_margin, open_loop
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, PayloadError
+
+ARM = Robot.load("anthropomorphic3")
+MEMBER = Member(untuned.INTEGRATORS, untuned.ROLLOFF, untuned.RATIO)
+
+
+def tuning(omega: float) -> Tuning:
+    return Tuning(*map(np.array, (omega, 1.0, omega)))
+
+
+@pytest.mark.parametrize(("dt", "delay"), [(5e-4, 0.0), (1e-3, 1e-3), (4e-3, 4e-3), (4e-3, 12e-3)])
+def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay: float) -> None:
+    law = GPI.untuned(ARM, dt, delay=delay)
+    (omega,) = set(law.gains.nominal().omega_c)
+    loop = open_loop(tuning(omega), MEMBER)
+    used = (
+        crossovers(loop).max() / untuned.CROSSOVER,
+        (1.5 * dt + delay) / delay_margin(loop) / untuned.DELAY_SHARE,
+    )
+    assert max(used) == pytest.approx(1.0)
+    assert law.margins().delay == pytest.approx(delay_margin(loop))
+
+
+@pytest.mark.parametrize("bits", [12, 16, 20])
+def test_counts_make_no_more_noise_than_is_allowed(bits: int) -> None:
+    law = GPI.untuned(ARM, 1e-3, delay=1e-3, bits=bits)
+    count = 2.0 * math.pi / 2**bits / math.sqrt(12.0)
+    noise = [count * count_noise(tuning(omega), 1e-3, MEMBER).step for omega in law.gains.nominal().omega_c]
+    shares = untuned.most_inertia(ARM) * noise / untuned.usual_effort(ARM)[:, np.newaxis]
+    assert shares.max() < 1.1 * untuned.TORQUE_SHARE  # the noise is no exact cube of the bandwidth
+    free = GPI.untuned(ARM, 1e-3, delay=1e-3).gains.nominal().omega_c
+    assert (law.gains.nominal().omega_c <= free).all()
+    assert shares.max() > 0.9 * untuned.TORQUE_SHARE or (law.gains.nominal().omega_c == free).all()
+
+
+def test_what_is_given_stays() -> None:
+    law = GPI.untuned(ARM, 1e-3, bits=16, gains=FixedGains(12.0), integrators=2, feedforward="none")
+    assert (law.integrators, law.rolloff, law.feedforward) == (2, untuned.ROLLOFF, "none")
+    assert set(law.gains.nominal().omega_c) == {12.0}
+    loaded = GPI.untuned(ARM, 1e-3, bits=16, payload=(0.0, 0.2))
+    assert loaded.payload.heaviest == 0.2
+    assert (loaded.gains.nominal().omega_c <= loaded.payload.omega_c).all()
+    assert not GPI.untuned(ARM, 1e-3).friction_feedforward
+    assert GPI.untuned(ARM.with_friction(coulomb=0.1), 1e-3).friction_feedforward
+
+
+def test_a_batch_has_the_rule_of_each() -> None:
+    arms = [ARM, ARM.scaled_inertia(2.0)]
+    both = GPI.untuned(RobotBatch(arms), 1e-3, delay=1e-3, bits=14).gains.nominal().omega_c
+    each = [GPI.untuned(arm, 1e-3, delay=1e-3, bits=14).gains.nominal().omega_c for arm in arms]
+    np.testing.assert_allclose(both, each, rtol=1e-12)
+
+
+def test_an_experiment_takes_it_behind_real_sensors_and_keeps_what_it_chose() -> None:
+    ideal = {"robot": {"name": "anthropomorphic3"}}
+    real: dict[str, Any] = {**ideal, "plant": {"encoder_bits": 16, "delay": 1}}
+    (section,) = config.check(ideal, config.Origin()).controllers
+    assert section.type == "gpi"
+    built = config.build(config.check(real, config.Origin()))
+    law = built.controllers["untuned"]
+    assert isinstance(law, GPI)
+    direct = GPI.untuned(ARM, 1e-3, delay=1e-3, bits=16)
+    np.testing.assert_array_equal(law.gains.nominal(), direct.gains.nominal())
+    assert (law.integrators, law.rolloff, law.feedforward, law.knows) == (1, 1, "model", "model")
+    (section,) = built.config.controllers
+    assert (section.integrators, section.feedforward) == (1, "model")
+    again = config.build(built.config).controllers["untuned"]
+    np.testing.assert_array_equal(law.gains.nominal(), again.gains.nominal())  # type: ignore[attr-defined]
+    own = {"type": "untuned", "omega": 9.0, "rolloff": 0}
+    chosen = config.build(config.check({**real, "controllers": [own]}, config.Origin())).controllers[
+        "untuned"
+    ]
+    assert (chosen.rolloff, chosen.integrators) == (0, 1)  # type: ignore[attr-defined]
+    assert set(chosen.gains.nominal().omega_c) == {9.0}  # type: ignore[attr-defined]
+
+
+def test_one_count_moves_the_torque_by_what_is_said() -> None:
+    law = GPI.untuned(ARM, 1e-3, bits=16)
+    torque = law.count_torque(16)
+    omega = law.gains.nominal().omega_c
+    own = [count_noise(tuning(w), 1e-3, MEMBER).at_once * 2.0 * math.pi / 2**16 for w in omega]
+    np.testing.assert_allclose(torque, (untuned.most_inertia(ARM) * own).max(axis=1), rtol=1e-12)
+    with pytest.raises(ParameterError, match="a single Robot"):
+        GPI.untuned(RobotBatch([ARM, ARM]), 1e-3).count_torque(16)
+
+
+def test_what_will_go_wrong_is_said() -> None:
+    with pytest.warns(ArmgpiWarning, match="leave joint 'q1'.*sample faster"):
+        GPI.untuned(ARM, 1e-2, delay=3e-2)
+    light = Robot.load("hextilt_arm")
+    with pytest.warns(ArmgpiWarning, match="5 % of the arm's mass"):
+        GPI.untuned(light, 1e-3)
+    GPI.untuned(light, 1e-3, payload=(0.0, 0.0))  # tests fail on warnings
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "named"),
+    [
+        ({"dt": 0.0}, ParameterError, "dt"),
+        ({"delay": -1.0}, ParameterError, "delay"),
+        ({"bits": 0}, ParameterError, "bits"),
+        ({"bits": "many"}, ArmgpiError, "bits"),
+        ({"robot": 3}, ParameterError, "robot"),
+        ({"payload": 1.0}, ParameterError, "payload"),
+        ({"payload": (0.0, 50.0)}, PayloadError, "no bandwidth serves"),
+        ({"integrators": 4}, ParameterError, "integrators"),
+    ],
+)
+def test_what_cannot_be_is_refused(given: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
+    with pytest.raises(error, match=named):
+        GPI.untuned(**{"robot": ARM, "dt": 1e-3, **given})
+
+
+@pytest.mark.slow
+def test_a_panda_behind_16_bits_and_a_sample_of_delay_moves_quietly_and_well() -> None:
+    panda = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
+    q0 = panda.middle()
+    real = RigidBodyPlant(panda.with_payload("panda_hand", 0.25))
+    law = GPI.untuned(panda, 1e-3, delay=1e-3, bits=16)
+    plant = Delayed(Encoder(real, 16), 1)
+    rollout = simulate(plant, law, Bezier(q0, q0 + 0.5, 3.0), 8.0, progress=False)
+    assert np.abs(np.diff(rollout["tau"].values, axis=0)).max() < 1.0  # [N m] per ms; 4.0 for the printed law
+    assert float(metrics.itae(rollout).sum()) < 0.0103
+    assert float(metrics.peak_error(rollout).max()) < 0.002
