@@ -254,7 +254,8 @@ def test_effort_limits_can_be_given() -> None:
 
 
 def test_the_controllers_know_the_delay_and_not_the_load() -> None:
-    text = "plant: {delay: 3, payload: {mass: 0.5}, rotor_inertia: 0.01}\nsample_time: 2e-3"
+    plant = "plant: {delay: 3, payload: {mass: 0.5}, rotor_inertia: 0.01}"
+    text = f"controllers: [{{type: gpi}}]\n{plant}\nsample_time: 2e-3"
     built = build(ARM + text)
     controller = built.controllers["gpi"]
     assert controller.delay == 6e-3

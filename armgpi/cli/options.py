@@ -43,7 +43,7 @@ Controller = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="{controllers}; gpi by default, untuned with an encoder or delay; or a label of the experiment file.",
+        help="{controllers}; or a label of the file. Default: gpi, or untuned with an encoder or delay.",
     ),
 ]
 Controllers = Annotated[

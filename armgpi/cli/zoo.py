@@ -84,7 +84,7 @@ def _nominal(names: list[str]) -> _Shown:
 
 
 def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]:
-    """Return what runs draws of a reality under the rule for untuned arms: lost arms are its result, not a failure."""
+    """Return what runs draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
     from armgpi.arrays import check_whole
     from armgpi.errors import ParameterError
     from armgpi.health.reality import experiments, markdown
