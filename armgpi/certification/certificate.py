@@ -21,6 +21,7 @@ from armgpi.arrays import Array, check_path
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.numbers import Numbers, searched
+from armgpi.certification.proofs import proved
 from armgpi.certification.reasons import beyond, unsolved
 from armgpi.certification.solve import Solution, solve
 from armgpi.certification.words import table
@@ -140,12 +141,16 @@ class Certificate:
         return Certificate(data)
 
 
-def certify(robot: Robot, dt: float = 1e-3, **options: Any) -> Certificate:
+def certify(
+    robot: Robot, dt: float = 1e-3, *, prove: bool = False, budget: float = 30.0, **options: Any
+) -> Certificate:
     """Return a certificate for a GPI controller on an arm, or why there is none.
 
     Args:
         robot: the arm without load, with the rotor inertia that it has.
         dt: sample time [s].
+        prove: whether to prove the numbers of the arm where that takes no longer than `budget`.
+        budget: time for each number [s].
         **options: of :func:`armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
             `payload` (lightest and heaviest load [kg]), `box` (see :func:`armgpi.certification.box.box_of`),
             `radius` (how far the arm may be from its reference [rad or m]), `velocity` and `acceleration` of
@@ -159,7 +164,8 @@ def certify(robot: Robot, dt: float = 1e-3, **options: Any) -> Certificate:
         BackendError: when Clarabel is not installed.
     """
     asked = ask(robot, dt, **options)
-    return certificate(asked, searched(asked.setting))
+    numbers = proved(asked.setting, budget=budget) if prove else searched(asked.setting)
+    return certificate(asked, numbers)
 
 
 def certificate(asked: Asked, found: Numbers) -> Certificate:

@@ -61,6 +61,12 @@ _Ahead = Annotated[str, typer.Option(metavar="NAME", help="Feedforward: none, gr
 _Friction = Annotated[
     bool, typer.Option("--friction", metavar=opt.FLAG, help="The URDF's joint friction disturbs.")
 ]
+_Prove = Annotated[
+    bool,
+    typer.Option(
+        "--prove", metavar=opt.FLAG, help="Prove the numbers of the arm, as far as 30 s for each do."
+    ),
+]
 _Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
 ]
@@ -96,6 +102,7 @@ def certify(
     effort: opt.Effort = None,
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,
+    prove: _Prove = False,
     out: _Out = None,
     as_json: opt.Json = False,
 ) -> None:
@@ -127,6 +134,7 @@ def certify(
         delay=delay,
         bits=encoder_bits,
         friction=friction,
+        prove=prove,
     )
     if out is not None:
         write(out, found.text, "--out")

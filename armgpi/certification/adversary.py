@@ -1,0 +1,125 @@
+"""The worst that a search finds, to hold against a certificate: torques that switch at the worst times.
+
+At a frozen configuration the loop is linear, and the worst course of a bounded torque is known: it switches
+with the sign of the impulse response, whose sum of sizes is the error that it leads to. The search is for
+the configuration and the load; :func:`attack` then runs that torque through the whole arm's simulation.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.certification import check_certificate
+from armgpi.certification.asked import Asked, law_of
+from armgpi.certification.numbers import resting, slopes
+from armgpi.loop.simulation import simulate
+from armgpi.plants.loads import Load
+from armgpi.plants.rigid_body import RigidBodyPlant
+from armgpi.plants.sensors import Delayed
+from armgpi.references.reference import Hold
+from armgpi.robot.robot import Robot
+
+checker: Any = check_certificate  # generic over number types, so without annotations
+
+
+class Worst(NamedTuple):
+    """The worst case that was found of one joint.
+
+    Attributes:
+        error: over the size of a torque on that joint [rad/(N m)].
+        q: configuration [rad or m], shape (n,).
+        arm: the true arm with its load.
+        response: of the joint's error to its torque in one sample [rad/(N m)], shape (samples,).
+    """
+
+    error: float
+    q: Array
+    arm: Robot
+    response: Array
+
+
+class Switched(Load):
+    """A torque on one joint that switches between its two ends at given samples."""
+
+    def __init__(self, joint: int, n: int, signs: Array, size: float, dt: float) -> None:
+        """Take the signs at the samples, and the size [N m or N]."""
+        self.course = np.zeros((len(signs) + 1, n))
+        self.course[:-1, joint] = size * signs
+        self.dt = dt
+
+    def torque(self, t: Any) -> Array:
+        """Return the torque at times [s]; see :meth:`Load.torque`."""
+        t = np.asarray(t)  # its last axis stands for the joints
+        sample = np.floor((t[..., 0] if t.ndim else t) / self.dt + 1e-6).astype(int)
+        return np.asarray(self.course[np.clip(sample, 0, len(self.course) - 1)])
+
+    def describe(self) -> dict[str, Any]:
+        """Return what it is as plain data."""
+        return {"type": type(self).__name__}
+
+
+def worst(asked: Asked, count: int = 100, samples: int = 1000, seed: int = 0) -> list[Worst]:
+    """Return the worst case of each joint over random configurations, corners of the box and both loads."""
+    setting, n = asked.setting, asked.robot.n
+    rng = np.random.default_rng(seed)
+    share = rng.random((count, n))
+    share = np.where(rng.random((count, 1)) < 0.3, np.rint(share), share)
+    found: list[Worst | None] = [None] * n
+    for arm in setting.arms:
+        for q in setting.lower + share * (setting.upper - setting.lower):
+            responses = impulses(asked, arm, q, samples)
+            for j, error in enumerate(np.abs(responses).sum(axis=1)):
+                best = found[j]
+                if best is None or error > best.error:
+                    found[j] = Worst(float(error), q, arm, responses[j])
+    return [each for each in found if each is not None]
+
+
+def impulses(asked: Asked, arm: Robot, q: Array, samples: int) -> Array:
+    """Return each joint's response to its own torque of one sample, the arm frozen at q: (n, samples)."""
+    law, n = law_of(asked), arm.n
+    exact = checker.exact(law)
+    omega, h = float(exact["omega"][0]), float(exact["sample_time"])
+    order, _, powers = checker.units(exact)
+    theta = exact["omega"][0] * exact["sample_time"]
+    A, _, Y = (np.array(x, dtype=float) for x in checker.loop(exact, theta))
+    scale = omega ** np.array(powers, dtype=float)
+    A, Y = scale[:, None] * A / scale, omega**2 * Y / scale
+    at, setting = q[None], asked.setting
+    v = np.repeat(resting(setting, arm, at), 4 * n, axis=0)
+    stiffness = slopes(arm.gravity, at) - slopes(lambda x: setting.nominal.inertia_times(x, v), at)
+    inverse = np.linalg.inv(arm.mass_matrix(q))
+    push = np.zeros(order)
+    push[:2] = 0.5 * h * h, h
+    past = np.eye(order)[order - 1 if asked.delay else 0]
+    acts = np.kron(Y, inverse @ setting.nominal.mass_matrix(q)) - np.kron(past, inverse @ stiffness[0].T)
+    whole = np.kron(A, np.eye(n)) + np.kron(push[:, None], np.eye(n)) @ acts
+    state = np.kron(push[:, None], inverse)
+    out = np.empty((n, samples))
+    for k in range(samples):
+        out[:, k] = np.diagonal(state[:n])
+        state = whole @ state
+    return out
+
+
+def attack(asked: Asked, joint: int, case: Worst, size: float) -> float:
+    """Return the error over the torque [rad/(N m)] that the worst torque leads to in the simulated arm.
+
+    Args:
+        asked: what the certificate is for.
+        joint: on which the torque acts.
+        case: from :func:`worst`.
+        size: of the torque [N m or N].
+    """
+    h = asked.controller.dt
+    rest = round(2.0 / h)
+    signs = np.concatenate([np.zeros(rest), np.sign(case.response[::-1])])
+    plant: Any = RigidBodyPlant(case.arm, loads=[Switched(joint, case.arm.n, signs, -size, h)])
+    if asked.delay:
+        plant = Delayed(plant, asked.delay)
+    rollout = simulate(plant, asked.controller, Hold(case.q), h * (len(signs) + 1), progress=False)
+    e = np.abs(rollout["q"].values - rollout["q_ref"].values)[rest:, joint]
+    return float(e.max()) / size
