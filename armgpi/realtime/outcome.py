@@ -118,7 +118,7 @@ class Outcome(NamedTuple):
         """Return everything but the rollout as plain data.
 
         Args:
-            simulated: the same loop by :func:`armgpi.simulate`, to compare errors with.
+            simulated: the same loop by :func:`armgpi.simulate`, to compare errors with, as long as this one.
         """
         found: dict[str, Any] = {
             **self.made_from,
@@ -134,7 +134,7 @@ class Outcome(NamedTuple):
             "error": _errors(self.rollout),
         }
         if simulated is not None:
-            found["error_simulated"] = _errors(simulated)
+            found["error_simulated"] = _errors(simulated.isel(time=slice(self.rollout.sizes["time"])))
             found["error_ratio"] = {
                 name: value / found["error_simulated"][name] if found["error_simulated"][name] else None
                 for name, value in found["error"].items()

@@ -299,7 +299,7 @@ def _controller_process(
         wire.bind(("127.0.0.1", 0))
         granted = _real_time(policy, _CONTROLLER)
         pipe.send(("ready", wire.getsockname()))
-        took = _answering(end, wire, len(q))
+        took = _answering(end, wire, len(q), pipe)
         told = {"filled": end.filled, "steps": np.array(took), "granted": granted, "fault": end.fault}
         pipe.send(("done", told))
     except Exception as error:
@@ -307,10 +307,13 @@ def _controller_process(
             pipe.send(("error", error if isinstance(error, ArmgpiError) else repr(error)))
 
 
-def _answering(end: ControllerEnd, wire: socket.socket, n: int) -> list[float]:
+def _answering(end: ControllerEnd, wire: socket.socket, n: int, pipe: Connection) -> list[float]:
     """Answer samples until the arm says that it is over; return how long each took [s]."""
     took: list[float] = []
+    heard: list[Any] = [wire, pipe]
     while True:
+        if pipe in select.select(heard, [], [])[0]:  # the parent is gone
+            return took
         data, sender = wire.recvfrom(LONGEST)
         begin = time.monotonic()
         sample = unpack(data, n)

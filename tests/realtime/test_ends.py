@@ -209,8 +209,9 @@ def test_the_same_seed_loses_the_same() -> None:
     assert not np.array_equal(first.answered, other.answered)
 
 
-def test_a_report_is_plain_data() -> None:
-    report = looped(seconds=0.2, injected=Injected(loss=0.1)).report()
+def test_a_report_is_plain_data_and_compares_as_long_as_it_ran() -> None:
+    report = looped(seconds=0.2, injected=Injected(loss=0.1)).report(without_faults("anthropomorphic3"))
+    assert report["error_ratio"]["rms"] == pytest.approx(1.0, abs=0.05)
     assert report["samples"] == 200
     assert report["lateness_us"] is None  # by a simulated clock nobody is late
     assert report["injected"]["loss"] == 0.1
