@@ -22,6 +22,7 @@ SCRIPTS = {
     "single": True,
     "batch": True,
     "first_result": True,
+    "prepared": True,
     "export": True,
     "inverse_kinematics": True,
     "derive": False,

@@ -71,8 +71,8 @@ void run(const Job *job, int64_t first, int64_t last)
         if (!v_any(running)) continue; /* all that are in it have diverged */
         memcpy(state[0], memory, NS * sizeof(V));
         memcpy(now, memory + NS * LANES, sizeof now);
-        V sums[NA + 1];
-        if (NA) memcpy(sums, job->sums + block * NA * LANES, NA * sizeof(V));
+        V sums[2][NA + 1];
+        if (NA) memcpy(sums[0], job->sums + block * NA * LANES, NA * sizeof(V));
         int turn = 0; /* the two states take turns, as the sample reads one while it writes the other */
         for (int64_t k = job->k0; k < job->k1; ++k, turn ^= 1) {
             V held[NR];
@@ -98,14 +98,10 @@ void run(const Job *job, int64_t first, int64_t last)
                 running = good;
                 if (!v_any(running)) break;
             }
-            if (NA) {
-                V next[NA + 1];
-                add_up(now, job->shared, own, v_set((double)k), sums, next);
-                memcpy(sums, next, sizeof sums);
-            }
+            if (NA) add_up(now, job->shared, own, v_set((double)k), sums[turn], sums[turn ^ 1]);
             if (job->every && k % job->every == 0) record(job, block, k, now);
         }
-        if (NA) memcpy(job->sums + block * NA * LANES, sums, NA * sizeof(V));
+        if (NA) memcpy(job->sums + block * NA * LANES, sums[turn], NA * sizeof(V));
         memcpy(memory, state[turn], NS * sizeof(V));
         memcpy(memory + NS * LANES, now, sizeof now);
     }
