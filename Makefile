@@ -20,7 +20,8 @@ SEED ?= $(shell date +%Y%m%d)
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format hooks types unit quick search docs playground examples wheel bench clean
+.PHONY: help install demo test lint format hooks types unit quick search arm verify faults docs playground \
+  examples wheel bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -89,6 +90,15 @@ search: $(FOR_ALL) ## What holds for every robot and file: new random examples, 
 	$(BIN)/python tools/fuzz.py yaml --count 3000 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py rollout --count 2500 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py arguments --count 400 --seed $(SEED)
+
+arm: $(FOR_ALL) ## Exported controllers on an emulated Cortex-M7: bits and instructions
+	$(BIN)/python tools/arm.py
+
+verify: $(FOR_ALL) ## Exported C proved by Frama-C: torques within limits, no alarm
+	$(BIN)/python tools/verify.py
+
+faults: $(FOR_ALL) ## Every fault on three arms, into docs/faults.md and its pictures
+	$(BIN)/python tools/faults.py
 
 docs: $(FOR_ALL) ## The documentation, into build/docs; a warning is an error
 	$(BIN)/sphinx-build -W --keep-going -q docs build/docs
