@@ -46,7 +46,9 @@ _PLAIN = (
 #: The same, what takes symbols as it takes numbers, and what the networks keep in arrays of joints as well.
 _AS_IT_IS = (BSplineBasis, Weights, Arm, *_PLAIN)
 #: Folders of what generates code: no place in a user's law.
-_GENERATORS = tuple(str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export"))
+_GENERATORS = tuple(
+    str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export", "play")
+)
 #: References of more operations than this are worked out by NumPy, as a table: compilers take long over them,
 #: and where rollouts share a reference every lane would work out the same.
 _LONG_REFERENCE = 3000

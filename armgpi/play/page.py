@@ -16,7 +16,7 @@ from armgpi.config import Origin, check
 from armgpi.config import build as build_experiment
 from armgpi.config.building import Experiment, Parts
 from armgpi.config.schema import SECTIONS, PlantSection, RobotSection
-from armgpi.errors import ArmgpiWarning, BackendError, ParameterError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, BackendError, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.play import module
@@ -174,7 +174,7 @@ def made(experiment: Experiment, label: str, progress: Progress = lambda *_: Non
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)  # of controllers that nobody asked for
         others = makers.siblings(label)
-        moved = playable(experiment, label, others)
+        moved = _possible(playable(experiment, label, others), makers)
         pool = Pool()
         forms = list(_forms(moved))
         variants = []
@@ -188,6 +188,28 @@ def made(experiment: Experiment, label: str, progress: Progress = lambda *_: Non
     progress("compiling", len(forms) / (len(forms) + 2))
     code = module.compiled(module.text(variants, pool), [f"run_{i}" for i in range(len(variants))])
     return Module(moved, variants, code)
+
+
+def _possible(moved: Playable, makers: _Makers) -> Playable:
+    """Return what can be moved without loads of the nominal model that no bandwidth serves."""
+
+    def serves(control: Control, mass: float) -> bool:
+        for kind in moved.sections:
+            config = composed(moved, {"controllers.0": kind})
+            control.put(config, mass)
+            try:
+                makers.loop(config)
+            except ArmgpiError:
+                return False
+        return True
+
+    controls = []
+    for control in moved.controls:
+        if control.arm == "nominal":
+            left = tuple(mass for mass in control.values if mass == control.value or serves(control, mass))
+            control = control._replace(stops=left, values=left)
+        controls.append(control)
+    return moved._replace(controls=tuple(controls))
 
 
 def composed(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
