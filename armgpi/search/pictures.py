@@ -106,17 +106,20 @@ def _log(scale: Any, values: Sequence[float]) -> None:
 
 
 def contest_picture(entries: Sequence[Entry]) -> bytes:
-    """Return the fronts of a contest as PNG: a row for each arm, a column for each class of knowledge."""
+    """Return the fronts of a contest as PNG: a row for each arm, a column for each class of several laws."""
     arms = list(dict.fromkeys(entry.arm for entry in entries))
-    groups = classes(entries)
+    every = classes(entries)
+    groups = {name: laws for name, laws in every.items() if len(laws) > 1} or every
     with plots.styled():
-        figure = Figure(figsize=(3.6 * len(groups), 2.9 * len(arms) + 1.2), layout="constrained")
+        figure = Figure(figsize=(6.2 * len(groups), 2.8 * len(arms)), layout="constrained")
         panels = figure.subplots(len(arms), len(groups), squeeze=False)
         for row, arm in enumerate(arms):
             values = medians(entries, arm)
             for column, (group, laws) in enumerate(groups.items()):
-                axes = panels[row, column]
-                for index, law in enumerate(law for law in laws if law in values):
+                axes, known = panels[row, column], group.rpartition(", ")[2]
+                for index, law in enumerate(laws):
+                    if law not in values:
+                        continue
                     spent = [float(budget) for budget in values[law]]
                     error = [x if math.isfinite(x) else math.nan for x in values[law].values()]
                     color, dashes = style.look(index)
@@ -133,9 +136,13 @@ def contest_picture(entries: Sequence[Entry]) -> bytes:
                     )
                 axes.set_xscale("log")
                 axes.set_yscale("log")
-                axes.set_title(plots.text(f"{arm}: {group}"), fontsize="small")
+                axes.set_title(plots.text(f"{arm}, {known}"), fontsize="small")
                 axes.set_xlabel("torque variation up to [N m]")
                 if column == 0:
                     axes.set_ylabel("ITAE, held out [rad s²]")
-                axes.legend(fontsize=5.5)
+                ticks = [float(budget) for budget in next(iter(values.values()))]
+                axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+                axes.minorticks_off()
+                if row == 0:
+                    axes.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return png(figure)
