@@ -41,7 +41,23 @@ _FEW, ROWS = 2, 8
 #: Kinds of changes: to say which one it is costs their logarithm.
 _KINDS = 14
 #: Kinds of changes of which there are few at a place.
-_USUAL = ("sign", "factor", "square", "trig", "degrees", "extra", "transposed", "cross", "swapped", "unit")
+_USUAL = frozenset(
+    [
+        "sign",
+        "factor",
+        "square",
+        "trig",
+        "angle",
+        "degrees",
+        "extra",
+        "transposed",
+        "cross",
+        "swapped",
+        "unit",
+        "name",
+        "index",
+    ]
+)
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
