@@ -194,8 +194,8 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
     """Return what can be moved without loads of the nominal model that no bandwidth serves."""
 
     def serves(control: Control, mass: float) -> bool:
-        for kind in moved.sections:
-            config = composed(moved, {"controllers.0": kind})
+        for form in forms:
+            config = composed(moved, form)
             control.put(config, mass)
             try:
                 makers.loop(config)
@@ -203,6 +203,11 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
                 return False
         return True
 
+    # Neither friction nor what is fed forward matters to it.
+    same = {"plant.friction": "none", "controllers.0.feedforward": "none"}
+    forms = [
+        form for form in _forms(moved) if form == {**form, **{k: v for k, v in same.items() if k in form}}
+    ]
     controls = []
     for control in moved.controls:
         if control.arm == "nominal":
