@@ -150,6 +150,7 @@ def _defaults(moved: Playable) -> dict[str, Any]:
         },
         "reference": {"path": None, "frame": None, "direction": None, "tool_axis": None},
         "reality": None,
+        "supervisor": None,
         "record_every": 1,
         "seed": 0,
     }

@@ -236,7 +236,7 @@ class PlayNumbers {
       Object.fromEntries(Object.entries(section).filter(([key, value]) => !(key in defaults) || !same(value, defaults[key])));
     const { defaults } = this.play;
     const config = without(this.experiment(), defaults);
-    for (const key of ["robot", "plant", "reference"]) config[key] = without(config[key], defaults[key]);
+    for (const key of ["robot", "plant", "reference"]) config[key] = without(config[key] || {}, defaults[key]);
     config.controllers = config.controllers.map((section) => {
       const left = without(section, defaults.controllers[section.type]);
       if (left.label === section.type) delete left.label;
