@@ -297,6 +297,8 @@ def test_options_mean_what_they_say(cli: Callable[..., Answer], tmp_path: Path) 
         *(
             "run",
             ARM,
+            "--controller",
+            "gpi",
             "--omega",
             "q1=15,q2=20",
             "--inertia-scale",

@@ -51,11 +51,11 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     if options["config"] is not None:
         config, origin = configuration.read(_file(options["config"]))
         data = config.model_dump(exclude_unset=True)
+        if ("controllers",) not in origin.lines:
+            del data["controllers"]  # which is the standard one depends on the options, too
     over = _Overlay(options, data)
     _robot(over)
-    over.take("plant", "plant", "engine")
-    over.take("payload", "plant", "payload", "mass")
-    over.take("friction", "plant", "friction", read=lambda wanted: "urdf" if wanted else "none")
+    _plant(over)
     over.take("dt", "sample_time")
     over.take("t_final", "t_final")
     over.take("seed", "seed")
@@ -67,16 +67,11 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     if options.get("torque_rate") is not None:
         rate = per_joint(options["torque_rate"], "--torque-rate")
         over.put("--torque-rate", rate, "supervisor", "torque_rate")
-    declared = options["declared"]
-    for option, value in declared:  # sensors first: which law is the standard one depends on them
-        if not option.owners:
-            over.put(option.flag, value, "plant", option.key)
     origin = _choose_controllers(options, compare, data, origin, over.sources)
     for index in range(len(data["controllers"])):
         over.take("inertia_scale", "controllers", index, "inertia_scale")
-    for option, value in declared:
-        if option.owners:
-            _declared(over, option, value)
+    for option, value in options["declared"]:
+        _declared(over, option, value)
     _reference(over)
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
@@ -104,8 +99,20 @@ def _robot(over: _Overlay) -> None:
         over.put("--rotor-inertia" if own else "--drives", value, "robot", key)
 
 
+def _plant(over: _Overlay) -> None:
+    """Put the options about the plant, its sensors and actuators."""
+    over.take("plant", "plant", "engine")
+    over.take("payload", "plant", "payload", "mass")
+    over.take("friction", "plant", "friction", read=lambda wanted: "urdf" if wanted else "none")
+    for option, value in over.options["declared"]:
+        if not option.owners:
+            over.put(option.flag, value, "plant", option.key)
+
+
 def _declared(over: _Overlay, option: Option, value: Any) -> None:
     """Put the option of a declared parameter of the controllers that have it."""
+    if not option.owners:
+        return  # of a sensor or actuator
     having = [i for i, section in enumerate(over.data["controllers"]) if section["type"] in option.owners]
     if not having:
         raise refusal(
