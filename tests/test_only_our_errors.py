@@ -414,6 +414,7 @@ CASES: dict[str, Case] = {
             "second_ratio": 1.0,
             "second_zeta": 1.0,
             "effort": 3.0,
+            "bias_robot": ARM,
         },
         controlled,
     ),

@@ -391,14 +391,18 @@ class GPI(Controller):
 
     def _default_gains(self, member: Member) -> FixedGains:
         """Return gains with the bandwidth that sample time, delay and loads allow."""
+        omega_c = self._default_omega(member)
         if self.payload is None and not self.remade and (said := slow_default(self.dt, self.delay, member)):
             warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=4)
-        return FixedGains(self._default_omega(member))
+        return FixedGains(omega_c)
 
     def _default_omega(self, member: Member) -> float | Array:
         """Return that bandwidth."""
         if self.payload is None:
-            return default_omega(self.dt, self.delay, member=member)
+            omega = default_omega(self.dt, self.delay, member=member)
+            if not omega > 0.0:  # NaN
+                raise ParameterError("gains", self.gains, "given where poles are so far apart")
+            return omega
         omega_c: float | Array = self.payload.omega_c
         return omega_c
 
