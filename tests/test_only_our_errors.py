@@ -727,6 +727,12 @@ CASES: dict[str, Case] = {
     "suggest_urdf": Case(
         armgpi.suggest_urdf, {"model": "paper", "robot": ARM, "joints": None, "time_limit": 5.0}, slow=True
     ),
+    "certify": Case(
+        armgpi.certify,
+        {"robot": ARM, "dt": DT, "prove": False, "budget": 1.0},
+        lambda found: found.error[np.isfinite(found.error)],
+        slow=True,
+    ),
     "export_controller": Case(
         armgpi.export_controller,
         {
@@ -771,7 +777,7 @@ CASES: dict[str, Case] = {
 #: Public names that take nothing, or that do nothing with what they are given.
 PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
-    *("ControlStep", "FullState", "Measurement", "Target", "Tuning"),
+    *("Certificate", "ControlStep", "FullState", "Measurement", "Target", "Tuning"),
     *("Draw", "InverseSolution", "LargestPayload", "PayloadRange"),
     *("Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }

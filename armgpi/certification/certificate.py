@@ -151,8 +151,8 @@ def certify(
         dt: sample time [s].
         prove: whether to prove the numbers of the arm where that takes no longer than `budget`.
         budget: time for each number [s].
-        **options: of :func:`armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
-            `payload` (lightest and heaviest load [kg]), `box` (see :func:`armgpi.certification.box.box_of`),
+        **options: of `armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
+            `payload` (lightest and heaviest load [kg]), `box` (see `armgpi.certification.box.box_of`),
             `radius` (how far the arm may be from its reference [rad or m]), `velocity` and `acceleration` of
             the reference, `torque` (of disturbances [N m or N]), `friction` (that of the robot), `bits` of
             the encoders, `delay` [samples], and what :class:`armgpi.GPI` takes: `gains`, `integrators`,

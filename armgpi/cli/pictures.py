@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from armgpi.cli.parsing import refusal
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import overwrite, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -106,11 +106,11 @@ def page_to_play_with(experiment: Experiment, **options: Any) -> str:
 
     def told(what: str, share: float) -> None:
         if looks:
-            print(f"\r{what} the loop: {share:4.0%} ", end="", file=sys.stderr, flush=True)
+            overwrite(f"{what} the loop: {share:4.0%}")
 
     html = build(experiment, progress=told, **options)
     if looks:
-        print("\r" + " " * 30, end="\r", file=sys.stderr, flush=True)
+        overwrite("")
     return html
 
 

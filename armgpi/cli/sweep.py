@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import console, say
 
 # What takes long to import is imported by the command, so that --help answers at once.
 if TYPE_CHECKING:
@@ -143,7 +143,6 @@ def _short(estimate: dict[str, float | None]) -> str:
 @contextmanager
 def _progress(count: int, before: int) -> Iterator[Callable[[int], None]]:
     """Give a function that counts rollouts; on a terminal it shows how many, their rate and what remains."""
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     if not sys.stderr.isatty():
@@ -151,7 +150,7 @@ def _progress(count: int, before: int) -> Iterator[Callable[[int], None]]:
         return
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
     begun, done = time.monotonic(), 0
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console(None, stderr=True), transient=True) as bar:
         task = bar.add_task("rollouts", total=count, completed=before, rate="")
 
         def advance(rows: int) -> None:

@@ -25,6 +25,11 @@ def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool =
     typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
 
 
+def overwrite(text: str) -> None:
+    """Show how far something is on stderr, in place of what stood there; nothing to take it away."""
+    typer.secho(f"\r{shown(text):<40}" + ("" if text else "\r"), err=True, nl=False)
+
+
 def console(width: int | None, **options: Any) -> Console:
     """Return a console for tables, whose text is not interpreted."""
     from rich.console import Console

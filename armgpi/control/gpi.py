@@ -253,7 +253,7 @@ class GPI(Controller):
     def untuned(
         cls, robot: AnyRobot, dt: float, *, delay: float = 0.0, bits: Any = None, **given: Any
     ) -> GPI:
-        """Return a controller for an arm that nobody tuned, by the rule of :mod:`armgpi.control.untuned`.
+        """Return a controller for an arm that nobody tuned, by the rule of `armgpi.control.untuned`.
 
         Args:
             robot: nominal model.
