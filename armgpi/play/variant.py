@@ -264,7 +264,7 @@ class _Prober:
             shares = np.linspace(0.31, 0.47, len(low))
             return [(low + share * (high - low)).tolist() for share in (shares, 1.0 - shares)]
         values = [value for value in control.values if value is not None]
-        if control.excludes:
+        if control.excludes or control.id == "plant.encoder_bits":  # whose nearest places may round alike
             return values
         # Near what it is at first: an upper end must stay above the lower one.
         stop = next((i for i, value in enumerate(values) if value == control.value), 0)

@@ -33,7 +33,7 @@ PLAYED = """
 robot: {name: anthropomorphic3}
 plant: {encoder_bits: 16, delay: 1, payload: {mass: 0.05}}
 controllers: [{type: gpi, omega: 25.0}]
-reference: {points: [[0.0, 0.4, 0.0], [0.3, 0.8, 0.2]], durations: [0.6], holds: [0.1, 0.0]}
+reference: {points: [[0.0, 0.7854, 0.0], [0.3, 0.4, 0.2]], durations: [0.6], holds: [0.1, 0.0]}
 t_final: 1.0
 seed: 7
 """
@@ -118,6 +118,7 @@ def test_controls_move_the_loop_and_the_bits_are_those_of_a_run(page: browsers.P
         ("controllers.0.omega", 9),
         ("controllers.0.zeta", 20),
         ("plant.encoder_bits", 4),
+        ("plant.encoder_bits", 14),  # the first that rounds the start in another way than 16 bits do
         ("plant.delay", 5),
         ("plant.drop_out", 3),
         ("plant.payload.mass", 1),
