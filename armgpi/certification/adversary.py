@@ -14,7 +14,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import Asked, law_of
-from armgpi.certification.numbers import resting, slopes
+from armgpi.certification.quantities import resting, slopes
 from armgpi.loop.simulation import simulate
 from armgpi.plants.loads import Load
 from armgpi.plants.rigid_body import RigidBodyPlant

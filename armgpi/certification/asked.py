@@ -9,7 +9,16 @@ import numpy as np
 
 from armgpi.arrays import Array, check_whole, not_negative, positive, quantity
 from armgpi.certification.box import Box, box_of
-from armgpi.certification.numbers import MARGIN, Numbers, Points, Setting, corners, largest, resting, slopes
+from armgpi.certification.quantities import (
+    MARGIN,
+    Numbers,
+    Points,
+    Setting,
+    corners,
+    largest,
+    resting,
+    slopes,
+)
 from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI
 from armgpi.errors import ParameterError

@@ -20,8 +20,8 @@ from armgpi import files
 from armgpi.arrays import Array, check_path
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
-from armgpi.certification.numbers import Numbers, searched
 from armgpi.certification.proofs import proved
+from armgpi.certification.quantities import Numbers, searched
 from armgpi.certification.reasons import beyond, unsolved
 from armgpi.certification.solve import Solution, solve
 from armgpi.certification.words import table

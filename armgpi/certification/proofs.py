@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.certification.numbers import MARGIN, Number, Numbers, Setting, corners, searched
+from armgpi.certification.quantities import MARGIN, Number, Numbers, Setting, corners, searched
 from armgpi.certification.trigonometric import Expandable, Expansion, Polynomial, polynomials_of, stacked
 
 #: Share by which every bound is raised.

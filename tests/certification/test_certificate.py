@@ -68,9 +68,11 @@ def test_a_certificate_holds_and_its_file_says_so(made: armgpi.Certificate, tmp_
     assert made.check() == []
     path = made.save(tmp_path / "arm.json")
     assert armgpi.Certificate.load(path).data == made.data
-    run = subprocess.run([sys.executable, "-I", "-S", str(FILE), str(path)], capture_output=True, text=True)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert "HOLDS" in run.stdout
+    for flags in ((), ("-I", "-S")):  # where its folder is looked into for modules, and where nothing is
+        program = [sys.executable, *flags, str(FILE), str(path)]
+        run = subprocess.run(program, capture_output=True, text=True)
+        assert run.returncode == 0, run.stdout + run.stderr
+        assert "HOLDS" in run.stdout
 
 
 def test_the_checker_needs_the_standard_library_alone() -> None:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from strategies import robots
 
 from armgpi import Robot
-from armgpi.certification import numbers, proofs
-from armgpi.certification.numbers import Numbers, Setting
+from armgpi.certification import proofs, quantities
+from armgpi.certification.quantities import Numbers, Setting
 from armgpi.certification.trigonometric import Expandable, polynomials_of
 from armgpi.errors import ParameterError
 
@@ -42,23 +42,23 @@ def everywhere(case: Setting, count: int, seed: int) -> dict[str, float]:
     z = np.clip(rng.uniform(-0.3, 1.3, (count, 3 * n)), 0.0, 1.0)
     low = np.concatenate([case.lower, np.full(2 * n, -1.0)])
     width = np.concatenate([case.upper - case.lower, np.full(2 * n, 2.0)])
-    at = numbers.points(case, low + width * z)
+    at = quantities.points(case, low + width * z)
     functions: dict[str, Any] = {
-        "delta_high": lambda *a: numbers._deltas(*a)[:, -1],
-        "delta_low": lambda *a: -numbers._deltas(*a)[:, 0],
-        "sigma": numbers._sigma,
-        "kappa_v": numbers._coriolis,
-        "kappa_e": numbers._stiffness,
-        "kappa_g": numbers._gravity,
+        "delta_high": lambda *a: quantities._deltas(*a)[:, -1],
+        "delta_low": lambda *a: -quantities._deltas(*a)[:, 0],
+        "sigma": quantities._sigma,
+        "kappa_v": quantities._coriolis,
+        "kappa_e": quantities._stiffness,
+        "kappa_g": quantities._gravity,
     }
-    functions |= {str(j): numbers._inverse(j) for j in range(n)}
+    functions |= {str(j): quantities._inverse(j) for j in range(n)}
     return {
         name: max(float(np.max(function(case, arm, at))) for arm in case.arms)
         for name, function in functions.items()
     }
 
 
-def bounds(proven: Numbers) -> dict[str, numbers.Number]:
+def bounds(proven: Numbers) -> dict[str, quantities.Number]:
     found = {name: getattr(proven, name) for name in proven._fields if name != "inverse"}
     found["delta_low"] = found["delta_low"]._replace(value=-found["delta_low"].value)
     return found | {str(j): each for j, each in enumerate(proven.inverse)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi.certification.numbers import Setting, searched, slopes
+from armgpi.certification.quantities import Setting, searched, slopes
 
 
 def setting(speed: float = 0.5) -> Setting:
