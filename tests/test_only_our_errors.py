@@ -729,7 +729,7 @@ CASES: dict[str, Case] = {
     ),
     "certify": Case(
         armgpi.certify,
-        {"robot": ARM, "dt": DT, "prove": False, "budget": 1.0},
+        {"robot": ARM, "dt": DT, "speed": 0.2, "prove": False, "budget": 1.0},
         lambda found: found.error[np.isfinite(found.error)],
         slow=True,
     ),

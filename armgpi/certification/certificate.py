@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from armgpi import files
-from armgpi.arrays import Array, check_path
+from armgpi.arrays import Array, check_number, check_path, check_type
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.proofs import proved
@@ -163,6 +163,10 @@ def certify(
         PayloadError: when no bandwidth serves the loads.
         BackendError: when Clarabel is not installed.
     """
+    check_type(robot, "robot", Robot, "a Robot")
+    check_type(prove, "prove", bool, "True or False")
+    dt = check_number(dt, "dt", "a positive time [s]", open_=True)
+    budget = check_number(budget, "budget", "a positive time [s]", open_=True)
     asked = ask(robot, dt, **options)
     numbers = proved(asked.setting, budget=budget) if prove else searched(asked.setting)
     return certificate(asked, numbers)

@@ -15,6 +15,7 @@ from armgpi.arrays import check_path, check_type
 from armgpi.control.gains import Tuning
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, RolloutError
+from armgpi.parameter import parameters
 from armgpi.robot.batch import AnyRobot, check_robot
 
 _FORMAT = "armgpi_weights"
@@ -35,9 +36,10 @@ def save_weights(weights: Weights, path: str | PathLike[str], robot: AnyRobot) -
     """
     check_type(weights, "weights", Weights, "Weights")
     check_robot(robot)
-    made = Weights(**vars(weights))
+    made = Weights(**{name: getattr(weights, name) for name in parameters(Weights)})
     made.check_parameters(robot.joint_names)
-    given = {name: values for name, values in vars(made).items() if values is not None}
+    found = {name: getattr(made, name) for name in parameters(Weights)}
+    given = {name: values for name, values in found.items() if values is not None}
     if any(values.ndim != 2 for values in given.values()):
         raise ArrayError("weights", "expected those of a single rollout, got a batch")
     variables = {name: (("joint", f"basis_of_{name}"), values) for name, values in given.items()}

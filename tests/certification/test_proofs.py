@@ -76,9 +76,7 @@ def test_no_configuration_exceeds_what_is_proved_and_some_come_near(arm: Robot, 
         assert number.status == "proved" or loose, name
         # Rounding of D^-1 D^, which is the identity where the nominal model is the arm.
         assert seen[name] <= number.value + 1e-12 * abs(number.value), name
-        if (
-            name != "delta_low" and not loose
-        ):  # that is 1 by what loads are
+        if name != "delta_low" and not loose:  # that is 1 by what loads are
             assert number.value <= (1.0 + 2.0 * TOLERANCE) * max(seen[name], 1e-12), name
 
 
