@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from loops import compiled
 
 from armgpi import GPI, ArmgpiWarning, Bezier, RigidBodyPlant, Robot, simulate
 from armgpi.codegen import build
+from armgpi.compiled import run as generated
 from armgpi.errors import BackendError
 
 SOURCE = "int answer(void) { return 42; }"
@@ -33,6 +35,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("ARMGPI_CACHE", str(folder))
     monkeypatch.setattr(build, "_loaded", {})
+    monkeypatch.setattr(generated, "_generated", OrderedDict())
     return folder
 
 

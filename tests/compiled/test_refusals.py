@@ -28,6 +28,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.codegen import build
+from armgpi.compiled import run as generated
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.loop import prepared as module
 from armgpi.plants.plant import Wrapper
@@ -233,6 +234,7 @@ def test_a_state_of_another_form() -> None:
 def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Forget compilers and libraries."""
     monkeypatch.setattr(build, "_loaded", {})
+    monkeypatch.setattr(generated, "_generated", collections.OrderedDict())
     monkeypatch.setenv("ARMGPI_CACHE", str(tmp_path / "cache"))
     build._probed.cache_clear()
 
