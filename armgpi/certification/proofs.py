@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.certification.quantities import MARGIN, Number, Numbers, Setting, corners, searched
+from armgpi.certification.quantities import MARGIN, Number, Numbers, Setting, corners, norms, searched
 from armgpi.certification.trigonometric import Expandable, Expansion, Polynomial, polynomials_of, stacked
 
 #: Share by which every bound is raised.
@@ -267,7 +267,7 @@ class Norm:
     def __call__(self, cells: Cells, near: float) -> Values:
         """Return what is known in cells."""
         metric, X = _Metric(self.D, cells, cells.half), self.X.at(cells.center)
-        seen = _norms(self._weighted(metric.normal(X.value)))
+        seen = norms(self._weighted(metric.normal(X.value)))
         slopes = _sizes(self._weighted(metric.normal(X.slopes)))
         parts = cells.half[:, :, None] * slopes + metric.beyond_of(self.X, X) @ np.abs(self.weights).T
         parts += near * (cells.half * metric.sizes + metric.beyond)[:, :, None]
@@ -313,7 +313,7 @@ class Stiffness:
         weights = np.concatenate([np.ones((len(v), 1)), v], axis=1)
         K = self.K.at(cells.center)
         bases, slopes = metric.normal(K.value), metric.normal(K.slopes)
-        seen = _norms(np.einsum("km,kmab->kab", weights, bases))
+        seen = norms(np.einsum("km,kmab->kab", weights, bases))
         apart = np.einsum("km,kjmab->kjab", weights, slopes)
         together = apart + np.einsum("kjm,kmab->kjab", slope, bases[:, 1:])
         sizes = _sizes(together)
@@ -406,12 +406,7 @@ def _cubes(third: Array, half: Array) -> Array:
     return np.asarray(np.einsum("kj...,kj->k...", some, half) / 6.0)
 
 
-def _norms(X: Array) -> Array:
-    """Return the largest singular values of matrices (..., n, n)."""
-    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(X.swapaxes(-1, -2) @ X)[..., -1], 0.0)))
-
-
 def _sizes(X: Array) -> Array:
-    """Return bounds on :func:`_norms`, at most n^(1/8) times them and in a tenth of the time."""
+    """Return bounds on :func:`norms`, at most n^(1/8) times them and in a tenth of the time."""
     squares = X.swapaxes(-1, -2) @ X
     return np.asarray(np.sum((squares @ squares) ** 2, axis=(-2, -1)) ** 0.125)

@@ -204,7 +204,7 @@ def resting(setting: Setting, arm: Robot, star: Array) -> Array:
     return np.asarray(setting.nominal.inertia_solve(star, held))
 
 
-def _norms(X: Array) -> Array:
+def norms(X: Array) -> Array:
     """Return the largest singular values of matrices (..., n, n)."""
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(X.swapaxes(-1, -2) @ X)[..., -1], 0.0)))
 
@@ -271,7 +271,7 @@ def _sigma(setting: Setting, arm: Robot, at: Points) -> Array:
 def _coriolis(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of Christoffel's C(q, v), at a corner of the speeds."""
     C = _christoffel(slopes(arm.mass_matrix, at.q), corners(setting.speed))
-    return np.asarray(_norms(_in_metric(arm, at.q, C)).max(axis=1))
+    return np.asarray(norms(_in_metric(arm, at.q, C)).max(axis=1))
 
 
 def _stiffness(setting: Setting, arm: Robot, at: Points) -> Array:
@@ -280,12 +280,12 @@ def _stiffness(setting: Setting, arm: Robot, at: Points) -> Array:
     slope = slopes(arm.gravity, at.between)
     v = np.repeat(v, 4 * n, axis=0)
     slope = slope - slopes(lambda q: setting.nominal.inertia_times(q, v), at.between)
-    return _norms(_in_metric(arm, at.q, slope.swapaxes(1, 2)))
+    return norms(_in_metric(arm, at.q, slope.swapaxes(1, 2)))
 
 
 def _gravity(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of dG/dq."""
-    return _norms(_in_metric(arm, at.q, slopes(arm.gravity, at.between).swapaxes(1, 2)))
+    return norms(_in_metric(arm, at.q, slopes(arm.gravity, at.between).swapaxes(1, 2)))
 
 
 def _inverse(joint: int) -> _Function:

@@ -145,14 +145,12 @@ def certify(
 def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
     """Return the robot with what its joints have."""
     from armgpi import config
-    from armgpi.config import drives as files
 
-    told = per_joint(",".join(inertia), "--rotor-inertia") if inertia else None
     readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
     readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
     section = {"name": name}
     section |= {key: readers.get(key, str)(value) for key, value in how.items() if value}
-    section.update(files.given(drives, told))
+    section.update(opt.drives_given(inertia, drives))
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
     options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia")}
     options["robot.friction"] = "--drives"

@@ -7,7 +7,6 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -77,7 +76,7 @@ def inspect(
         0 if delay is None else delay,
         16 if encoder_bits is None else encoder_bits,
         split(repair or []),
-        **_drives(rotor_inertia, drives),
+        **opt.drives_given(rotor_inertia, drives),
     )
     report = health.with_payload(report, payload)
     if cross_check:
@@ -93,16 +92,6 @@ def inspect(
         _show(report)
     if report.has_errors:
         sys.exit(FAILED)
-
-
-def _drives(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
-    """Return rotor inertia and friction as options and a file give them."""
-    if path is None and not rotor_inertia:
-        return {}
-    from armgpi.config.drives import given
-
-    told = per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None
-    return given(path, told)
 
 
 def _show(report: HealthReport) -> None:

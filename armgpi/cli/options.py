@@ -6,7 +6,7 @@ import inspect
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -146,6 +146,18 @@ Effort = Annotated[
         help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
     ),
 ]
+
+
+def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
+    """Return rotor inertia and friction as --rotor-inertia and --drives give them."""
+    if path is None and not rotor_inertia:
+        return {}
+    from armgpi.cli.parsing import per_joint
+    from armgpi.config.drives import given
+
+    return given(path, per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None)
+
+
 RotorInertia = Annotated[
     list[str] | None,
     typer.Option(
