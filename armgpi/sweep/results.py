@@ -17,9 +17,10 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import dump
 from armgpi.errors import RolloutError
+from armgpi.escape import json_data
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
-from armgpi.sweep.intervals import Estimate, clopper_pearson, quantile, wilson
+from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
 from armgpi.sweep.study import Study, chunk_file
 
 #: Quantiles that are told of every metric.
@@ -90,7 +91,7 @@ def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
     n = found.sizes["rollout"]
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
-    return {
+    said: dict[str, Any] = {
         "study": study.digest,
         "controller": study.label,
         "rollouts": n,
@@ -98,11 +99,12 @@ def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         "quantiles": {
-            name: {str(share): _finite(quantile(of_arm(found, name), share)) for share in QUANTILES}
+            name: {str(share): quantile(of_arm(found, name), share)._asdict() for share in QUANTILES}
             for name in study.metrics
         },
         "failure by what was drawn": {name: failure_map(found, name) for name in study.drawn},
     }
+    return dict(json_data(said))
 
 
 def sentences(said: Mapping[str, Any]) -> list[str]:
@@ -180,11 +182,6 @@ def _netcdf(found: xr.Dataset) -> bytes:
     with h5netcdf.File(content, "w") as file:
         plain.dump_to_store(H5NetCDFStore(file), encoding=encoding)
     return content.getvalue()
-
-
-def _finite(estimate: Estimate) -> dict[str, float | None]:
-    """Return an estimate as JSON has it: None for infinite."""
-    return {key: float(x) if np.isfinite(x) else None for key, x in estimate._asdict().items()}
 
 
 def _words(failure: Mapping[str, float]) -> str:
