@@ -12,8 +12,8 @@ typedef struct {
     double *sums;          /* blocks of NA vectors: what is added up over the samples */
     int64_t *ended;        /* sample at which a rollout diverged, -1 while it runs */
     int64_t rows, padded, table_rows, k0, k1, every, final; /* every 0: nothing is recorded */
-    int64_t late;          /* first sample of the last seconds */
     double divergence;
+    int64_t late;          /* first sample of the last seconds */
 } Job;
 
 static U v_mix(U x)

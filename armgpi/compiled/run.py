@@ -122,11 +122,9 @@ class _Job(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in ("state", "shared", "own", "table", "draws", "seeds", "out", "sums", "ended")
         ),
-        *(
-            (name, ctypes.c_int64)
-            for name in ("rows", "padded", "table_rows", "k0", "k1", "every", "final", "late")
-        ),
+        *((name, ctypes.c_int64) for name in ("rows", "padded", "table_rows", "k0", "k1", "every", "final")),
         ("divergence", ctypes.c_double),
+        ("late", ctypes.c_int64),
     ]
 
 
