@@ -71,19 +71,26 @@ def sweep(
     armgpi sweep study.yaml --rollouts 2000 --out study --rare
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.config import read
-    from armgpi.sweep import results
-    from armgpi.sweep import workers as running
-    from armgpi.sweep.study import Study, chunk_file, save
+    from armgpi.sweep.study import Study, save
 
     count = _count(rollouts)
     study = Study.of(*read(file), sampling)
+    save(study, out)
     if rare:
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
         for option in (name for name, given in others.items() if given):
             raise refusal(option, "--rare has its levels one after the other in this process, and no page")
         _rare(study, out, count)
         return
-    save(study, out)
+    sys.exit(FAILED if _ran(study, out, count, workers, cluster, report) else OK)
+
+
+def _ran(study: Study, out: Path, count: int, workers: int, cluster: str | None, report: Path | None) -> bool:
+    """Run and print a sweep, and tell whether a chunk is broken."""
+    from armgpi.sweep import results
+    from armgpi.sweep import workers as running
+    from armgpi.sweep.study import chunk_file
+
     chunks = [(i, study.rows(i, count)) for i in range(-(-count // study.size))]
     missing = [(i, rows) for i, rows in chunks if not chunk_file(out, i, rows).is_file()]
     with _progress(count, count - sum(rows for _, rows in missing)) as done:
@@ -91,7 +98,7 @@ def sweep(
     for chunk, reason in broken.items():
         say(f"chunk {chunk} is broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):
-        sys.exit(FAILED)
+        return True
     found = results.collect(study, out, count)
     written = results.write(study, found, out)
     said = results.summary(study, found)
@@ -102,16 +109,14 @@ def sweep(
 
         written.append(write(pictures.html(study, found, said), report))
     say(f"wrote {len(written)} files to {out}", err=True)
-    sys.exit(FAILED if broken else OK)
+    return bool(broken)
 
 
 def _rare(study: Study, out: Path, count: int) -> None:
     """Say how probable failures are that are too rare to be met at random."""
     from armgpi.sweep import rare
     from armgpi.sweep.results import write_worst
-    from armgpi.sweep.study import save
 
-    save(study, out)
     found, last = rare.simulate(study, out, count, lambda rows: say(f"a level of {rows} rollouts", err=True))
     said = rare.summary(study, found, last)
     for sentence in rare.sentences(said):
