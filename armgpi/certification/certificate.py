@@ -26,6 +26,7 @@ from armgpi.certification.reasons import beyond, unsolved
 from armgpi.certification.solve import Solution, merged, solve
 from armgpi.certification.words import table
 from armgpi.errors import ConfigError
+from armgpi.escape import html_text
 from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations
@@ -51,6 +52,9 @@ class Certificate:
         """Take a certificate's data, and why it claims less than was asked for."""
         self.data = dict(data)
         self.reasons = reasons
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html_text(str(self))}</pre>"
 
     @property
     def certified(self) -> bool:

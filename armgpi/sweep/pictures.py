@@ -42,12 +42,10 @@ def html(study: Study, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         page.bullets(sentences(said)),
         _table(study, said),
         "<h3>Distribution of every metric</h3>",
-        *_figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in study.metrics),
+        _figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in study.metrics),
         "<h3>Share of failures by what was drawn</h3>",
-        *_figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
-        *_figures(
-            (" × ".join(pair["of"]), _square(pair["parts"])) for pair in said["failure by two of them"]
-        ),
+        _figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
+        _figures((" × ".join(pair["of"]), _square(pair["parts"])) for pair in said["failure by two of them"]),
         f"<p>Rollout {int(found['rollout'].values[i])}, the worst, is the one that is played and below.</p>",
     ]
     return report.build(
@@ -80,10 +78,10 @@ def _cell(estimate: Mapping[str, float | None]) -> str:
     return f"{value} ({low} to {high})"
 
 
-def _figures(pictures: Any) -> list[str]:
-    """Return pictures with their titles, as many side by side as there is room for."""
+def _figures(pictures: Any) -> str:
+    """Return pictures with their titles, side by side."""
     shown = (f"<figure><figcaption>{page.text(title)}</figcaption>{svg}</figure>" for title, svg in pictures)
-    return ['<div style="display:flex;flex-wrap:wrap">', *shown, "</div>"]
+    return f"<div class=figures>{''.join(shown)}</div>"
 
 
 def _histogram(values: Array) -> str:
