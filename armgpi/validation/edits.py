@@ -23,7 +23,6 @@ from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from armgpi.arrays import Array
 from armgpi.validation.alternatives import Scope, alternatives, insertion, scope_of, vector_terms
@@ -892,6 +891,8 @@ class Editor:
         effects = np.stack([row(one.effects) for one in tried])
         last = _FEW - 1 if name == "potential_energy" else 0
         lacking = row({name: self._targets[name].values[last] - start[name][last]})
+        from scipy.spatial import cKDTree  # half of the time of importing this package, and rarely needed
+
         tree = cKDTree(effects)
         found = []
         for i, near in enumerate(tree.query_ball_point(lacking - effects, 1e-2 * np.sqrt(len(lacking)))):

@@ -12,7 +12,6 @@ from armgpi.escape import html_table
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
-from armgpi.viz import page
 
 #: Elements listed in a line of text, at most: the JSON has all.
 _LISTED = 8
@@ -179,6 +178,8 @@ class DynamicsReport:
 
     def html(self) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
+        from armgpi.viz import page  # it imports what draws, which text needs not
+
         sections = {}
         if self.functions:
             rows = [
@@ -324,5 +325,7 @@ def _html_table(
     label: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], words: tuple[int, ...]
 ) -> str:
     """Return a table whose rows are marked where the second cell says that something is wrong."""
+    from armgpi.viz import page
+
     classes = ["bad" if row[1] in ("differs", "fails") else "" for row in rows]
     return page.table(head, rows, label=label, classes=classes, words=words)

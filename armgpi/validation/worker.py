@@ -1,8 +1,8 @@
 """A process of its own for the user's model, so that nothing it does can harm or hang ours.
 
 A model may raise, hang, print, call ``sys.exit``, change its arguments or end the process. It runs in a
-forked child, which takes lists of calls and sends back one answer per call; the parent waits for each
-one no longer than a limit. What went wrong becomes a :class:`armgpi.errors.ModelError`.
+forked child, which takes lists of calls and sends the answers back; the parent waits for each call no longer
+than a limit. What went wrong becomes a :class:`armgpi.errors.ModelError`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ from armgpi.validation.conventions import Convention
 LOADING, LOADING_LEAST = 12.0, 10.0
 #: Memory that a model may take [bytes]; beyond it raises MemoryError.
 MEMORY = 4 * 1024**3
+#: Answers of calls are sent together, as often as this [s].
+_TOGETHER = 0.05
 #: Exit codes of the process when its pipe is gone, and when the Python in it no longer works: large ones,
 #: which few programs use.
 _CUT, _BROKEN = 96, 97
@@ -77,9 +79,11 @@ class Worker:
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
+        # In shared memory: which of its calls the process is at, also when it never comes back.
+        self._started = context.RawValue("L", 0)
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
-            target=_serve, args=(self._pipe, theirs, model, source, convention), daemon=True
+            target=_serve, args=(self._pipe, theirs, model, source, convention, self._started), daemon=True
         )
         # What is in a buffer at the fork would be written by both.
         sys.stdout.flush()
@@ -130,19 +134,19 @@ class Worker:
             ModelError: when a call raises, gives something that is no numbers, takes too long, changes its
                 arguments, or ends the process.
         """
+        self._started.value = 0
         try:
             self._pipe.send((function, states, dict(self.changes)))
         except OSError:
             raise self._died(function) from None
-        answers = []
-        # One answer per call, so that the limit holds for each and the state of a failure is known.
-        for state in states:
-            value, printed, took = self._receive(function, self.time_limit, _at(function, state))
-            # The least: the machine may be busy, a function is never faster than it is.
-            self.takes[function] = min(self.takes.get(function, took), took)
-            self.printed = self.printed or printed
-            answers.append(value)
-        return answers
+        values: list[Array] = []
+        while len(values) < len(states):
+            for value, printed, took in self._receive(function, self.time_limit + _TOGETHER, "", states):
+                # The least: the machine may be busy, a function is never faster than it is.
+                self.takes[function] = min(self.takes.get(function, took), took)
+                self.printed = self.printed or printed
+                values.append(value)
+        return values
 
     def search(self, targets: Mapping[str, edits.Target]) -> tuple[edits.Change, ...]:
         """Return changes of the source with which its functions give what they should; none when none do.
@@ -156,24 +160,29 @@ class Worker:
             return ()
         return found
 
-    def _receive(self, function: str, limit: float, where: str) -> Any:
-        """Return the next answer, or raise what it says."""
+    def _receive(
+        self, function: str, limit: float, doing: str, states: Sequence[Sequence[Array]] = ()
+    ) -> Any:
+        """Return the next answer, or raise what it says of the state that was called last."""
         try:
             if not self._pipe.poll(limit):
                 self.close()  # from outside: a model may swallow every exception and mask every signal
-                doing = where if function else "to read"
-                raise ModelError(
-                    self.name,
-                    function,
-                    f"took longer than {limit:g} s {doing}; allow more time",
-                ).suggesting(Remedy("time_limit"))
+                doing = self._last(function, states) if function else "to read"
+                text = f"took longer than {self.time_limit if function else limit:g} s {doing}; allow more time"
+                raise ModelError(self.name, function, text).suggesting(Remedy("time_limit"))
             good, answer = self._pipe.recv()
         except (EOFError, OSError):
             raise self._died(function) from None
         if not good:
-            text = f"{answer} {where}" if function else answer
+            text = f"{answer} {self._last(function, states)}" if function else answer
             raise ModelError(self.name, function, text)
         return answer
+
+    def _last(self, function: str, states: Sequence[Sequence[Array]]) -> str:
+        """Return "at q = ..., v = ..." for the call that was begun last."""
+        given = states[max(self._started.value, 1) - 1]
+        named = zip(models.ARGUMENTS[function], given, strict=True)
+        return "at " + ", ".join(f"{name} = ({', '.join(f'{x:.4g}' for x in x_)})" for name, x_ in named)
 
     def _died(self, function: str) -> ModelError:
         """Return the error of a process that is no more."""
@@ -190,12 +199,6 @@ class Worker:
         return ModelError(self.name, function, f"ended its Python process {how}")
 
 
-def _at(function: str, state: Sequence[Array]) -> str:
-    """Return "at q = ..., v = ..."."""
-    named = zip(models.ARGUMENTS[function], state, strict=True)
-    return "at " + ", ".join(f"{name} = ({', '.join(f'{x:.4g}' for x in value)})" for name, value in named)
-
-
 class _Silent(io.TextIOBase):
     """Takes what a model prints and remembers that it did."""
 
@@ -206,10 +209,12 @@ class _Silent(io.TextIOBase):
         return len(text)
 
 
-def _serve(parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None) -> None:
+def _serve(
+    parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None, started: Any
+) -> None:
     """Answer for the model in the child."""
     try:
-        _answer_all(parents, pipe, model, source, convention)
+        _answer_all(parents, pipe, model, source, convention, started)
     except OSError:
         os._exit(_CUT)
     finally:
@@ -217,7 +222,7 @@ def _serve(parents: Any, pipe: Any, model: Any, source: str | None, convention: 
 
 
 def _answer_all(
-    parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None
+    parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None, started: Any
 ) -> None:
     """Read the model, then answer calls until the parent goes away.
 
@@ -254,7 +259,7 @@ def _answer_all(
         pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used, text)))
     except BaseException as error:
         _end_copies(own)
-        _answer(pipe, False, _description(error))
+        pipe.send((False, _description(error)))
         os._exit(0)
     while True:
         try:
@@ -264,7 +269,7 @@ def _answer_all(
         if not name:
             pipe.send((True, _searched(functions, states)))
             os._exit(0)
-        _answer_calls(pipe, functions, name, states, numbers, silent, own)
+        _answer_calls(pipe, functions, name, states, numbers, silent, own, started)
 
 
 def _searched(functions: models.Functions, targets: Mapping[str, edits.Target]) -> tuple[edits.Change, ...]:
@@ -286,28 +291,31 @@ def _answer_calls(
     numbers: Mapping[str, float],
     silent: _Silent,
     own: int,
+    started: Any,
 ) -> None:
-    """Answer one list of calls; `own` is the process that may."""
+    """Answer one list of calls up to the first that fails; `own` is the process that may."""
     try:
         function = functions.with_numbers(numbers)[name]
-    except BaseException as error:
-        for _ in states:
-            _answer(pipe, False, _description(error))
-        return
-    for state in states:
-        given = [np.array(x) for x in state]  # copies, so that a change is seen
-        start = time.perf_counter()
-        try:
+        answers, sent = [], time.perf_counter()
+        for state in states:
+            started.value += 1
+            given = [np.array(x) for x in state]  # copies, so that a change is seen
+            start = time.perf_counter()
             value = _numbers(function(*given))
             _end_copies(own)
             for label, x, before in zip(models.ARGUMENTS[name], given, state, strict=True):
                 if not np.array_equal(x, before):
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
-        except BaseException as error:
-            _end_copies(own)
-            _answer(pipe, False, _description(error))
-        else:
-            _answer(pipe, True, (value, silent.used, time.perf_counter() - start))
+            now = time.perf_counter()
+            answers.append((value, silent.used, now - start))
+            if now - sent > _TOGETHER:
+                pipe.send((True, answers))
+                answers, sent = [], now
+        if answers:
+            pipe.send((True, answers))
+    except BaseException as error:
+        _end_copies(own)
+        pipe.send((False, _description(error)))
     if numbers:  # put back: globals and attributes keep what was set
         functions.with_numbers({name: functions.numbers[name] for name in numbers})
 
@@ -316,10 +324,6 @@ def _end_copies(own: int) -> None:
     """End a copy of the process that the model has made by forking: it would answer, and fork, as well."""
     if os.getpid() != own:
         os._exit(0)
-
-
-def _answer(pipe: Any, good: bool, answer: Any) -> None:
-    pipe.send((good, answer))
 
 
 def _numbers(value: Any) -> Array:
