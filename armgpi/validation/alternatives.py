@@ -36,6 +36,7 @@ class Scope(NamedTuple):
         kinds: name -> what it holds: "float", "int", an array's shape, a symbol.
         scalars: expressions of one number that depend on the state, such as ``q[0]`` or ``np.cos(q[1])``.
         vectors: expressions of vectors of three.
+        matrices: expressions of 3 x 3 matrices.
         products: matrices times vectors, and cross products, that stand somewhere.
         keys: keys of dictionaries that are read.
         joints: expressions of the joints' positions.
@@ -46,6 +47,7 @@ class Scope(NamedTuple):
     kinds: Mapping[str, Any]
     scalars: tuple[ast.expr, ...] = ()
     vectors: tuple[ast.expr, ...] = ()
+    matrices: tuple[ast.expr, ...] = ()
     products: tuple[ast.expr, ...] = ()
     keys: tuple[str, ...] = ()
     joints: tuple[ast.expr, ...] = ()
@@ -63,6 +65,8 @@ def kind_of(value: Any) -> Any:
         return "float"
     if isinstance(value, np.ndarray):
         return value.shape
+    if isinstance(value, list) and value and all(isinstance(x, np.ndarray) for x in value):
+        return (len(value), *value[0].shape)
     return None
 
 
@@ -82,13 +86,30 @@ def scope_of(
     for name, kind in kinds.items():
         if kind == (3,):
             seen.vectors[name] = ast.Name(name, ast.Load())
+        if kind == (3, 3):
+            seen.matrices[name] = ast.Name(name, ast.Load())
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
+    for index in _counters(tree):
+        seen.indexed(index, kinds)
     few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))[:_VECTORS]
-    scalars, products = tuple(seen.scalars.values()), tuple(seen.products.values())
     return Scope(
-        kinds, scalars, tuple(few), products, tuple(seen.keys), tuple(seen.joints.values()), seen.cross
+        kinds,
+        tuple(seen.scalars.values()),
+        tuple(few),
+        tuple(seen.matrices.values()),
+        tuple(seen.products.values()),
+        tuple(seen.keys),
+        tuple(seen.joints.values()),
+        seen.cross,
+        bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
     )
+
+
+def _counters(tree: ast.AST) -> list[str]:
+    """Return the variables that loops count with."""
+    found = [n.target.id for n in ast.walk(tree) if isinstance(n, ast.For) and isinstance(n.target, ast.Name)]
+    return list(dict.fromkeys(found))
 
 
 class _Seen(ast.NodeVisitor):
@@ -98,10 +119,21 @@ class _Seen(ast.NodeVisitor):
         self._arguments = arguments
         self.scalars: dict[str, ast.expr] = {}
         self.vectors: dict[str, ast.expr] = {}
+        self.matrices: dict[str, ast.expr] = {}
         self.products: dict[str, ast.expr] = {}
         self.joints: dict[str, ast.expr] = {}
         self.keys: dict[str, None] = {}
         self.cross: ast.expr | None = None
+
+    def indexed(self, index: str, kinds: Mapping[str, Any]) -> None:
+        """Keep what is one entry of a list, of vectors or matrices, or of an argument."""
+        for name, kind in kinds.items():
+            entry = ast.Subscript(ast.Name(name, ast.Load()), ast.Name(index, ast.Load()), ast.Load())
+            if isinstance(kind, tuple) and len(kind) > 1:
+                into = {(3,): self.vectors, (3, 3): self.matrices}.get(kind[1:], {})
+                into[ast.unparse(entry)] = entry
+            elif name in self._arguments and isinstance(kind, tuple):
+                self.scalars[ast.unparse(entry)] = entry
 
     def visit_Call(self, node: ast.Call) -> None:
         """Keep sines, cosines and cross products."""
@@ -155,7 +187,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         yield "square", _power(node, 2)
     if _is_term(node, parent):
         yield from _of_term(node, scope)
-    if scope.loops and insertion(node, parent) and _is_vector(node):
+    if scope.loops and _is_equation(node, parent):
         for term in vector_terms(scope):
             yield "term", ast.BinOp(node, ast.Add(), term)
             yield "term", ast.BinOp(node, ast.Sub(), term)
@@ -182,13 +214,18 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
 
 
-def _is_vector(node: ast.expr) -> bool:
-    """Tell whether an expression may be a sum of vectors: it has a matrix's product or a cross product."""
+def _is_equation(node: ast.expr, parent: Any) -> bool:
+    """Tell whether an expression may be a whole sum of vectors: it has a matrix's or a cross product."""
+    summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
     parts = ast.walk(node)
-    return any(
-        (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
-        or (isinstance(x, ast.Call) and _called(x) == "cross")
-        for x in parts
+    return (
+        insertion(node, parent)
+        and (summed or isinstance(parent, ast.Assign | ast.AugAssign))
+        and any(
+            (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
+            or (isinstance(x, ast.Call) and _called(x) == "cross")
+            for x in parts
+        )
     )
 
 
@@ -215,7 +252,10 @@ def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
 
 
 def vector_terms(scope: Scope) -> Iterator[ast.expr]:
-    """Yield vectors that a vector's equation may lack: products that stand elsewhere, and cross products."""
+    """Yield vectors that a vector's equation may lack, the short ones first.
+
+    They are products that stand elsewhere, and cross products.
+    """
     cross = scope.cross
     if cross is None:
         return
@@ -235,14 +275,24 @@ def vector_terms(scope: Scope) -> Iterator[ast.expr]:
         for x in (*(simple if scope.loops else ()), *scope.vectors):
             scaled = _times(scalar, x)
             found[ast.unparse(scaled)] = scaled
-    yield from found.values()
+    yield from sorted(found.values(), key=_length)
+
+
+def _length(node: ast.expr) -> tuple[int, int]:
+    """Return how many different names an expression has, and how many operations."""
+    parts = list(ast.walk(node))
+    of_functions = {id(x.func) for x in parts if isinstance(x, ast.Call)}
+    of_functions |= {id(x.value) for x in parts if isinstance(x, ast.Attribute)}
+    counters = {id(x.slice) for x in parts if isinstance(x, ast.Subscript)}
+    names = {x.id for x in parts if isinstance(x, ast.Name) and id(x) not in of_functions | counters}
+    return len(names), sum(isinstance(x, ast.Call) for x in parts)
 
 
 def _turned(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
-    """Yield I ω and ω × I ω of all matrices and vectors that have names."""
-    for matrix in (name for name, kind in scope.kinds.items() if kind == (3, 3)):
-        for x in scope.vectors:
-            turned = ast.BinOp(ast.Name(matrix, ast.Load()), ast.MatMult(), x)
+    """Yield I ω and ω × I ω of all matrices and vectors."""
+    for matrix in scope.matrices:
+        for x in scope.vectors[: _IN_LOOPS if scope.loops else None]:
+            turned = ast.BinOp(matrix, ast.MatMult(), x)
             yield from (turned, ast.Call(cross, [x, turned], []))
 
 

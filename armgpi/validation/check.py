@@ -143,8 +143,12 @@ def _compare(
     """Return the report of a model beside a robot."""
     problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
     follows = dict(_follows(problem, sampled, own))
-    causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
-    functions = tuple(_function_report(robot, problem, states, s, causes) for s in sampled.values())
+    seen = [_function_report(robot, problem, states, s) for s in sampled.values()]
+    causes: list[Cause] = []
+    repaired = None
+    if not all(one.agrees for one in seen):
+        causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
+    functions = tuple(_diagnosed(one, causes) for one in seen)
     return DynamicsReport(
         worker.name,
         robot.name,
@@ -168,13 +172,11 @@ def _causes(
     follows: Mapping[str, tuple[str, Mask]],
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
-    if problem.elements and problem.agreeing.all():
-        return [], None
     references = {name: _reference(robot, problem, name, states) for name in sampled}
     found = repair.search(model, worker, states, problem, references)
     if found is not None and worker.source is not None:
         return list(repair.causes(found, worker.source, problem)), found.source
-    if not problem.elements:
+    if problem.agreeing.all():  # not even quadratic in v, which no element shows
         return [], None
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
     causes = diagnose(problem, follows, vary)
@@ -252,9 +254,13 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
     ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
-def _function_report(
-    robot: Robot, problem: Problem, states: States, sampled: Sampled, causes: Sequence[Cause]
-) -> FunctionReport:
+def _diagnosed(report: FunctionReport, causes: Sequence[Cause]) -> FunctionReport:
+    """Return the report of one function with the causes that are about it."""
+    mine = tuple(cause for cause in causes if any(e.function == report.function for e in cause.elements))
+    return report._replace(diagnosis=mine)
+
+
+def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sampled) -> FunctionReport:
     """Return the report of one function."""
     name = sampled.function
     rows = min(len(sampled.values), len(problem.q))
@@ -282,8 +288,7 @@ def _function_report(
     agrees = not differing and not curved
     if not mask.any():  # a forward dynamics in which some torque moves nothing: there is no D to compare
         agrees = float(away[worst]) <= problem.rtol * max(size, 1e-300)
-    mine = tuple(cause for cause in causes if any(e.function == name for e in cause.elements))
-    return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, mine, note)
+    return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, (), note)
 
 
 def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:

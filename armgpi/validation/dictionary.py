@@ -68,8 +68,13 @@ class Dictionary:
         columns = np.stack([np.prod([self._states[x] for x in w] or [np.ones(rows)], axis=0) for w in words])
         return words, columns
 
-    def term(self, values: Array) -> Term | None:
-        """Return the simplest product that has some values at the states, None when there is none."""
+    def term(self, values: Array, sums: bool = True) -> Term | None:
+        """Return the simplest product that has some values at the states, None when there is none.
+
+        Args:
+            values: the values, (rows,).
+            sums: look at sums of two products too.
+        """
         words, columns = self._shapes
         size = np.linalg.norm(values)
         if not size > 0.0 or columns.shape[1] != len(values):
@@ -85,7 +90,7 @@ class Dictionary:
                 )
                 sign = text.startswith("-1 * ")
                 return Term("-" + text[5:] if sign else text, found.bits + np.log2(len(words)))
-        return self._sum(values)
+        return self._sum(values) if sums else None
 
     def _sum(self, values: Array) -> Term | None:
         """Return two products of different shapes that add up to some values."""

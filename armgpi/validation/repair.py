@@ -50,7 +50,7 @@ def search(
         # At least what rounding leaves: an output that must be zero is compared with the others.
         targets[name] = Target(arguments, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
-        changes = copy.search(targets)
+        changes = copy.search(targets, [value for value, _ in phrasing.known_numbers(problem.tree) if value])
     if not changes:
         return None
     repair = Repair(changes, patched(worker.source, changes))

@@ -148,13 +148,17 @@ class Worker:
                 values.append(value)
         return values
 
-    def search(self, targets: Mapping[str, edits.Target]) -> tuple[edits.Change, ...]:
+    def search(
+        self, targets: Mapping[str, edits.Target], known: Sequence[float]
+    ) -> tuple[edits.Change, ...]:
         """Return changes of the source with which its functions give what they should; none when none do.
+
+        Numbers that are `known` to be right are changed last.
 
         The model is of no use afterwards.
         """
         try:
-            self._pipe.send(("", targets, {}))
+            self._pipe.send(("", targets, known))
             found: tuple[edits.Change, ...] = self._receive("", 10.0 * edits.BUDGET, "")
         except (OSError, ModelError):
             return ()
@@ -267,18 +271,22 @@ def _answer_all(
         except EOFError:
             os._exit(0)
         if not name:
-            pipe.send((True, _searched(functions, states)))
+            pipe.send((True, _searched(functions, states, numbers)))
             os._exit(0)
         _answer_calls(pipe, functions, name, states, numbers, silent, own, started)
 
 
-def _searched(functions: models.Functions, targets: Mapping[str, edits.Target]) -> tuple[edits.Change, ...]:
+def _searched(
+    functions: models.Functions, targets: Mapping[str, edits.Target], known: Sequence[float]
+) -> tuple[edits.Change, ...]:
     """Return the changes of a model's source with which it gives what it should."""
     origin = functions.origin
     try:
         if origin is None or not edits.harmless(origin.source):
             return ()
-        return edits.Editor(origin.path, origin.source, origin.again, origin.module, targets).search()
+        np.cross = edits.cross  # this process ends with the search
+        editor = edits.Editor(origin.path, origin.source, origin.again, origin.module, targets, tuple(known))
+        return editor.search()
     except Exception:
         return ()  # a source that is too odd to be changed
 
