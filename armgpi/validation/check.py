@@ -15,7 +15,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, repair, samples
 from armgpi.validation.conventions import declared
-from armgpi.validation.diagnose import Cause, Vary, diagnose, plausible
+from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
@@ -173,14 +173,13 @@ def _causes(
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
     references = {name: _reference(robot, problem, name, states) for name in sampled}
-    found = repair.search(model, worker, states, problem, references)
+    found, searched = repair.search(model, worker, states, problem, references)
     if found is not None and worker.source is not None:
         return list(repair.causes(found, worker.source, problem)), found.source
     if problem.agreeing.all():  # not even quadratic in v, which no element shows
         return [], None
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
-    causes = diagnose(problem, follows, vary)
-    return [plausible(cause, worker.source is not None) for cause in causes], None
+    return diagnose(problem, follows, vary, searched), None
 
 
 def name_of(model: Any) -> str:

@@ -1,16 +1,19 @@
-"""What is wrong with a model: hypotheses are tried, and one that brings agreement is the cause.
+"""What is wrong with a model, from its values: the shortest description of what differs.
 
-From the largest scope to the smallest: a mistake that explains everything that differs and spoils nothing
-that agrees; then one that explains a whole term of a function; then single entries, products and joints.
-Where nothing fits, no cause is named, and the evidence is shown: what the difference is as a function of
-the configuration.
+Three scopes are tried, all that differs, one quantity of one function, one entry. In each, every mistake that
+explains what differs there and spoils nothing that agrees is a candidate, and the one of the shortest
+description is the cause. A description is as long as it takes to choose it: among the members of its kind,
+the terms of the robot, the usual coefficients; a number that can be anything takes the most. An entry is
+fitted with a dictionary of the robot's own terms (:mod:`armgpi.validation.terms`); the same term in all
+entries that differ is one cause. What nobody would believe is not named, and shown beside the evidence.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -21,36 +24,31 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import harmonics, phrasing, terms
 from armgpi.validation.hypotheses import (
+    CONVENTIONS,
     MOMENTS,
     Hypothesis,
     Names,
-    ParametricHypothesis,
+    Parameter,
     angle_maps,
     discrete,
-    parametric_hypotheses,
+    parameters,
 )
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.tree import Tree, evaluate
 
 #: Other explanations that are as good, at most so many: who reads more?
 ALTERNATIVES = 4
-#: Pairs of mistakes are tried among those of no greater penalty: a hundred or so make thousands of pairs.
-PAIR_PENALTY = 2.0
-#: Penalty of a wrong value among the model's own numbers: below that of a number of the robot, as the name of
-#: the number tells where to look, and above that of a slip in a formula.
-OWN_PENALTY = 2.2
-#: Where nothing up to this penalty fits, terms of single entries are looked at.
-_SLIP_PENALTY = 2.5
+#: Alternatives have descriptions that are no longer than the cause's by more than this [bits].
+_NEAR = 12.0
+#: Length of a number that can be anything, to the six digits that are shown, and of one that means something.
+_FREE, _MEANT = 20.0, 10.0
 #: What is usually taken for gravity [m/s²], and that of the moon and of Mars; in feet and in cm.
 _STRENGTHS = (9.81, 9.8, 10.0, 1.62, 3.71, 32.174, 981.0, 1.0)
 #: Elements whose dependence on the configuration is shown, at most.
 SHOWN = 6
-#: Configurations at which a term at another angle is compared: hundreds of them are tried, and few functions
-#: of the configuration agree at so many.
-_FEW = 16
 #: Two factors are the same up to this, relative: they come from values that agree to 1e-9.
 _SAME_FACTOR = 1e-7
-#: What a factor of an element means.
+#: What a factor of an element means, the usual ones first.
 _FACTORS = {
     -1.0: "its sign",
     0.5: "a factor 2 is missing",
@@ -60,8 +58,14 @@ _FACTORS = {
 }
 #: What is said where nothing explains what differs.
 NOT_NAMED = "not named: no usual mistake explains it"
+#: Entries of one quantity that are explained by more different causes than these are not.
+_MOST_CAUSES = 2
+#: More values than these are not changed by one mistake.
+_MOST_VALUES = 4
 #: Quantities of a function that may have causes of their own; D first, as C and G may follow from the same.
 _QUANTITIES = ("D", "H", "B", "Z", "G", "V", "F", "J")
+#: Kinds of causes that say nothing of a mistake.
+UNNAMED = ("unknown", "consequence")
 
 
 class Cause(NamedTuple):
@@ -92,39 +96,6 @@ class Cause(NamedTuple):
     line: int | None = None
 
 
-#: Kinds of causes that say nothing of a mistake.
-UNNAMED = ("unknown", "consequence")
-#: More values than these are not changed by one mistake.
-_MOST_VALUES = 4
-
-
-def plausible(cause: Cause, sourced: bool) -> Cause:
-    """Return a cause; one that nobody would believe is not named, and becomes an alternative.
-
-    Args:
-        cause: what explains the values.
-        sourced: whether the model's source was searched and nothing in it explains them: then only a
-            convention of the whole model does.
-    """
-    if cause.kind in UNNAMED:
-        return cause
-    odd = cause.kind == "gravity-strength" and not _is_usual(cause.value)
-    odd |= cause.kind in ("inertia", "mass", "armature") and cause.value is not None and cause.value <= 0.0
-    odd |= cause.kind == "tilt" or (
-        cause.kind == "inertial-parameters" and cause.text.count(" +") + cause.text.count(" -") > _MOST_VALUES
-    )
-    odd |= sourced and (cause.scope != "model" or not cause.structural)
-    if not odd:
-        return cause
-    alternatives = (cause.text, *cause.alternatives)[:ALTERNATIVES]
-    return cause._replace(kind="unknown", text=NOT_NAMED, alternatives=alternatives)
-
-
-def _is_usual(gravity: float | None) -> bool:
-    """Tell whether a strength is one that is taken for gravity [m/s²]."""
-    return gravity is None or any(abs(gravity / known - 1.0) < 1e-3 for known in _STRENGTHS)
-
-
 class Vary(NamedTuple):
     """A model whose own numbers can be changed.
 
@@ -139,23 +110,24 @@ class Vary(NamedTuple):
 
 
 class _Candidate(NamedTuple):
-    """A mistake that explains what was asked; of equally good ones the least penalty wins."""
+    """A mistake that explains what was asked; of equally good ones the shortest wins."""
 
-    penalty: float
+    bits: float
     kind: str
     text: str
     value: float | None = None
     expected: float | None = None
     structural: bool = True
-    hypothesis: Hypothesis | None = None  # where it may be the context of other mistakes
+    plausible: bool = True
 
 
-def _by_penalty(hypotheses: Iterable[Hypothesis]) -> list[_Candidate]:
-    """Return hypotheses about one element as candidates, the simplest first."""
-    return [_Candidate(h.penalty, h.kind, h.text) for h in sorted(hypotheses, key=lambda h: h.penalty)]
+def _best_first(found: list[_Candidate]) -> list[_Candidate]:
+    return sorted(found, key=lambda c: (not c.plausible, c.bits))
 
 
-def diagnose(problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Vary) -> list[Cause]:
+def diagnose(
+    problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Vary, sourced: bool
+) -> list[Cause]:
     """Return the causes of all that differs, none when nothing does.
 
     Args:
@@ -163,10 +135,13 @@ def diagnose(problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Va
         follows: function -> the other function of the model that it agrees with where it differs from the
             reference, and those elements.
         vary: the model's own numbers.
+        sourced: whether the model's source was searched and nothing in it explains them: then only a
+            convention of the whole model does.
     """
     if problem.agreeing.all():
         return []
-    return _Search(problem, vary).run(follows)
+    search = _Search(problem, vary)
+    return search.conventions() if sourced else search.run(follows)
 
 
 class _Search:
@@ -178,23 +153,44 @@ class _Search:
         self.vary = vary
         self.names = Names(problem.tree)
         self.differing = ~problem.agreeing
-        self.discrete = [(h, problem.explains(h)) for h in discrete(problem.tree)]
-        self.maps = [(h, problem.explains(h)) for h in angle_maps(problem.tree)]
-        self.fitted = [_Fitted(problem, one) for one in parametric_hypotheses(problem.tree)]
+        hypotheses = discrete(problem.tree)
+        kinds = Counter(h.kind for h in hypotheses)
+        self.discrete = [(h, problem.explains(h), math.log2(kinds[h.kind])) for h in hypotheses]
+        self.fitted: list[_Fitted] | None = None
         self.known = phrasing.known_numbers(problem.tree)
-        self._terms: list[terms.Term] = []
-        self._mapped: list[tuple[Hypothesis, list[terms.Term]]] = []
+        self._maps: list[tuple[Hypothesis, Mask, float]] | None = None
+        self._terms: list[terms.Term] | None = None
+
+    @property
+    def summands(self) -> list[terms.Term]:
+        """The robot's own terms."""
+        if self._terms is None:
+            self._terms = terms.split(self.problem)
+        return self._terms
+
+    @property
+    def maps(self) -> list[tuple[Hypothesis, Mask, float]]:
+        """Mistakes in the angles of a single entry."""
+        if self._maps is None:
+            maps = angle_maps(self.problem.tree)
+            self._maps = [(h, self.problem.explains(h), math.log2(len(maps))) for h in maps]
+        return self._maps
+
+    def conventions(self) -> list[Cause]:
+        """Return a convention of the whole model that explains all, or what was seen."""
+        found = [
+            _Candidate(bits, h.kind, h.text)
+            for h, fits, bits in self.discrete
+            if h.kind in CONVENTIONS and fits.all()
+        ]
+        return [self.cause(_best_first(found), self.differing, "model")]
 
     def run(self, follows: Mapping[str, tuple[str, Mask]]) -> list[Cause]:
         """Return the causes, the ones with the largest scope first."""
         p, left = self.problem, self.differing.copy()
         if found := self.best(np.ones_like(left), left):
-            found = self.widened(found, left)
-            return [
-                self.cause(
-                    found, left, "model" if len({e[1:] for e in self.elements(left)}) > 1 else "elements"
-                )
-            ]
+            places = {e[1:] for e in self.elements(left)}
+            return [self.cause(found, left, "model" if len(places) > 1 else "elements")]
         consequences = []
         for name, (source, mask) in follows.items():
             mine = left & mask & p.of_function(name)
@@ -205,100 +201,73 @@ class _Search:
         scope = ~(self.differing & ~left)
         if consequences and left.any() and (found := self.best(scope, left)):
             return [self.cause(found, left, "model"), *consequences]
-        causes = _joined(self.by_function(left))
-        if any(cause.kind == "unknown" for cause in causes) and (found := self.pairs(scope)):
-            causes = [self.cause(found, left, "model")]
-        return [*causes, *consequences]
-
-    def widened(self, found: list[_Candidate], left: Mask) -> list[_Candidate]:
-        """Return also what explains the one function that differs and would spoil others that agree.
-
-        Where a formula is wrong in one function alone, the others need not know of it.
-        """
-        p = self.problem
-        names, quantities = (
-            set(p.functions[left].tolist()),
-            {p.elements[k].quantity for k in np.flatnonzero(left)},
-        )
-        if len(names) > 1 or len(quantities) > 1:
-            return found
-        scope = p.of_function(names.pop()) & p.quantity(*quantities)
-        texts = {c.text for c in found}
-        # With 0.5 more: what spoils nothing is named first among equals.
-        more = [c._replace(penalty=c.penalty + 0.5) for c in self.best(scope, left) if c.text not in texts]
-        return sorted([*found, *more], key=lambda c: c.penalty)
+        return [*_joined(self.by_function(left)), *consequences]
 
     def by_function(self, left: Mask) -> Iterator[Cause]:
-        """Yield causes for every term of every function alone."""
+        """Yield causes for every quantity of every function alone."""
         p = self.problem
-        context: Hypothesis | None = None
-        for name in dict.fromkeys(p.functions.tolist()):
-            for quantity in _QUANTITIES:
-                mine = left & p.of_function(name) & p.quantity(quantity)
-                if not mine.any():
-                    continue
-                scope = p.of_function(name) & p.quantity(quantity) & ~(self.differing & ~left)
-                found = self.best(scope, mine, context)
-                if found:
-                    first = found[0].hypothesis
-                    if first is not None and first.post is None and first.custom is None:
-                        context = first
-                    yield self.cause(found, mine, "function")
-                else:
-                    yield from self.singles(mine)
+        for name, quantity in itertools.product(dict.fromkeys(p.functions.tolist()), _QUANTITIES):
+            part = p.of_function(name) & p.quantity(quantity)
+            mine = left & part
+            if not mine.any():
+                continue
+            if found := self.best(part & ~(self.differing & ~left), mine):
+                yield self.cause(found, mine, "function")
+                continue
+            causes = _joined(
+                self.cause(_best_first(self.entry(int(k))), _only(int(k), mine), "elements")
+                for k in np.flatnonzero(mine)
+            )
+            if len(causes) > _MOST_CAUSES:  # a different cause for every entry is none
+                told = tuple(c.text for c in causes if c.kind != "unknown")
+                causes = [self.cause([], mine, "elements")._replace(alternatives=told[:ALTERNATIVES])]
+            yield from causes
 
-    def best(self, scope: Mask, differing: Mask, context: Hypothesis | None = None) -> list[_Candidate]:
-        """Return the mistakes that make all elements of `scope` agree, the simplest first."""
-        found = [_whole(h) for h, fits in self.discrete if fits[scope].all()]
+    def best(self, scope: Mask, differing: Mask) -> list[_Candidate]:
+        """Return the mistakes that make all elements of `scope` agree, the shortest first."""
+        p = self.problem
         columns = [int(column) for column in np.flatnonzero(differing)]
-        # The same element of several functions counts once: D of mass_matrix and of kinetic_energy.
-        single = len({self.problem.elements[column][1:] for column in columns}) == 1
-        if single:
-            simple = [self.factor(column, plain=True) for column in columns]
-            if simple[0] is not None and all(s is not None and s.text == simple[0].text for s in simple):
-                found.append(simple[0])
-        if context is not None and self.problem.explains(context)[scope].all():
-            found.append(_whole(context)._replace(penalty=-1.0))  # it is there already
+        elements = self.elements(differing)
+        scopes = [(scope, 0.0)]
+        if len({(e.function, e.quantity) for e in elements}) == 1:
+            # Where a formula is wrong in one function alone, the others need not know of it.
+            scopes.append(
+                (scope & p.of_function(elements[0].function) & p.quantity(elements[0].quantity), 1.0)
+            )
+        found: list[_Candidate] = []
+        for part, more in scopes:
+            one = [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.discrete if fits[part].all()]
+            one += [*self.own_numbers(part, differing), *self.wrong_values(part, differing)]
+            known = {c.text for c in found}
+            found += [c._replace(bits=c.bits + more) for c in one if c.text not in known]
         found += self.gravity(scope, differing)
-        found += self.own_numbers(scope, differing)
-        found += self.wrong_values(scope, differing)
-        if not found and context is not None:
-            found += self.beside(context, scope)
-        if not single:
-            found += self.common_factor(scope)
-        if not any(c.penalty <= _SLIP_PENALTY for c in found):
-            # A term of one entry is a better explanation than a value that only this entry feels.
-            found += self.explain_alike(columns) if single else self.common_terms(differing)
-        return sorted(found or self.link_parameters(scope, differing), key=lambda c: c.penalty)
+        # The same element of several functions counts once: D of mass_matrix and of kinetic_energy.
+        if len({e[1:] for e in elements}) == 1:
+            entries = [self.entry(column) for column in columns]
+            texts = set.intersection(*({c.text for c in entry} for entry in entries))
+            found += [c for c in entries[0] if c.text in texts and c.text not in {f.text for f in found}]
+        else:
+            found += [*self.common_factor(scope), *self.common_terms(columns)]
+        return _best_first(found or self.link_parameters(scope, differing))
 
     def wrong_values(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return the numbers of the robot of which another value makes all of `scope` agree."""
-        return [c for one in self.fitted if (c := one.candidate(scope, differing)) is not None]
+        if self.fitted is None:
+            self.fitted = [_Fitted(self.problem, one) for one in parameters(self.problem.tree)]
+        found = [one.candidate(scope, differing) for one in self.fitted]
+        return [c._replace(bits=c.bits + math.log2(len(self.fitted))) for c in found if c is not None]
 
-    def beside(self, context: Hypothesis, scope: Mask) -> list[_Candidate]:
-        """Return the mistakes that make all of `scope` agree together with one that is known already."""
-        pairs = (context.and_also(h) for h, _ in self.discrete if h.custom is None)
-        return [_whole(both) for both in pairs if self.problem.explains(both)[scope].all()]
-
-    def explain_alike(self, columns: list[int]) -> list[_Candidate]:
-        """Return what explains one element in every function that has it; none when they differ."""
-        explained = [self.explain_one(column) for column in columns]
-        same = explained[0] and all(e and e[0].text == explained[0][0].text for e in explained)
-        return explained[0] if same else []
-
-    def common_terms(self, differing: Mask) -> list[_Candidate]:
+    def common_terms(self, columns: list[int]) -> list[_Candidate]:
         """Return the terms that are wrong in the same way in every element that differs."""
-        self._terms = self._terms or terms.split(self.problem)
-        found = []
-        for term in self._terms:
-            matches = [terms.match(self.problem, term, int(k)) for k in np.flatnonzero(differing)]
-            one = matches[0]
-            if one is None or any(m is None or abs(m.factor - one.factor) > _SAME_FACTOR for m in matches):
-                continue
-            reason = "" if one.plain else phrasing.of_factor(one.factor, self.known)
-            named = one.plain or bool(reason)
-            found.append(_Candidate(3.0 if named else 6.5, "term", one.text + reason))
-        return found
+        fits = [{one.text: one for one in terms.fits(self.problem, self.summands, k)} for k in columns]
+        texts = [text for text in fits[0] if all(text in other for other in fits)]
+        return [self.of_fit(fits[0][text]) for text in texts]
+
+    def of_fit(self, fit: terms.Fit) -> _Candidate:
+        """Return a fit of terms as a candidate."""
+        reason = "" if fit.usual else phrasing.of_factor(1.0 + fit.shares[0], self.known)
+        bits = fit.bits + (0.0 if fit.usual else _MEANT if reason else _FREE)
+        return _Candidate(bits, "term", fit.text + reason, plausible=fit.usual or bool(reason))
 
     def gravity(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return another gravity vector, by least squares, if that is all that differs."""
@@ -308,7 +277,7 @@ class _Search:
             return []
         parts = []
         for axis in np.eye(3):
-            under = Hypothesis("", "", 0.0, tree=partial(_under, gravity=axis))
+            under = Hypothesis("", "", tree=partial(_under, gravity=axis))
             parts.append(p.hypothesis(under)[:, scope & columns])
         weights = 1.0 / p.tolerance[scope & columns]
         basis = np.stack([(part * weights).ravel() for part in parts], axis=-1)
@@ -319,50 +288,43 @@ class _Search:
         # Compare only what these joints feel of it: a vertical axis feels no vertical gravity.
         felt = np.linalg.lstsq(basis, basis @ tree.gravity, rcond=1e-12)[0]
         strength, own = float(np.linalg.norm(g)), float(np.linalg.norm(felt))
-        shown = f"({', '.join(f'{x:.6g}' for x in np.round(g, 9) + 0.0)})"
         if strength < 1e-9 * max(own, 1.0):
-            return [_Candidate(0.0, "gravity-missing", "gravity is missing")]
+            return [_Candidate(0.0, "gravity", "gravity is missing")]
         if own and np.abs(g + felt).max() < 1e-7 * own:
-            return [_Candidate(0.0, "gravity-sign", "the sign of gravity")]
+            return [_Candidate(0.0, "gravity", "the sign of gravity")]
         if own and np.abs(g / strength - felt / own).max() < 1e-7:
             text = f"the strength of gravity: {strength:.6g} m/s², the robot's is {own:.6g}"
             usual = any(abs(strength / known - 1.0) < 1e-3 for known in _STRENGTHS)
-            penalty = 1.9 if usual else 4.5
-            return [_Candidate(penalty, "gravity-strength", text, strength, own, structural=False)]
-        text = f"the direction of gravity: the model has {shown} m/s² along x, y, z of the base"
-        return [_Candidate(2.1, "gravity-direction", text)]
+            bits = math.log2(len(_STRENGTHS)) if usual else _FREE
+            return [_Candidate(bits, "gravity", text, strength, own, False, usual)]
+        shown = ", ".join(f"{x:.6g}" for x in np.round(g, 9) + 0.0)
+        text = f"the direction of gravity: the model has ({shown}) m/s² along x, y, z of the base"
+        along = np.count_nonzero(np.abs(g) > 1e-7 * strength) == 1
+        return [_Candidate(3.0 if along else _FREE, "gravity", text)]
 
-    def own_numbers(self, scope: Mask, differing: Mask) -> list[_Candidate]:
-        """Return numbers of the model for which another value makes it agree."""
-        p, found = self.problem, []
+    def own_numbers(self, scope: Mask, differing: Mask) -> Iterator[_Candidate]:
+        """Yield numbers of the model for which another value makes it agree."""
+        p = self.problem
         # A call of the model is slow: a number must explain one function before it is tried on the others.
-        first = p.functions[np.flatnonzero(differing)[0]]
-        several, names = int(differing.sum()) > 1, frozenset([str(first)])
-        part = differing & p.of_function(str(first))
+        first = str(p.functions[np.flatnonzero(differing)[0]])
+        part = differing & p.of_function(first)
         for name, value in self.vary.numbers.items():
             try:
-                best = self._solve_number(name, value, part, names)
-                # Zero or another sign: rather a formula that is wrong than a number.
-                odd = best is None or best * value < 0.0 or abs(best) < 1e-9 * abs(value)
-                if best is None or (odd and not several):
+                best = self._solve_number(name, value, part, frozenset([first]))
+                if best is None:
                     continue
                 columns = self.vary.columns(name, best, frozenset(p.functions.tolist()), None)
             except ModelError:
                 continue  # a value that the model does not take
             away = np.abs(columns - p.reference[: len(columns)]).max(axis=0)
-            if (away <= p.tolerance)[scope | p.agreeing].all():
-                text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees"
-                found.append(
-                    _Candidate(
-                        OWN_PENALTY + 3.0 * odd + 2.5 * self.is_right(value),
-                        "parameter",
-                        text + phrasing.ratio(value / best if best else 0.0),
-                        value,
-                        best,
-                        structural=False,
-                    )
-                )
-        return found
+            if not (away <= p.tolerance)[scope | p.agreeing].all():
+                continue
+            reason = phrasing.ratio(value / best if best else 0.0)
+            text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees{reason}"
+            # Zero or another sign, or a number that the robot has too: rather a formula that is wrong.
+            odd = best * value < 0.0 or abs(best) < 1e-9 * abs(value) or self.is_right(value)
+            bits = math.log2(len(self.vary.numbers)) + (_MEANT if reason else _FREE) + _FREE * odd
+            yield _Candidate(bits, "parameter", text, value, best, structural=False, plausible=not odd)
 
     def is_right(self, value: float) -> bool:
         """Tell whether a number of the model is one of the robot's too: hardly the wrong one."""
@@ -397,28 +359,6 @@ class _Search:
                 break
         return x1 if np.abs(rest(x1)).max() <= 1.0 else None
 
-    def pairs(self, scope: Mask) -> list[_Candidate]:
-        """Return two mistakes that together make all of `scope` agree."""
-        p, found = self.problem, []
-        likely = [h for h, fits in self.discrete if h.penalty <= PAIR_PENALTY and h.custom is None]
-        # One quantity at three configurations rules out nearly all pairs, at a hundredth of the time.
-        few, part = 3, np.zeros_like(scope)
-        for quantity in ("D", "G", "H"):
-            if (scope & self.differing & p.quantity(quantity)).any():
-                part = scope & p.quantity(quantity)
-                break
-        else:
-            return []
-        user, tolerance = p.user[:few, part], p.tolerance[part]
-        for first, second in itertools.combinations(likely, 2):
-            if first.post is not None and second.post is not None:
-                continue  # two factors of the same quantity are one factor
-            both = first.and_also(second)
-            columns = p.hypothesis(both, few, quantity)[:, part]
-            if (np.abs(user - columns).max(axis=0) <= tolerance).all() and p.explains(both)[scope].all():
-                found.append(_whole(both))
-        return sorted(found, key=lambda c: c.penalty)
-
     def link_parameters(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return links whose mass, centre of mass and inertia, by least squares, make all agree."""
         p = self.problem
@@ -442,130 +382,65 @@ class _Search:
                 change = np.linalg.lstsq(block / sizes, target, rcond=1e-11)[0]
                 if np.abs(block / sizes @ change - target).max() <= limit:
                     links = " and ".join(self.names.link(i) for i in chosen)
-                    own = _inertial_text(chosen, (change / sizes).reshape(count, 10))
+                    own, values = _inertial_text(chosen, (change / sizes).reshape(count, 10))
                     text = f"the inertial parameters of {links}: {own}"
-                    return [_Candidate(8.0 + count, "inertial-parameters", text, structural=False)]
+                    return [
+                        _Candidate(
+                            _FREE * values,
+                            "inertial-parameters",
+                            text,
+                            structural=False,
+                            plausible=values <= _MOST_VALUES,
+                        )
+                    ]
         return []
 
-    def singles(self, mask: Mask) -> Iterator[Cause]:
-        """Yield causes for elements one by one, equal ones to be joined."""
-        left = mask.copy()
-        for column in np.flatnonzero(mask):
-            simple = self.factor(int(column), plain=True)
-            if simple is not None:
-                yield self.cause([simple], _only(int(column), mask), "elements")
-                left[column] = False
-        while left.any():
-            options = [(fits & left, h) for h, fits in [*self.discrete, *self.maps] if h.post is None]
-            fits, h = min(options, key=lambda option: (-int(option[0].sum()), option[1].penalty))
-            if fits.sum() < 2:
-                break
-            yield self.cause(_by_penalty([h]), fits, "elements")
-            left &= ~fits
-        for column in np.flatnonzero(left):
-            unknown = _Candidate(99.0, "unknown", NOT_NAMED)
-            candidates = self.explain_one(int(column)) or [unknown]
-            yield self.cause(candidates, _only(int(column), mask), "elements")
-
-    def explain_one(self, column: int) -> list[_Candidate]:
-        """Return the mistakes that explain one element, the simplest first; none when none does."""
-        fitting = [h for h, fits in [*self.discrete, *self.maps] if fits[column] and h.post is None]
-        # Half a turn is a sign, which a term's name tells better.
-        turned = [h for h in fitting if h.affine is not None and "180°" not in h.text]
-        if turned:
-            return _by_penalty(turned)
-        matches = self.matches(column)
-        if matches and matches[0].plain:
-            return [_Candidate(3.0, "term", m.text) for m in matches if m.plain]
-        mask = _only(column, self.differing)
-        # From what is most telling to what fits most easily: the later ones have free numbers.
-        return (
-            _by_penalty(fitting)
-            or self.copied(column)
-            or self.slips(column)
-            or self.mapped_term(column)
-            or self.scaled_terms(matches)
-            or self.harmonic(column)
-            or [c for c in [self.factor(column, plain=False)] if c is not None]
-            or sorted(self.wrong_values(mask, mask), key=lambda c: c.penalty)
-        )
-
-    def matches(self, column: int) -> list[terms.Match]:
-        """Return the terms that explain one element, those with a usual factor first."""
-        if self.problem.elements[column].quantity not in ("D", "H", "G", "V", "Z"):
-            return []
-        self._terms = self._terms or terms.split(self.problem)
-        matches = [terms.match(self.problem, term, column) for term in self._terms]
-        return sorted((m for m in matches if m is not None), key=lambda m: not m.plain)
-
-    def slips(self, column: int) -> list[_Candidate]:
-        """Return the slips of trigonometry that explain one element."""
+    def entry(self, column: int) -> list[_Candidate]:
+        """Return the mistakes that explain one element; none when none does."""
         p = self.problem
-        rest = p.user[:, column] - p.reference[:, column]
-        found = harmonics.trigonometry(p.q, rest, p.tree.prismatic, float(p.tolerance[column]))
-        return [_Candidate(3.5, "trigonometry", text) for text in found]
+        found = [
+            _Candidate(bits, h.kind, h.text) for h, fits, bits in [*self.discrete, *self.maps] if fits[column]
+        ]
+        found += [self.of_fit(fit) for fit in terms.fits(p, self.summands, column)]
+        found += [*self.factor(column), *self.copied(column), *self.slips(column)]
+        return found
 
-    def scaled_terms(self, matches: list[terms.Match]) -> list[_Candidate]:
-        """Return terms with an unusual factor as candidates, those whose factor means something first."""
-        named = [(m, phrasing.of_factor(m.factor, self.known)) for m in matches]
-        named = sorted(named, key=lambda one: not one[1])
-        return [_Candidate(5.0, "term", m.text + why, m.factor, 1.0) for m, why in named]
-
-    def harmonic(self, column: int) -> list[_Candidate]:
-        """Return the one term of an element's trigonometric sum that is wrong."""
-        p = self.problem
-        mine, theirs = p.user[:, column], p.reference[:, column]
-        text = harmonics.slip(p.q, mine, theirs, p.tree.prismatic, float(p.tolerance[column]))
-        return [] if text is None else [_Candidate(4.5, "term", text)]
-
-    def mapped_term(self, column: int) -> list[_Candidate]:
-        """Return a term of the element whose angle is wrong."""
-        p = self.problem
-        if self._terms and not self._mapped:
-            self._mapped = [(h, terms.split(p, h.affine, _FEW)) for h, _ in self.maps]
-        for h, moved in self._mapped:
-            for plain, other in zip(self._terms, moved, strict=True):
-                found = terms.match_mapped(p, plain, other, h, column)
-                if found is not None:
-                    return [_Candidate(4.0, "term", found.text)]
-        return []
-
-    def factor(self, column: int, plain: bool) -> _Candidate | None:
-        """Return the constant factor by which an element is off, None when there is none.
-
-        Args:
-            column: the element.
-            plain: take only a sign, a factor 2, another unit, or what is zero in one of the two.
-        """
+    def factor(self, column: int) -> Iterator[_Candidate]:
+        """Yield the constant factor by which an element is off, or what is zero in one of the two."""
         p = self.problem
         mine, theirs, tolerance = p.user[:, column], p.reference[:, column], p.tolerance[column]
         if np.abs(theirs).max() <= tolerance:
-            return self.extra(column) if plain else None
+            yield from self.extra(column)
+            return
         if np.abs(mine).max() <= tolerance:
-            return _Candidate(1.0, "missing", "is missing: the model has zero there") if plain else None
+            yield _Candidate(0.0, "missing", "is missing: the model has zero there")
+            return
         factor = float(mine @ theirs) / float(theirs @ theirs)
         if np.abs(mine - factor * theirs).max() > tolerance:
-            return None
-        for known, text in _FACTORS.items():
+            return
+        for rank, (known, text) in enumerate(_FACTORS.items()):
             if abs(factor - known) < _SAME_FACTOR:
-                return _Candidate(1.0, "sign" if known == -1.0 else "factor", text, known, 1.0)
-        text = f"is {factor:.6g} times what it should be"
-        if plain:
-            unit = phrasing.ratio(factor)
-            return _Candidate(1.2, "factor", text + unit) if unit else None
-        return _Candidate(6.0, "factor", text + phrasing.of_factor(factor, self.known), factor, 1.0)
+                kind = "sign" if known == -1.0 else "factor"
+                yield _Candidate(math.log2(rank + 1.0), kind, text, known, 1.0)
+                return
+        yield self.by_factor(factor, f"is {factor:.6g} times what it should be")
 
-    def extra(self, column: int) -> _Candidate | None:
-        """Return what an element is that must be zero."""
+    def by_factor(self, factor: float, text: str) -> _Candidate:
+        """Return a factor as a candidate: a unit, a length more or less, or any number."""
+        reason = phrasing.of_factor(factor, self.known)
+        bits = _MEANT / 2.0 if phrasing.ratio(factor) else _MEANT if reason else _FREE
+        return _Candidate(bits, "factor", text + reason, factor, 1.0, plausible=bool(reason))
+
+    def extra(self, column: int) -> Iterator[_Candidate]:
+        """Yield what an element is that must be zero."""
         p, element = self.problem, self.problem.elements[column]
         mine = p.user[:, column]
         diagonal = element.quantity == "B" and element.place[0] == element.place[1]
         if diagonal and np.ptp(mine) <= p.tolerance[column]:
             text = f"viscous friction of {mine.mean():.6g} is contained in it"
-            return _Candidate(1.0, "friction", text, float(mine.mean()), 0.0)
-        if element.quantity == "Z":
-            return None  # a torque at rest is gravity, or a part of it
-        return _Candidate(1.0, "extra", "must be zero, and is not")
+            yield _Candidate(1.0, "friction", text, float(mine.mean()), 0.0)
+        elif element.quantity != "Z":  # a torque at rest is gravity, or a part of it
+            yield _Candidate(1.0, "extra", "must be zero, and is not")
 
     def common_factor(self, scope: Mask) -> list[_Candidate]:
         """Return the factor by which all of `scope` is off."""
@@ -577,31 +452,41 @@ class _Search:
         # Where nothing at all is there, it is missing, not scaled.
         if abs(factor) <= 1e-9 or np.abs(mine - factor * theirs).max() > 1.0:
             return []
-        text = f"it is {factor:.6g} times what it should be, in every entry"
-        return [_Candidate(4.5, "factor", text + phrasing.of_factor(factor, self.known), factor, 1.0)]
+        return [self.by_factor(factor, f"it is {factor:.6g} times what it should be, in every entry")]
 
-    def copied(self, column: int) -> list[_Candidate]:
-        """Return another element whose value stands in place of this one's."""
+    def copied(self, column: int) -> Iterator[_Candidate]:
+        """Yield another element whose value stands in place of this one's."""
         p, element, tolerance = self.problem, self.problem.elements[column], self.problem.tolerance[column]
-        for other, candidate in enumerate(p.elements):
-            if other == column or candidate[:2] != element[:2]:  # of the same function and quantity
-                continue
-            away = np.abs(p.user[:, column] - p.reference[:, other]).max()
-            if away <= tolerance and np.abs(p.reference[:, other]).max() > tolerance:
-                return [_Candidate(2.0, "swapped", f"what belongs in {candidate.label} stands there")]
-        return []
+        same = [k for k, e in enumerate(p.elements) if e[:2] == element[:2] and k != column]
+        for k in same:
+            away = np.abs(p.user[:, column] - p.reference[:, k]).max()
+            if away <= tolerance and np.abs(p.reference[:, k]).max() > tolerance:
+                text = f"what belongs in {p.elements[k].label} stands there"
+                yield _Candidate(math.log2(len(same)), "swapped", text)
+                return
+
+    def slips(self, column: int) -> list[_Candidate]:
+        """Return the slips of trigonometry that explain one element, or the one wrong term of its sum."""
+        p = self.problem
+        mine, theirs = p.user[:, column], p.reference[:, column]
+        given = (p.tree.prismatic, float(p.tolerance[column]))
+        told = harmonics.trigonometry(p.q, mine - theirs, *given)
+        if not told and (text := harmonics.slip(p.q, mine, theirs, *given)) is not None:
+            return [_Candidate(_FREE, "term", text)]
+        return [_Candidate(_MEANT, "trigonometry", text) for text in told]
 
     def elements(self, mask: Mask) -> tuple[Element, ...]:
         """Return the elements of a mask."""
         return tuple(self.problem.elements[column] for column in np.flatnonzero(mask))
 
     def cause(self, found: list[_Candidate], mask: Mask, scope: str) -> Cause:
-        """Return the simplest candidate as a cause, the others of about its penalty as alternatives."""
-        first = found[0]
+        """Return the first candidate as a cause, the others of about its length as alternatives."""
+        named = bool(found) and found[0].plausible
+        structural = found[0].structural if found else True
+        first = found[0] if named else _Candidate(0.0, "unknown", NOT_NAMED, structural=structural)
         # A reader who sees at once that the first is not it wants to see the others.
-        near = [
-            c.text for c in found[1:] if c.penalty <= max(first.penalty + 2.0, 6.0) and c.text != first.text
-        ]
+        near = [c.text for c in found if not named or c.bits <= max(first.bits, _FREE) + _NEAR]
+        other = tuple(text for text in dict.fromkeys(near) if text != first.text)
         return Cause(
             first.kind,
             first.text,
@@ -609,8 +494,8 @@ class _Search:
             self.elements(mask),
             first.value,
             first.expected,
-            tuple(dict.fromkeys(near))[:ALTERNATIVES],
-            tuple(self.evidence(mask)) if scope == "elements" else (),
+            other[:ALTERNATIVES],
+            tuple(self.evidence(mask)) if scope == "elements" or not named else (),
             first.structural,
         )
 
@@ -635,38 +520,33 @@ class _Search:
                 yield f"{element.label}: the model has {values} at q = ({configuration})"
 
 
-def _whole(h: Hypothesis) -> _Candidate:
-    """Return a hypothesis about a whole scope as a candidate."""
-    return _Candidate(h.penalty, h.kind, h.text, hypothesis=h)
-
-
 class _Fitted:
-    """A parametric hypothesis, evaluated so that it is known for every value of its number."""
+    """A parameter, evaluated so that the quantities are known for every value of it."""
 
-    def __init__(self, problem: Problem, hypothesis: ParametricHypothesis) -> None:
+    def __init__(self, problem: Problem, parameter: Parameter) -> None:
         """Evaluate it at three values, or five angles: as many as its polynomial has coefficients."""
-        self.problem, self.hypothesis = problem, hypothesis
-        value = hypothesis.value
-        if hypothesis.angle:
+        self.problem, self.parameter = problem, parameter
+        value = parameter.value
+        if parameter.angle:
             # 1, cos, sin, cos 2, sin 2: equidistant angles make the best conditioned system.
             nodes = np.asarray(2.0 * np.pi * np.arange(5) / 5.0)
         else:
             # Half of a mass: Pinocchio adds no negative ones.
-            step: float = 0.5 * abs(value) if hypothesis.kind == "mass" and value else 1.0
+            step: float = 0.5 * abs(value) if parameter.kind == "mass" and value else 1.0
             nodes = np.array([-step, 0.0, step])
-        columns = np.stack([problem.hypothesis(hypothesis.instance(value + x)) for x in nodes])
+        columns = np.stack([problem.hypothesis(parameter.instance(value + x)) for x in nodes])
         inverse = np.linalg.inv(self._basis(nodes))
         self._coefficients = np.tensordot(inverse, columns, axes=1)  # (K, N, E)
 
     def _basis(self, x: Array) -> Array:
         """Return the functions that the columns are made of, at values of the number, (len(x), K)."""
-        if self.hypothesis.angle:
+        if self.parameter.angle:
             return np.stack([np.ones_like(x), np.cos(x), np.sin(x), np.cos(2 * x), np.sin(2 * x)], axis=-1)
         return np.stack([np.ones_like(x), x, x**2], axis=-1)
 
     def candidate(self, scope: Mask, differing: Mask) -> _Candidate | None:
         """Return the value that makes all of `scope` agree, None when there is none."""
-        p, h = self.problem, self.hypothesis
+        p, h = self.problem, self.parameter
         weights = 1.0 / p.tolerance[differing]
         parts = (self._coefficients[:, :, differing] * weights).reshape(len(self._coefficients), -1)
         target = (p.user[:, differing] * weights).ravel()
@@ -677,43 +557,42 @@ class _Fitted:
         if not p.fits(p.hypothesis(h.instance(value)))[scope].all():
             return None
         value = 0.0 if abs(value) < 1e-9 else value
-        if value < 0.0 and h.kind in ("mass", "armature"):
-            return None
         if h.angle:
             value = (value + math.pi) % (2.0 * math.pi) - math.pi
-        # Zero, or the other sign: rather a formula that is wrong.
-        odd = 2.0 if value * h.value < 0.0 or value == 0.0 else 0.0
-        return _Candidate(h.penalty + odd, h.kind, self._text(value), value, h.value, structural=False)
+        text, meant = self._text(value)
+        # A number that the robot does not have is rarely what a model has too much, but for a zero.
+        new = h.value == 0.0 and h.kind != "offset"
+        real = {"mass": value >= 0.0, "armature": value >= 0.0, "inertia": value > 0.0, "scale": meant}.get(
+            h.kind, True
+        )
+        bits = (_MEANT if meant else _FREE) + (1.0 if new else 0.0)
+        return _Candidate(bits, h.kind, text, value, h.value, structural=False, plausible=real)
 
-    def _text(self, value: float) -> str:
-        """Return what a value means."""
-        h = self.hypothesis
+    def _text(self, value: float) -> tuple[str, bool]:
+        """Return what a value is, and whether it means something."""
+        h = self.parameter
         if h.kind == "scale":
             text = f"{h.what} {value:.6g}"
         else:
             degrees = f"rad ({value * 180.0 / math.pi:.4g}°)" if h.angle else h.unit
             text = f"{h.what}: {value:.6g} {degrees} in the model, {h.value:.6g} {h.unit} in the robot"
-        if same := self._same_as(value):
-            return f"{text} ({same})"
-        return text if h.angle or not h.value else text + phrasing.ratio(value / h.value)
+        meaning = self._same_as(value)
+        if not meaning and h.value and not h.angle:
+            meaning = phrasing.ratio(value / h.value)
+        return text + meaning, bool(meaning)
 
     def _same_as(self, value: float) -> str:
         """Return which other length of the robot a value is: l for lc, or the other way round."""
-        if self.hypothesis.kind not in ("com", "length") or value == 0.0:
-            return ""
-        tree, names = self.problem.tree, Names(self.problem.tree)
-        lengths = [(f"the length to {names.joint(i)}", p) for i, p in enumerate(tree.positions)]
-        lengths += [(f"the centre of mass of {names.link(i)}", b.com) for i, b in enumerate(tree.bodies)]
-        for which, vector in [*lengths, ("the length to the tool", tree.tool_position)]:
-            for part in (float(np.linalg.norm(vector)), *np.abs(vector).tolist()):
+        if self.parameter.kind in ("com", "length") and value != 0.0:
+            for part, which in phrasing.lengths(self.problem.tree):
                 if abs(abs(value) - part) <= 1e-7 * part:
-                    return f"which is {which}"
+                    return f" (which is {which})"
         return ""
 
     def _closest(self, parts: Array, target: Array) -> float:
         """Return the change of the number that brings the parts closest to a target."""
         gram, inner = parts @ parts.T, parts @ target
-        if self.hypothesis.angle:
+        if self.parameter.angle:
             # Degree four in cos and sin: at most eight extrema, so half a degree finds the deepest.
             grid = np.linspace(-np.pi, np.pi, 721)
         else:
@@ -767,7 +646,7 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
         empty = empty.with_body(k, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
     empty = replace(empty, armature=np.zeros(tree.n))
     point = empty.with_body(i, mass=1.0)
-    columns = [Hypothesis("", "", 0.0, tree=_fixed(point))]
+    columns = [Hypothesis("", "", tree=_fixed(point))]
     for axis in np.eye(3):
         # A unit point at +axis less one at -axis is twice the first moment.
         ahead, behind = (point.with_body(i, com=s * axis) for s in (1.0, -1.0))
@@ -777,23 +656,24 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
             one, other = evaluate(a, q, names), evaluate(b, q, names)
             return {name: 0.5 * (one[name] - other[name]) for name in one}
 
-        columns.append(Hypothesis("", "", 0.0, custom=moment))
+        columns.append(Hypothesis("", "", custom=moment))
     for r, c in MOMENTS:
         unit = np.zeros((3, 3))
         unit[r, c] = unit[c, r] = 1.0
-        columns.append(Hypothesis("", "", 0.0, tree=_fixed(empty.with_body(i, inertia=unit))))
+        columns.append(Hypothesis("", "", tree=_fixed(empty.with_body(i, inertia=unit))))
     return columns
 
 
-def _inertial_text(chosen: tuple[int, ...], change: Array) -> str:
-    """Return changes of mass, first moments and inertias as text."""
+def _inertial_text(chosen: tuple[int, ...], change: Array) -> tuple[str, int]:
+    """Return changes of mass, first moments and inertias as text, and how many they are."""
     labels = ("m", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-    texts = []
+    texts, count = [], 0
     for i, row in zip(chosen, change, strict=True):
         size = np.abs(row).max()
         shown = [f"{label} {x:+.4g}" for label, x in zip(labels, row, strict=True) if abs(x) > 1e-6 * size]
+        count += len(shown)
         texts.append(f"link {i + 1} by {', '.join(shown)}")
-    return "; ".join(texts) + " (least squares; only sums of them may be felt by the joints)"
+    return "; ".join(texts) + " (least squares; only sums of them may be felt by the joints)", count
 
 
 def _joined(causes: Iterator[Cause]) -> list[Cause]:

@@ -95,21 +95,31 @@ class Dictionary:
     def _sum(self, values: Array) -> Term | None:
         """Return two products of different shapes that add up to some values."""
         words, columns = self._shapes
+        if len(values) < 4:
+            return None
         few = np.flatnonzero([len(w) <= 2 for w in words])[:120]
-        size = float(np.linalg.norm(values))
-        for i, j in itertools.combinations(few, 2):
-            pair = columns[[i, j]].T
-            if len(values) < 4:
-                return None
+        size, parts = float(np.linalg.norm(values)), columns[few]
+        gram, inner = parts @ parts.T, parts @ values
+        own = np.diag(gram)
+        with np.errstate(all="ignore"):
+            det = np.outer(own, own) - gram**2
+            first = (np.outer(inner, own) - gram * inner) / det
+            # What is left of the squares: to the digits that it has, so that few have to be looked at.
+            rest = 1.0 - (first * inner[:, np.newaxis] + (first * inner[:, np.newaxis]).T) / size**2
+        near = np.argwhere(np.triu(np.abs(rest) < 1e-8, 1) & (det > 1e-9 * np.outer(own, own)))
+        for i, j in near:
+            pair = parts[[i, j]].T
             shares = np.linalg.lstsq(pair, values, rcond=None)[0]
             if np.linalg.norm(values - pair @ shares) > SAME * size or np.abs(shares).min() < 1e-12:
                 continue
-            parts = [self.constant(float(s)) for s in shares]
-            if all(parts):
+            found = [self.constant(float(s)) for s in shares]
+            if all(found):
                 texts = [
-                    " * ".join([p.text, *_powers(words[k])]) for p, k in zip(parts, (i, j), strict=True) if p
+                    " * ".join([p.text, *_powers(words[few[k]])])
+                    for p, k in zip(found, (i, j), strict=True)
+                    if p
                 ]
-                bits = sum(p.bits for p in parts if p) + 2 * np.log2(len(words))
+                bits = sum(p.bits for p in found if p) + 2 * np.log2(len(words))
                 return Term(" + ".join(texts), float(bits))
         return None
 

@@ -867,7 +867,9 @@ class Editor:
         """Return the term for which some values agree, by Gauss and Newton; None without one."""
         values, near, before = np.zeros(ROWS), 0, np.inf
         for step in range(_STEPS if constant else _STEPS // 2):
-            rows = _FEW if constant or step == 0 else ROWS  # one number shows at two states whether it is right
+            rows = (
+                _FEW if constant or step == 0 else ROWS
+            )  # one number shows at two states whether it is right
             slopes, rests = self._slope(pick._replace(values=values), rows)
             if not slopes:
                 return None

@@ -51,7 +51,7 @@ def known_numbers(tree: Tree) -> list[tuple[float, str]]:
         found.append((body.mass, f"the mass of {names.link(i)}"))
     for i, body in enumerate(tree.bodies):
         found += [(x, f"the inertia of {names.link(i)}") for x in np.abs(body.inertia).ravel().tolist()]
-    return found + _lengths(tree)
+    return found + lengths(tree)
 
 
 def of_factor(factor: float, known: list[tuple[float, str]]) -> str:
@@ -97,7 +97,7 @@ def _same(a: float, b: float) -> bool:
     return abs(a / b - 1.0) < 1e-7
 
 
-def _lengths(tree: Tree) -> list[tuple[float, str]]:
+def lengths(tree: Tree) -> list[tuple[float, str]]:
     """Return lengths and distances of centres of mass, whole and along the axes, without zeros."""
     names = Names(tree)
     vectors = [(p, f"the length to {names.joint(i)}") for i, p in enumerate(tree.positions)]

@@ -33,10 +33,10 @@ class Repair(NamedTuple):
 
 def search(
     model: Any, worker: Worker, states: States, problem: Problem, references: Mapping[str, Array]
-) -> Repair | None:
-    """Return the changes of the source with which a copy of the model agrees, None when there are none."""
+) -> tuple[Repair | None, bool]:
+    """Return the changes of the source with which a copy of the model agrees, and whether it was searched."""
     if worker.source is None:
-        return None
+        return None, False
     few = States(*(x[:ROWS] for x in states))
     targets = {}
     for name, values in references.items():
@@ -52,9 +52,9 @@ def search(
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         changes = copy.search(targets, [value for value, _ in phrasing.known_numbers(problem.tree) if value])
     if not changes:
-        return None
+        return None, changes is not None
     repair = Repair(changes, patched(worker.source, changes))
-    return repair if agrees(model, worker, repair.source, states, problem) else None
+    return (repair if agrees(model, worker, repair.source, states, problem) else None), True
 
 
 def agrees(model: Any, worker: Worker, source: str, states: States, problem: Problem) -> bool:

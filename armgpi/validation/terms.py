@@ -1,13 +1,14 @@
-"""The terms of the equations of motion: what one link, one length or one centre of mass adds to them.
+"""A sparse fit per entry: which of the robot's own terms, at most two, an entry lacks or has otherwise.
 
 D, the Coriolis products and G are sums over the links. A link alone adds a part from its inertia and parts
 of degree 0, 1 and 2 in the position of its centre of mass, and these are split again by the lengths before
-it: m l², m l lc, m lc². A term that is missing, halved, doubled or has another sign or angle in one
-entry is found by comparing the difference with each of these.
+it: m l², m l lc, m lc². These terms are the dictionary. What an entry has too much or too little is compared
+with each of them, and with every two of them in usual coefficients.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.hypotheses import Hypothesis, Names
+from armgpi.validation.hypotheses import Names
 from armgpi.validation.problem import Problem
-from armgpi.validation.tree import Affine, Tree, evaluate
+from armgpi.validation.tree import Tree, evaluate
 
 #: What the part of degree 0, 1, 2 in lc is called in D and in G, which is of degree one at most.
 _DEGREES = (
@@ -25,13 +26,15 @@ _DEGREES = (
     ("the terms m l lc of {}", "the gravity terms m lc of {}"),
     ("the term m lc² of {} (parallel axis)", ""),
 )
-#: Share of a term by which a model is off (model less robot) -> what that means.
-_SHARES = {
-    -1.0: "{} missing",
-    -0.5: "a factor 2 is missing in {}",
+#: Share of a term by which a model is off (model less robot) -> what that means; the usual ones first.
+SHARES = {
+    -1.0: "{} is missing",
     -2.0: "the sign of {}",
+    -0.5: "a factor 2 is missing in {}",
     1.0: "a factor 1/2 is missing in {} (or it is there twice)",
 }
+#: Two shares are the same up to this: they come from values that agree to 1e-9.
+SAME = 1e-7
 
 
 class Term(NamedTuple):
@@ -48,67 +51,90 @@ class Term(NamedTuple):
     columns: Array
 
 
-class Match(NamedTuple):
-    """How a term explains a difference.
+class Fit(NamedTuple):
+    """How one or two terms explain an entry.
 
     Attributes:
         text: for the report.
-        factor: what the term is multiplied by in the model.
-        plain: whether the factor is one of the usual ones.
+        shares: by which multiples of the terms the model is off.
+        usual: whether all of these are usual ones.
+        bits: length of the description.
     """
 
     text: str
-    factor: float
-    plain: bool
+    shares: tuple[float, ...]
+    usual: bool
+    bits: float
 
 
-def split(problem: Problem, affine: Affine | None = None, rows: int | None = None) -> list[Term]:
-    """Return all terms of the reference, at other angles when `affine` says so."""
-    return list(_terms(problem, affine, rows))
+def split(problem: Problem) -> list[Term]:
+    """Return all terms of the reference."""
+    return list(_terms(problem))
 
 
-def match(problem: Problem, term: Term, column: int) -> Match | None:
-    """Return how a term explains the difference of one element, None when it does not."""
-    part = term.columns[:, column]
-    size = float(part @ part)
-    if not size > 0.0 or np.abs(part).max() <= problem.tolerance[column]:
-        return None
-    # Least squares, then the worst sample: a share that fits on average explains nothing.
+def fits(problem: Problem, dictionary: list[Term], column: int) -> list[Fit]:
+    """Return what one or two terms explain the difference of one element, the shortest first."""
+    quantity, tolerance = problem.elements[column].quantity, float(problem.tolerance[column])
+    if quantity not in ("D", "H", "G", "V", "Z"):
+        return []
+    label = "gravity" if quantity in ("G", "V", "Z") else "inertial"
+    felt = [t for t in dictionary if np.abs(t.columns[:, column]).max() > tolerance]
+    if not felt:
+        return []
     rest = problem.user[:, column] - problem.reference[:, column]
-    share = float(rest @ part) / size
-    if np.abs(rest - share * part).max() > problem.tolerance[column]:
-        return None
-    name = term.gravity if problem.elements[column].quantity in ("G", "V", "Z") else term.inertial
-    for known, text in _SHARES.items():
-        if abs(share - known) < 1e-7:
-            return Match(text.format(f"{name} is" if known == -1.0 else name), 1.0 + known, True)
-    if share < -1.0 or np.ptp(part) <= problem.tolerance[column]:
-        return None  # any constant is a multiple of any other
-    return Match(f"{name} stands with the factor {1.0 + share:.6g}", 1.0 + share, False)
+    parts = np.stack([t.columns[:, column] for t in felt])
+    gram, inner = parts @ parts.T, parts @ rest
+    place = float(np.log2(len(dictionary)))
+    found = []
+    for k, term in enumerate(felt):
+        # Least squares, then the worst sample: a share that fits on average explains nothing.
+        share = float(inner[k] / gram[k, k])
+        if np.abs(rest - share * parts[k]).max() <= tolerance:
+            found += _one(getattr(term, label), share, place, bool(np.ptp(parts[k]) <= tolerance))
+    for i, j in itertools.combinations(range(len(felt)), 2) if not found else ():
+        det = gram[i, i] * gram[j, j] - gram[i, j] ** 2
+        if det <= 1e-9 * gram[i, i] * gram[j, j]:
+            continue
+        pair = np.array(
+            [inner[i] * gram[j, j] - inner[j] * gram[i, j], inner[j] * gram[i, i] - inner[i] * gram[i, j]]
+        )
+        one, other = (_usual(float(x)) for x in pair / det)
+        if one is None or other is None:
+            continue
+        if np.abs(rest - one * parts[i] - other * parts[j]).max() <= tolerance:
+            both = [_one(getattr(felt[k], label), x, place, False)[0] for k, x in ((i, one), (j, other))]
+            text = " and ".join(fit.text for fit in both)
+            found.append(Fit(text, (one, other), True, sum(fit.bits for fit in both)))
+    return sorted(found, key=lambda fit: (not fit.usual, fit.bits))
 
 
-def match_mapped(
-    problem: Problem, plain: Term, mapped: Term, hypothesis: Hypothesis, column: int
-) -> Match | None:
-    """Return how a term at other angles explains the difference of one element."""
-    # The term at the other angle less the term as it is must be all that differs.
-    moved = mapped.columns[:, column] - plain.columns[: len(mapped.columns), column]
-    rest = (problem.user[:, column] - problem.reference[:, column])[: len(moved)]
-    if (
-        not np.abs(moved).max() > problem.tolerance[column]
-        or np.abs(rest - moved).max() > problem.tolerance[column]
-    ):
-        return None
-    name = plain.gravity if problem.elements[column].quantity in ("G", "V", "Z") else plain.inertial
-    return Match(f"in {name}: {hypothesis.text}", 1.0, True)
+def _one(name: str, share: float, place: float, constant: bool) -> list[Fit]:
+    """Return how one term explains an entry; a constant in no usual multiple does not."""
+    usual = _usual(share)
+    if usual is not None:
+        return [
+            Fit(
+                SHARES[usual].format(name),
+                (usual,),
+                True,
+                place + float(np.log2(1 + list(SHARES).index(usual))),
+            )
+        ]
+    if share < -1.0 or constant:
+        return []  # any constant is a multiple of any other
+    return [Fit(f"{name} stands with the factor {1.0 + share:.6g}", (share,), False, place)]
 
 
-def _terms(problem: Problem, affine: Affine | None, rows: int | None) -> Iterator[Term]:
-    tree, q = problem.tree, problem.q[:rows]
+def _usual(share: float) -> float | None:
+    return next((known for known in SHARES if abs(share - known) < SAME), None)
+
+
+def _terms(problem: Problem) -> Iterator[Term]:
+    tree = problem.tree
     want = [quantity for quantity in problem.want if quantity in ("D", "H", "G", "V")]
 
     def columns(changed: Tree) -> Array:
-        return problem.columns(evaluate(changed, q, want, affine))
+        return problem.columns(evaluate(changed, problem.q, want))
 
     for k, body in enumerate(tree.bodies):
         link, alone = Names(tree).link(k), _alone(tree, k)

@@ -150,18 +150,17 @@ class Worker:
 
     def search(
         self, targets: Mapping[str, edits.Target], known: Sequence[float]
-    ) -> tuple[edits.Change, ...]:
+    ) -> tuple[edits.Change, ...] | None:
         """Return changes of the source with which its functions give what they should; none when none do.
 
-        Numbers that are `known` to be right are changed last.
-
-        The model is of no use afterwards.
+        None in place of them when the source cannot be searched. Numbers that are `known` to be right are
+        changed last. The model is of no use afterwards.
         """
         try:
             self._pipe.send(("", targets, known))
-            found: tuple[edits.Change, ...] = self._receive("", 10.0 * edits.BUDGET, "")
+            found: tuple[edits.Change, ...] | None = self._receive("", 10.0 * edits.BUDGET, "")
         except (OSError, ModelError):
-            return ()
+            return None
         return found
 
     def _receive(
@@ -172,7 +171,9 @@ class Worker:
             if not self._pipe.poll(limit):
                 self.close()  # from outside: a model may swallow every exception and mask every signal
                 doing = self._last(function, states) if function else "to read"
-                text = f"took longer than {self.time_limit if function else limit:g} s {doing}; allow more time"
+                text = (
+                    f"took longer than {self.time_limit if function else limit:g} s {doing}; allow more time"
+                )
                 raise ModelError(self.name, function, text).suggesting(Remedy("time_limit"))
             good, answer = self._pipe.recv()
         except (EOFError, OSError):
@@ -278,17 +279,17 @@ def _answer_all(
 
 def _searched(
     functions: models.Functions, targets: Mapping[str, edits.Target], known: Sequence[float]
-) -> tuple[edits.Change, ...]:
-    """Return the changes of a model's source with which it gives what it should."""
+) -> tuple[edits.Change, ...] | None:
+    """Return the changes of a source with which the model gives what it should; None if none can be tried."""
     origin = functions.origin
     try:
         if origin is None or not edits.harmless(origin.source):
-            return ()
+            return None
         np.cross = edits.cross  # this process ends with the search
         editor = edits.Editor(origin.path, origin.source, origin.again, origin.module, targets, tuple(known))
         return editor.search()
     except Exception:
-        return ()  # a source that is too odd to be changed
+        return None  # a source that is too odd to be changed
 
 
 def _answer_calls(

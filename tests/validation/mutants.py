@@ -66,7 +66,7 @@ def same(one: str, other: str, redraw: int | None = None) -> bool:
     """Tell whether two sources are equal as expressions: at random states, and for other numbers."""
     seeds = [None] if redraw is None else [None, redraw]
     for seed in seeds:
-        a, b = (_sampled(_renumbered(text, seed)) for text in (one, other))
+        a, b = (_sampled(_renumbered(text, seed), _joints(other)) for text in (one, other))
         if a is None or b is None or a.keys() != b.keys():
             return False
         if any(np.abs(a[k] - b[k]).max() > 1e-8 * max(1e-3, np.abs(b[k]).max()) for k in a):
@@ -76,7 +76,7 @@ def same(one: str, other: str, redraw: int | None = None) -> bool:
 
 def _equal_or_broken(source: str, right: str) -> bool:
     with np.errstate(all="ignore"):
-        values = _sampled(source)
+        values = _sampled(source, _joints(right))
     return values is None or same(source, right)
 
 
@@ -84,8 +84,8 @@ def _renumbered(source: str, seed: int | None) -> str:
     return source if seed is None else textbooks.renumbered(source, seed)
 
 
-def _sampled(source: str) -> dict[str, np.ndarray] | None:
-    """Return what the functions of a source give at random states; None when they do not work."""
+def _sampled(source: str, n: int) -> dict[str, np.ndarray] | None:
+    """Return what the functions of a source of n joints give at random states; None when they do not work."""
     rng = np.random.default_rng(5)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"m{abs(hash(source))}.py"
@@ -93,7 +93,6 @@ def _sampled(source: str) -> dict[str, np.ndarray] | None:
         try:
             functions = resolve(str(path))
             values = {}
-            n = functions.n or len(re.findall("joint", "")) or _joints(source)
             for name, function in functions.calls.items():
                 states = [rng.uniform(0.1, 1.4, (len(ARGUMENTS[name]), n)) for _ in range(3)]
                 rows = [function(*state) for state in states]
