@@ -23,8 +23,8 @@ SCRIPTS = {
     "batch": True,
     "first_result": True,
     "prepared": True,
-    "start": True,
     "export": True,
+    "supervisor": True,
     "inverse_kinematics": True,
     "derive": False,
 }

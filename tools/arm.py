@@ -22,7 +22,8 @@ from armgpi import GPI, Robot
 from armgpi.export.code import generate
 
 HERE = Path(__file__).parent / "arm"
-ROBOTS = ("anthropomorphic3", "ur5")
+#: Robot -> its locked joints.
+ROBOTS = {"anthropomorphic3": (), "ur5": (), "panda": ("panda_finger_joint1", "panda_finger_joint2")}
 CORE = ("-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard")
 #: QEMU's clock advances by 1 ns for each instruction, and SysTick counts at 25 MHz.
 INSTRUCTIONS_PER_TICK = 40
@@ -64,7 +65,7 @@ def main() -> int:
 
 def compared(name: str, real: str) -> Outcome:
     """Run one controller on both machines."""
-    robot = Robot.load(name)
+    robot = Robot.load(name, lock=list(ROBOTS[name]))
     code = generate(GPI(robot, 1e-3), real)
     with tempfile.TemporaryDirectory(prefix="armgpi-arm-") as made:
         folder = Path(made)

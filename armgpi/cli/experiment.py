@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from importlib import util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,32 +64,8 @@ def compare(
     )
 
 
-def _import_xarray() -> None:
-    """Import xarray such that it finds neither Dask nor Arrow, of which this process has no arrays.
-
-    It would import all of Dask, which takes three times as long as Pinocchio, to ask of arrays whether they
-    are Dask's; and pandas all of Arrow, for tables that are not made here.
-    """
-    loaded: dict[str, Any] = sys.modules
-    hidden = {"dask", "pyarrow"} - set(loaded)
-    if "xarray" in loaded or "pandas" in loaded:
-        return
-    find = util.find_spec
-    vars(util)["find_spec"] = lambda name, package=None: None if name in hidden else find(name, package)
-    loaded.update(dict.fromkeys(hidden))  # an import of them fails
-    try:
-        import xarray as xr
-
-        xr.Dataset({"asked": ("once", [0.0])})
-    finally:
-        for name in hidden:
-            del loaded[name]
-        vars(util)["find_spec"] = find
-
-
 def _run(options: dict[str, Any], compare: bool) -> int:
     """Run what the options describe, print it, save it, and return the exit code."""
-    _import_xarray()
     import numpy as np
 
     from armgpi import config as configuration
@@ -109,6 +84,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     _note_early_end(experiment)
     _note_gripper(experiment)
     _warn_of_weak_motors(experiment)
+    note_differences(experiment)
     if compare:
         result = experiments.compare(experiment, backend=backend)
     else:
@@ -152,6 +128,20 @@ def check_out(options: dict[str, Any], experiment: Experiment) -> None:
     experiments.prepare(folder)
     if not options["force"] and experiments.is_another(experiment, folder):
         raise refusal("--out", f"{folder} holds another experiment; choose another folder, or add --force")
+
+
+def note_differences(experiment: Experiment) -> None:
+    """Say what MuJoCo does otherwise than armgpi's own plant."""
+    from armgpi.plants.plant import Wrapper
+
+    for plant, _ in experiment.runs.values():
+        inner = plant
+        while isinstance(inner, Wrapper):
+            inner = inner.plant
+        if (differences := getattr(inner, "differences", None)) is not None:
+            for said in differences or ("what it does differs by rounding alone",):
+                say(f"note: MuJoCo: {said}", err=True)
+            return
 
 
 def _note_early_end(experiment: Experiment) -> None:

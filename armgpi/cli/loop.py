@@ -94,7 +94,7 @@ def loop(
     armgpi loop panda --kill 2 --policy fifo --out results
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config as configuration
-    from armgpi.cli.experiment import check_out
+    from armgpi.cli.experiment import check_out, note_differences
     from armgpi.cli.settings import settings
     from armgpi.config import experiment as experiments
     from armgpi.realtime import Injected, Watchdog, run
@@ -109,6 +109,7 @@ def loop(
     }
     experiment = configuration.build(*settings({**options, **chosen}, compare=False))
     check_out({**options, **chosen}, experiment)
+    note_differences(experiment)
     label, *others = experiment.runs
     if others:
         raise refusal("--plant", "armgpi loop takes one plant")
@@ -137,21 +138,37 @@ def loop(
 
 
 def _code(outcome: Outcome) -> int:
-    """Return the exit code."""
+    """Return the exit code: also a controller that stopped the arm, or was given up, has failed."""
     from armgpi.loop.rollout import Status
 
-    codes = {Status.FINISHED: OK, Status.DIVERGED: FAILED, Status.INTERRUPTED: INTERRUPTED}
-    return codes[Status(int(outcome.rollout["status"]))]
+    status = Status(int(outcome.rollout["status"]))
+    if status == Status.INTERRUPTED:
+        return INTERRUPTED
+    stopped = outcome.latched or (outcome.fault is not None and outcome.fault.reason != "none")
+    return FAILED if stopped or status == Status.DIVERGED else OK
 
 
 def _watcher(experiment: Experiment, stack: ExitStack) -> Callable[[dict[str, Any]], None]:
-    """Serve a page on which the arm moves as it does, and return what moves it."""
+    """Serve a page on which the arm moves as it does, with how late it wakes, and return what moves it."""
+    from armgpi.realtime.outcome import EDGES
     from armgpi.viz import meshcat
 
     robot = experiment.robot
     server = stack.enter_context(meshcat.Server(meshcat.robot_page(robot, live=True)))
     say(f"{server.url}  (until the run ends)", err=True)
-    return lambda state: server.show(state["q"], robot)
+    names = [f"{low} to {high} us late" for low, high in zip(EDGES, [*EDGES[1:], "more"], strict=True)]
+
+    def watch(state: dict[str, Any]) -> None:
+        texts = {
+            "time": f"{state['t']:.1f} s",
+            "samples without a torque in time": f"{state['missed']} of {state['samples']}",
+            "watchdog": "has given the controller up"
+            if state["latched"]
+            else f"acted {state['fired']} times",
+        }
+        server.show(state["q"], robot, texts, dict(zip(names, state["histogram"], strict=True)))
+
+    return watch
 
 
 def _stretch(text: str | None, option: str) -> tuple[float, float] | None:

@@ -43,6 +43,8 @@ _COMPARISON = {
     ca.OP_EQ: "v_eq({0}, {1})",
     ca.OP_NE: "v_ne({0}, {1})",
 }
+#: Of CasADi's numbers of operations, none.
+_SELECT = -1
 _LOGIC = {ca.OP_AND: "{0} & {1}", ca.OP_OR: "{0} | {1}", ca.OP_NOT: "v_not({0})"}
 
 
@@ -175,8 +177,19 @@ def _graph(function: Any, inputs: Sequence[str], dialect: Dialect) -> _Graph:
         else:
             operands = tuple(names[place] for place in function.instruction_input(i))
             names[out] = f"x{i}"
-            graph.steps[names[out]] = _Step(kind, operands)
+            graph.steps[names[out]] = _selected(graph.steps, kind, operands) or _Step(kind, operands)
     return graph
+
+
+def _selected(steps: dict[str, _Step], kind: int, operands: tuple[str, ...]) -> _Step | None:
+    """Return a choice between two numbers as one step, where CasADi adds one of them to zero."""
+    parts = [steps.get(text) for text in operands]
+    if kind != ca.OP_ADD or any(part is None or part.kind != ca.OP_IF_ELSE_ZERO for part in parts):
+        return None
+    (yes, a), (no, b) = (part.operands for part in parts)  # type: ignore[union-attr]
+    if steps.get(no) == (ca.OP_NOT, (yes,)):
+        return _Step(_SELECT, (yes, a, b))
+    return _Step(_SELECT, (no, b, a)) if steps.get(yes) == (ca.OP_NOT, (no,)) else None
 
 
 def _levels(graph: _Graph, calls: Sequence[CallSite]) -> dict[str, int]:
@@ -230,7 +243,7 @@ class _Writer:
                 self.code.operations += 1
             text = f"{numbers[0]} * {self._inverses[operands[1]]}"
         elif kind in (ca.OP_FMIN, ca.OP_FMAX):
-            text = _clamped(kind, numbers[0], numbers[1], self._dialect)
+            text = self._clamped(kind, numbers[0], numbers[1])
         elif kind in _NUMBER:
             text = _NUMBER[kind].format(*numbers)
         elif kind in _COMPARISON:
@@ -241,6 +254,8 @@ class _Writer:
             self._truths.add(name)
         elif kind == ca.OP_IF_ELSE_ZERO:
             text = f"v_only({self._truth(operands[0])}, {numbers[1]})"
+        elif kind == _SELECT:
+            text = f"v_select({self._truth(operands[0])}, {numbers[1]}, {numbers[2]})"
         elif kind == ca.OP_INV:
             text = f"{one} / {numbers[0]}"
         else:
@@ -249,6 +264,24 @@ class _Writer:
         self.code.lines.append(f"const {kept} {name} = {text};")
         self.code.operations += 1
 
+    def _clamped(self, kind: int, a: str, b: str) -> str:
+        """Return the lower or upper of two numbers; where one is never NaN, by the faster way."""
+        # The hardware's minimum gives its second operand where one is NaN: with a bound that never is, one
+        # instruction does.
+        name = "lower" if kind == ca.OP_FMIN else "upper"
+        for x, bound in ((a, b), (b, a)):
+            if self._is_sound(bound):
+                return f"v_{name}({x}, {bound})"
+        return f"v_{'min' if kind == ca.OP_FMIN else 'max'}({a}, {b})"
+
+    def _is_sound(self, text: str) -> bool:
+        """Tell whether a value is never NaN: a constant, its negative, or a choice between two."""
+        step = self._steps.get(text)
+        if step is None:
+            return text.startswith(self._dialect.sound)
+        numbers = {ca.OP_NEG: step.operands, _SELECT: step.operands[1:]}.get(step.kind, ())
+        return bool(numbers) and all(map(self._is_sound, numbers))
+
     def _number(self, text: str) -> str:
         """Return a value as a number."""
         return f"v_number({text})" if text in self._truths else text
@@ -256,14 +289,3 @@ class _Writer:
     def _truth(self, text: str) -> str:
         """Return a value as a boolean."""
         return text if text in self._truths else f"v_ne({text}, {self._dialect.constant(0.0)})"
-
-
-def _clamped(kind: int, a: str, b: str, dialect: Dialect) -> str:
-    """Return the lower or upper of two numbers; where one is never NaN, by the faster way."""
-    # The hardware's minimum gives its second operand where one is NaN: with a bound that never is, one
-    # instruction does.
-    name = "lower" if kind == ca.OP_FMIN else "upper"
-    for x, bound in ((a, b), (b, a)):
-        if bound.startswith(dialect.sound):
-            return f"v_{name}({x}, {bound})"
-    return f"v_{'min' if kind == ca.OP_FMIN else 'max'}({a}, {b})"

@@ -158,8 +158,7 @@ class SymbolicModel:
         n: number of joints.
         table: what differs between rollouts, shape (rollouts, k): the values of `parameters`.
         parameters: one symbol for each column of the table.
-        fingerprint: of the equations: equal ones have the same.
-        digest: the beginning of it, as a name.
+        digest: a name for the equations: equal ones have the same.
     """
 
     def __init__(
@@ -203,8 +202,7 @@ class SymbolicModel:
         # All that decides the expressions, and nothing else: equal models share one function in C.
         literals = [table[0][~differs].tobytes(), differs.tobytes(), repr(shape).encode()]
         literals += [x.tobytes() for x in (ratio, offset) if x is not None]
-        self.fingerprint = hashlib.sha256(b"".join(literals)).hexdigest()
-        self.digest = self.fingerprint[:8]
+        self.digest = hashlib.sha256(b"".join(literals)).hexdigest()[:8]
         self.n = len(self._bodies) if ratio is None else ratio.shape[1]
 
     def inverse(
@@ -317,7 +315,7 @@ class SymbolicModel:
 
     def solved(self, q: Expressions, tau: Expressions) -> Expressions:
         """Return D(q)^-1 tau."""
-        return solve(self.mass_matrix(q), tau)
+        return solve(self.mass_matrix(q), tau, bounded=True)
 
     def _all(self, q: Expressions) -> Expressions:
         """Return the positions of all bodies' joints."""

@@ -230,6 +230,7 @@ _less, _not_above, _equal, _unequal = (
 _multiply, _add, _subtract = (_applied(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
 _divide = _applied(operator.truediv, check=_free)
 _modulo = _applied(ca.fmod)
+_lower, _higher = _applied(ca.fmin), _applied(ca.fmax)
 _not_zero = _applied(lambda x: x != 0.0, Bool, _free)
 
 
@@ -272,8 +273,8 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.subtract: _difference,
     np.multiply: _product,
     np.true_divide: _divide,
-    np.minimum: _applied(ca.fmin),
-    np.maximum: _applied(ca.fmax),
+    np.minimum: _lower,
+    np.maximum: _higher,
     np.less: _less,
     np.less_equal: _not_above,
     np.greater: lambda a, b: _less(b, a),
@@ -463,10 +464,25 @@ def _rounded(x: Any, decimals: int = 0) -> Any:
     return np.rint(x)
 
 
-def solve(matrix: Scalars, column: Scalars) -> Scalars:
+#: What no pivot of an inertia matrix is below [kg m^2 or kg], and what no entry of its factor L is beyond.
+_LEAST_PIVOT, _MOST_FACTOR = 1e-12, 1e9
+
+
+def _held(x: Any, bounded: bool) -> Any:
+    """Return a factor, within bounds that those of an arm never reach."""
+    return _lower(_higher(x, -_MOST_FACTOR), _MOST_FACTOR) if bounded else x
+
+
+def solve(matrix: Scalars, column: Scalars, bounded: bool = False) -> Scalars:
     """Return matrix^-1 column for a symmetric, positive definite matrix, by its factors L D L'.
 
     They are taken from the last row up: for an arm without branches no order is better.
+
+    Args:
+        matrix: the matrix, (n, n).
+        column: the column, (n,).
+        bounded: whether to hold pivots and factors within bounds that those of an arm never reach, so that a
+            proof by intervals, which does not see that the matrix is positive definite, finds no overflow.
     """
     n = len(column)
     below: Any = matrix.copy()
@@ -475,13 +491,15 @@ def solve(matrix: Scalars, column: Scalars) -> Scalars:
     for j in range(n):
         for k in range(j):
             below[j, j] = below[j, j] - below[j, k] * below[k, j]
+        if bounded:
+            below[j, j] = _higher(below[j, j], _LEAST_PIVOT)
         inverse[j] = 1.0 / below[j, j]
         for i in range(j + 1, n):
             for k in range(j):
                 below[i, j] = below[i, j] - below[i, k] * below[k, j]
             # Above the diagonal the column before it is divided: D L' there, L below.
             below[j, i] = below[i, j]
-            below[i, j] = below[i, j] * inverse[j]
+            below[i, j] = _held(below[i, j] * inverse[j], bounded)
     for i in range(n):
         for k in range(i):
             x[i] = x[i] - below[i, k] * x[k]

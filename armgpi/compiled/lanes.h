@@ -48,19 +48,17 @@ static inline V v_upper(V a, V b) { return (V)_mm512_max_pd((__m512d)b, (__m512d
 #else
 #if LANES > 1
 typedef int64_t M __attribute__((vector_size(8 * LANES)));
+#define v_not(m) (~(m))
+static inline V v_only(M m, V x) { return v_from((U)m & v_bits(x)); }
+#else
+typedef int64_t M; /* any bit: what the compiler makes of ?: is faster than masks of all bits */
+#define v_not(m) ((M)!(m))
+static inline V v_only(M m, V x) { return m ? x : 0.0; }
+#endif
 #define v_lt(a, b) ((M)((a) < (b)))
 #define v_le(a, b) ((M)((a) <= (b)))
 #define v_eq(a, b) ((M)((a) == (b)))
 #define v_ne(a, b) ((M)((a) != (b)))
-#else
-typedef int64_t M;
-#define v_lt(a, b) (-(M)((a) < (b)))
-#define v_le(a, b) (-(M)((a) <= (b)))
-#define v_eq(a, b) (-(M)((a) == (b)))
-#define v_ne(a, b) (-(M)((a) != (b)))
-#endif
-#define v_not(m) (~(m))
-static inline V v_only(M m, V x) { return v_from((U)m & v_bits(x)); }
 static inline M v_odd(U x) { return (M)(-(x & 1)); }
 static inline int v_holds(M m, int i) { return LANE(m, i) != 0; }
 static inline int v_any(M m)

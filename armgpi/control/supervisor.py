@@ -69,6 +69,8 @@ _SMOOTHING = 5e-3
 _NEAR = 0.05
 #: Resolution of positions where none is given: a turn, or the travel of a prismatic joint, in 2^16 counts.
 _BITS = 16
+#: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
+_DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
 #: Standard deviations of noise that count as resolution.
 _SIGMAS = 6.0
 #: Samples since a fault are counted up to here, which single precision can.
@@ -84,8 +86,8 @@ class Supervisor(Parametrised):
     """
 
     on_fault: str = parameter(
-        "torque in FAULT: brake follows the decelerating reference by the nominal model, hold carries the "
-        "arm's weight at the last good position, zero",
+        "torque in FAULT: brake follows the decelerating reference by the nominal model and damps the joints "
+        "that still measure well, hold carries the arm's weight at the last good position, zero",
         kind="choice",
         default="brake",
         choices=("brake", "hold", "zero"),
@@ -119,14 +121,14 @@ class Supervisor(Parametrised):
         log=True,
     )
     jump: float = parameter(
-        "JUMP: samples of travel at the velocity limit that a measurement may take at once; one more than "
-        "may get lost in a row; 0 for no check",
+        "JUMP: samples of travel at the velocity limit by which a measurement may miss where its last "
+        "change leads; one more than may get lost in a row; 0 for no check",
         default=2.0,
         least=0.0,
     )
     reference_jump: float = parameter(
-        "REFERENCE: samples of travel at the velocity limit that the reference may take at once; 0 for no "
-        "check",
+        "REFERENCE: samples of travel at the velocity limit by which the reference may miss where its "
+        "velocity leads; 0.2 also finds one that stops dead; 0 for no check",
         default=2.0,
         least=0.0,
     )
@@ -185,8 +187,8 @@ class Bounds(NamedTuple):
     """The numbers that a supervised controller compares with, each of shape (n,) or (batch, n).
 
     Attributes:
-        jump: largest change of a position from sample to sample [rad or m].
-        step: largest change of the reference, likewise.
+        jump: by how much a position may miss where its last change leads [rad or m].
+        step: likewise the reference [rad or m].
         lower: lowest position [rad or m].
         upper: highest position [rad or m].
         following: largest distance from the reference [rad or m].
@@ -217,15 +219,17 @@ class Watch(NamedTuple):
         reason: number of the reason of a fault, 0 for none.
         joint: index of the joint that it concerns.
         since: samples since the fault.
-        bad: samples in a row without a good measurement.
         late: 1 when the measurement that comes is too late.
         ready: 1 when there was a good measurement.
+        bad: samples in a row without a good measurement of the joint.
         q: last good measurement [rad or m].
+        change: of it, in its sample; 0 where there was none [rad or m].
         v: its velocity, smoothed [rad/s or m/s].
         r: reference that is followed [rad or m].
         rv: its velocity, smoothed [rad/s or m/s].
         tau: last torque [N m or N].
-        still: samples for which the measurement should have changed.
+        still: samples for which the measurement should have changed; :data:`COUNTED` of a joint that FAULT
+            does not trust.
         mark: reference when the measurement last changed [rad or m].
         cut: samples for which the torque was at its limit.
     """
@@ -234,10 +238,11 @@ class Watch(NamedTuple):
     reason: Array
     joint: Array
     since: Array
-    bad: Array
     late: Array
     ready: Array
+    bad: Array
     q: Array
+    change: Array
     v: Array
     r: Array
     rv: Array
@@ -278,23 +283,27 @@ class _Seen(NamedTuple):
 
     Attributes:
         q: measured positions where they are good, the last good ones elsewhere.
+        bad: see :class:`Watch`.
         lost: whether a measurement is not good, (1,).
-        frozen: whether one is frozen, (1,).
+        dead: whether one is frozen, or has not been good for too long, (1,).
         failing: whether a joint does not follow, or was at its torque limit for too long, (1,).
         worst: reason with the highest number, 0 for none, (1,).
         joint: first joint that it concerns, (1,).
         still: see :class:`Watch`.
         near: which joints are near their reference.
+        distrusted: which joints do not measure well, or do not follow a stop.
     """
 
     q: Array
+    bad: Array
     lost: Mask
-    frozen: Mask
+    dead: Mask
     failing: Mask
     worst: Array
     joint: Array
     still: Array
     near: Mask
+    distrusted: Mask
 
 
 class Supervised(Controller):
@@ -340,6 +349,7 @@ class Supervised(Controller):
         # PID with a nominal model of its own for gravity brakes by that one.
         self._brakes = getattr(law, "bias_robot", law.robot).dynamics
         self._uses = _uses(law)
+        self._damping = _damping(law)
 
     def init(self, measurement: Any, target: Target) -> SupervisedState:
         """Return the state before the first sample; FAULT, with torque zero, when it is implausible."""
@@ -363,10 +373,11 @@ class Supervised(Controller):
             reason=worst,
             joint=joint,
             since=none,
-            bad=none,
             late=none,
             ready=np.where(good, 1.0, 0.0),
+            bad=zero,
             q=q,
+            change=zero,
             v=zero,
             r=r,
             rv=zero,
@@ -408,7 +419,7 @@ class Supervised(Controller):
         watch = state.supervisor
         if elapsed - 1 > self.supervisor.missed:
             one = np.ones_like(watch.late)
-            late = watch._replace(late=one, bad=one * min(elapsed - 1.0, COUNTED))
+            late = watch._replace(late=one, bad=np.full_like(watch.bad, min(elapsed - 1.0, COUNTED)))
             return self.step(measurement, target, state._replace(supervisor=late))
         for i in range(1, elapsed):
             part = i / elapsed
@@ -425,53 +436,58 @@ class Supervised(Controller):
         seen = self._checked(measurement, target, watch, active)
         entering = active & (seen.worst > 0.0)
         stopping = ~active | entering
-        blind = np.where(seen.lost, watch.bad + 1.0, 0.0)
-        dead = (watch.status == float(State.FAULT)) | (blind > float(self.supervisor.missed)) | seen.frozen
-        dead = dead | (~active & seen.failing)
+        dead = (watch.status == float(State.FAULT)) | seen.dead | (~active & seen.failing)
         aim = self._aim(target, watch, seen, entering, stopping)
+        # Not over a gap: a quotient there would not have the same bits in C.
+        gap = seen.bad + watch.bad > 0.0
+        change = np.where(gap, 0.0, seen.q - watch.q)
+        v = watch.v + self._smoothing * np.where(gap, 0.0, change * (1.0 / self.dt) - watch.v)
 
-        lower, upper, law = self._floor, self.effort, self.law
+        lower, upper = self._floor, self.effort
         if self.supervisor.torque_rate is not None:
             lower = np.maximum(lower, watch.tau - self.bounds.rate)
             upper = np.minimum(upper, watch.tau + self.bounds.rate)
-            law = law.within(lower, upper)
-        v = watch.v
+        # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
+        unused = dead | seen.lost
+        law = self.law.within(np.where(unused, -LARGEST, lower), np.where(unused, LARGEST, upper))
+        shown = watch.v
         if self.measurement_type is FullState:
-            v = np.where(seen.lost, watch.v, measurement.v)
-        asked, after = law.step(self._shown(seen.q, v), self._given(aim, target, stopping), before)
+            shown = np.where(seen.lost, shown, measurement.v)
+        asked, after = law.step(self._shown(seen.q, shown), self._given(aim, target, stopping), before)
         # A law whose torque is no number has a state that is none: it cannot go on.
-        unsound = _any(_beyond(asked, LARGEST))
+        unsound = _beyond(_sum(asked), LARGEST)
         dead = dead | unsound
         opened = dead | seen.lost
-        tau = np.where(opened, self._open_loop(opened, dead, watch, aim), asked)
+        tau = np.where(opened, self._open_loop(opened, dead, watch, aim, seen, v), asked)
         tau = np.minimum(np.maximum(tau, lower), upper)
-        ramping = (watch.status == float(State.INIT)) & self._held_back(asked, lower, upper)
-        going = np.where(ramping, float(State.INIT), float(State.RUN))
+        going: Array | float = float(State.RUN)
+        waits = opened
+        if self.supervisor.torque_rate is not None:
+            ramping = (watch.status == float(State.INIT)) & self._held_back(asked, lower, upper)
+            going, waits = np.where(ramping, float(State.INIT), going), opened | ramping
         stopped = np.where(_any(aim.v != 0.0) | seen.lost, float(State.STOPPING), float(State.HOLD))
-        status = np.where(dead, float(State.FAULT), np.where(stopping, stopped, going))
         broken = unsound & (watch.reason == 0.0)
         reason = np.where(entering, seen.worst, np.where(broken, float(Reason.NOT_FINITE), watch.reason))
         at_limit = np.where(np.abs(tau) >= self.effort, 1.0, -1.0)
-        # Not over a gap: a quotient there would not have the same bits in C.
-        smoothing = np.where(seen.lost | (watch.bad > 0.0), 0.0, self._smoothing)
         made = Watch(
-            status=status,
+            status=np.where(dead, float(State.FAULT), np.where(stopping, stopped, going)),
             reason=reason,
             joint=np.where(entering, seen.joint, watch.joint),
             since=np.minimum(watch.since + np.where(watch.reason > 0.0, 1.0, 0.0), COUNTED),
-            bad=np.minimum(blind, COUNTED),
             late=np.zeros_like(watch.late),
             ready=watch.ready,
+            bad=seen.bad,
             q=seen.q,
-            v=watch.v + smoothing * ((seen.q - watch.q) * (1.0 / self.dt) - watch.v),
+            change=change,
+            v=v,
             r=aim.q,
             rv=np.where(stopping, aim.v, watch.rv + self._smoothing * (aim.v - watch.rv)),
             tau=tau,
-            still=seen.still,
+            still=np.where(dead & seen.distrusted, COUNTED, seen.still),
             mark=np.where(seen.q == watch.q, watch.mark, aim.q),
-            cut=np.where(entering, 0.0, np.minimum(np.maximum(watch.cut + at_limit, 0.0), COUNTED)),
+            cut=np.where(entering, 0.0, np.maximum(watch.cut + at_limit, 0.0)),
         )
-        return ControlStep(tau, SupervisedState(made, _chosen(opened | ramping, before, after)))
+        return ControlStep(tau, SupervisedState(made, _chosen(waits, before, after)))
 
     def report(self, state: SupervisedState) -> FaultReport:
         """Return what a state of one rollout says of itself."""
@@ -498,19 +514,23 @@ class Supervised(Controller):
         """Return what a sample looks like."""
         bounds, given = self.bounds, measurement.q
         finite = ~self._not_finite(measurement)
-        good = finite & (np.abs(given - watch.q) <= bounds.jump * (1.0 + watch.bad))
+        # From where it was, or where its last change leads, as what moves fast goes on doing so.
+        change = given - watch.q
+        good = finite & (np.abs(change - watch.change) <= bounds.jump * (1.0 + watch.bad))
         strayed = self._strayed(target, watch)
         r = np.where(active & ~strayed, target.q, watch.r)
         q = np.where(good, given, watch.q)
         # Since the number last changed, the reference has moved on, or the torque has reached its limit.
         moved = np.abs(r - watch.mark)
-        unmoved = good & (given == watch.q)
-        asked = unmoved & ((moved > bounds.travel) | (np.abs(watch.tau) >= self.effort))
+        unmoved = good & (change == 0.0)
+        asked = unmoved & ((moved > bounds.travel) | (watch.cut > 0.0))
         still = np.where(asked, watch.still + 1.0, 0.0)
         frozen = good & self._frozen(still, moved, unmoved, watch)
         e = q - r
         away = np.abs(e) > bounds.following
         cut = watch.cut > self._cut_samples if self._cut_samples else away & ~away
+        failing = away | cut
+        distrusted = ~good | frozen | (~active & failing) | (watch.still >= COUNTED)
         code = np.where(cut, float(Reason.SATURATED), np.where(watch.late > 0.0, float(Reason.LATE), 0.0))
         for wrong, reason in (
             (away, Reason.FOLLOWING),
@@ -521,7 +541,10 @@ class Supervised(Controller):
             (~finite, Reason.NOT_FINITE),
         ):
             code = np.where(wrong, float(reason), code)
-        return _Seen(q, _any(~good), _any(frozen), _any(away | cut), *_worst(code), still, np.abs(e) <= _NEAR)
+        near = np.abs(e) <= _NEAR
+        bad = np.where(good, 0.0, watch.bad + 1.0)
+        dead = _any(frozen | (bad > float(self.supervisor.missed)))
+        return _Seen(q, bad, _any(~good), dead, _any(failing), *_worst(code), still, near, distrusted)
 
     def _not_finite(self, measurement: Any) -> Mask:
         """Tell which joints have a measurement that is no number, or farther than any arm."""
@@ -532,7 +555,8 @@ class Supervised(Controller):
 
     def _strayed(self, target: Target, watch: Watch) -> Mask:
         """Tell which joints have a reference that is no number, or that jumps."""
-        wrong = _beyond(target.q - watch.r, self.bounds.step * (1.0 + watch.bad))
+        missed = (target.q - watch.r) - self.dt * watch.rv
+        wrong = _beyond(missed, self.bounds.step * (1.0 + watch.bad))
         for used, rate in zip(self._uses, target[1:], strict=True):
             if used:  # what the law does not use need not be there
                 wrong = wrong | _beyond(rate, _FASTEST)
@@ -572,13 +596,17 @@ class Supervised(Controller):
         """Return what the law measures."""
         return FullState(q, v) if self.measurement_type is FullState else Measurement(q)
 
-    def _open_loop(self, opened: Mask, dead: Mask, watch: Watch, aim: Target) -> Array:
-        """Return the torque without a measurement; zero where none is needed."""
-        on = np.where(opened, watch.ready, 0.0)
-        if self.supervisor.on_fault == "zero":
+    def _open_loop(self, opened: Mask, dead: Mask, watch: Watch, aim: Target, seen: _Seen, v: Array) -> Array:
+        """Return the torque without a measurement that the law could use; zero where none is needed."""
+        on, kind = np.where(opened, watch.ready, 0.0), self.supervisor.on_fault
+        if kind == "zero":
             on = np.where(dead, 0.0, on)
-        if self.supervisor.on_fault == "hold":
+        elif kind == "hold":
             aim = Target(np.where(dead, watch.q, aim.q), *(np.where(dead, 0.0, rate) for rate in aim[1:]))
+        else:
+            damped = dead & ~seen.distrusted
+            aim = aim._replace(q=np.where(damped, seen.q, aim.q))
+            return self._brakes.inverse_where(on, *aim) + np.where(damped, self._damping * (aim.v - v), 0.0)
         return self._brakes.inverse_where(on, *aim)
 
     def _held_back(self, asked: Array, lower: Array, upper: Array) -> Mask:
@@ -669,6 +697,14 @@ def _uses(law: Controller) -> tuple[bool, bool]:
     return bool(np.isnan(taus[0]).any()), bool(np.isnan(taus[1]).any())
 
 
+def _damping(law: Controller) -> Array:
+    """Return the torque per velocity by which each joint is damped alone, as if no other one were [N m s]."""
+    robot: Any = law.robot
+    inverse = np.linalg.inv(robot.mass_matrix(robot.middle()))
+    rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
+    return np.asarray(rate / np.diagonal(inverse, axis1=-2, axis2=-1))
+
+
 def _beyond(x: Array, limit: Array | float) -> Mask:
     """Tell which numbers are not within plus and minus a limit; NaN is not."""
     return ~(np.abs(x) <= limit)
@@ -680,6 +716,14 @@ def _any(mask: Mask) -> Mask:
     for j in range(1, mask.shape[-1]):
         found = found | mask[..., j : j + 1]
     return found
+
+
+def _sum(x: Array) -> Array:
+    """Return the sum over the joints, in their order, shape (1,) or (batch, 1)."""
+    total = x[..., :1]
+    for j in range(1, x.shape[-1]):
+        total = total + x[..., j : j + 1]
+    return total
 
 
 def _worst(code: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from importlib.resources import files
-from string import Template
+from string import Template, ascii_uppercase, digits
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -41,7 +41,7 @@ MEANING = {
     "a_ref": "reference accelerations [rad/s^2 or m/s^2]",
 }
 #: Version of the interface of exported code: of functions and of what the state and the info begin with.
-ABI = 2
+ABI = 3
 _STATES = {
     State.INIT: "the torque ramps to the law's first one",
     State.RUN: "the law follows the reference",
@@ -169,7 +169,9 @@ class _Writer:
     def __init__(self, law: Law, real: str) -> None:
         self.law, self.real = law, real
         self.ending = _REALS[real][1]
-        self.dialect = Dialect("armgpi_real_t", "uint32_t", self.literal, ())
+        # Tables and literals are never NaN.
+        sound = tuple(f"{ascii_uppercase}{digits}(")
+        self.dialect = Dialect("armgpi_real_t", "uint32_t", self.literal, sound)
         robot = law.controller.robot
         self.names = robot.joint_names
         tables = law.tables

@@ -16,10 +16,13 @@ _ELEMENTARY = {
     "v_ne": "static inline uint32_t v_ne({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 0U : 1U; }",
     "v_not": "static inline uint32_t v_not(uint32_t m) { return (m != 0U) ? 0U : 1U; }",
     "v_only": "static inline {R} v_only(uint32_t m, {R} x) { return (m != 0U) ? x : 0.0{F}; }",
+    "v_select": "static inline {R} v_select(uint32_t m, {R} x, {R} y) { return (m != 0U) ? x : y; }",
     "v_number": "static inline {R} v_number(uint32_t m) { return (m != 0U) ? 1.0{F} : 0.0{F}; }",
     # NaN on either side comes out, so that the supervision finds it.
     "v_min": "static inline {R} v_min({R} a, {R} b) { return ((a < b) || !(a >= a)) ? a : b; }",
     "v_max": "static inline {R} v_max({R} a, {R} b) { return ((b < a) || !(a >= a)) ? a : b; }",
+    "v_lower": "static inline {R} v_lower({R} a, {R} b) { return (b < a) ? b : a; }",
+    "v_upper": "static inline {R} v_upper({R} a, {R} b) { return (a < b) ? b : a; }",
     "v_abs": "static inline {R} v_abs({R} x) { return fabs{f}(x); }",
     "v_sin": "static inline {R} v_sin({R} x) { return sin{f}(x); }",
     "v_cos": "static inline {R} v_cos({R} x) { return cos{f}(x); }",

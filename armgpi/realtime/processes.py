@@ -160,7 +160,7 @@ def _arm_process(
     pipe: Connection, make: Callable[[], ArmEnd], schedule: Schedule, policy: str, watched: bool
 ) -> None:
     """Be the arm."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears Ctrl-C, and says so
+    _leave_signals()
     try:
         arm = make()
         arm.plant.step(arm.command, arm.state, arm.dt)  # what is made at its first use is made now
@@ -285,7 +285,7 @@ def _controller_process(
     pipe: Connection, law: Any, reference: Any, supervisor: Any, exported: bool, q: Array, policy: str
 ) -> None:
     """Be the controller."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _leave_signals()
     try:
         controller: Any = supervised(law, supervisor, exported)
         # What is made at its first use is made now.
@@ -326,6 +326,12 @@ def _answering(end: ControllerEnd, wire: socket.socket, n: int, pipe: Connection
         if answer is not None and not select.select([wire], [], [], 0.0)[0]:
             wire.sendto(answer.pack(), sender)
         took.append(time.monotonic() - begin)
+
+
+def _leave_signals() -> None:
+    """Ignore what a group of processes is sent: the parent hears it too, and ends the loop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def _real_time(policy: str, priority: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import json
 import os
 import threading
 import webbrowser
+from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from os import PathLike
 from pathlib import Path
@@ -126,10 +127,24 @@ class Server:
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="armgpi view")
         self._thread.start()
 
-    def show(self, q: ArrayLike, robot: Robot) -> None:
-        """Move the arm of a live page to joint positions (n,) [rad or m]."""
-        configuration = json.dumps(as_joint_array(q, "q", robot.joint_names).tolist())
-        self._server.latest.put(configuration)
+    def show(
+        self,
+        q: ArrayLike,
+        robot: Robot,
+        texts: Mapping[str, str] | None = None,
+        counts: Mapping[str, int] | None = None,
+    ) -> None:
+        """Move the arm of a live page.
+
+        Args:
+            q: joint positions (n,) [rad or m].
+            robot: the arm.
+            texts: what else to say, each with its name.
+            counts: a histogram: name -> how many.
+        """
+        configuration = as_joint_array(q, "q", robot.joint_names).tolist()
+        said = {"q": configuration, "texts": dict(texts or {}), "counts": dict(counts or {})}
+        self._server.latest.put(json.dumps(configuration if texts is None else said))
 
     def open(self) -> bool:
         """Open the page in a browser; False where there is none."""

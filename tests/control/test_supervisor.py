@@ -24,7 +24,7 @@ from armgpi import (
     Target,
     simulate,
 )
-from armgpi.control.supervisor import FaultReport, Reason, State, Watch
+from armgpi.control.supervisor import COUNTED, FaultReport, Reason, State, Watch
 from armgpi.errors import ArmgpiError
 
 DT = 1e-3
@@ -316,6 +316,68 @@ def test_a_law_whose_torque_is_no_number_opens_the_loop() -> None:
     tau, state = held(supervised, state, Q + 0.1)
     assert supervised.report(state)[:2] == ("fault", "not_finite")
     assert np.isfinite(tau).all()
+
+
+def test_a_joint_that_is_pushed_faster_than_its_limit_is_no_jump_and_one_that_jumps_is() -> None:
+    supervised, state = started(following=100.0, position_margin=100.0)
+    dt_limit = DT * ARM.limits.velocity[2]
+    q, change = Q.copy(), 0.0
+    for _ in range(20):  # ten times its velocity limit, at an acceleration that is below the bound
+        change = min(change + 1.5 * dt_limit, 10.0 * dt_limit)
+        q = q + np.array([0.0, 0.0, change])
+        state = held(supervised, state, q).state
+    assert supervised.report(state).reason == "none"
+    state = held(supervised, state, q + np.array([0.0, 0.0, 15.0 * dt_limit])).state
+    assert supervised.report(state)[1:] == ("jump", "q3")
+
+
+def test_fault_damps_the_joints_that_still_measure_well_and_no_other() -> None:
+    supervised, state = started(missed=0)
+    speed = np.array([0.3, 0.2, -0.4])
+    for k in range(1, 60):
+        q = Q + k * DT * speed
+        state = held(supervised, state, q, q).state
+    lost = q + DT * speed + np.array([0.0, np.nan, 0.0])
+    with np.errstate(invalid="ignore"):
+        tau, after = held(supervised, state, lost)
+    assert supervised.report(after)[:2] == ("fault", "not_finite")
+    # As long as both are where the decelerating reference is, the torque is the model's; then it brakes.
+    model = ARM.inverse_dynamics(
+        np.where(np.isnan(lost), after.supervisor.r, lost), after.supervisor.rv, -10.0 * np.sign(speed)
+    )
+    np.testing.assert_allclose(tau, model, atol=0.05)
+    faster = lost + DT * 2.0 * speed
+    with np.errstate(invalid="ignore"):
+        braked, later = held(supervised, after, faster)
+    model = ARM.inverse_dynamics(
+        np.where(np.isnan(faster), later.supervisor.r, faster), later.supervisor.rv, -10.0 * np.sign(speed)
+    )
+    more = (braked - model) * np.sign(speed)
+    assert (more[[0, 2]] < -0.001).all()
+    assert abs(more[1]) < 1e-9
+
+
+def test_a_joint_that_fault_does_not_trust_is_never_trusted_again() -> None:
+    supervised, state = started(missed=0)
+    with np.errstate(invalid="ignore"):
+        state = held(supervised, state, Q * np.array([1.0, np.nan, 1.0])).state
+    assert supervised.report(state).status == "fault"
+    for _ in range(5):
+        state = held(supervised, state).state
+    np.testing.assert_array_equal(state.supervisor.still >= COUNTED, [False, True, False])
+    assert supervised.report(state).status == "fault"
+
+
+def test_a_reference_that_stops_dead_is_a_fault_where_it_is_asked_for() -> None:
+    speed = np.array([0.0, 0.0, 0.5 * ARM.limits.velocity[2]])
+    for bound, reason in ((2.0, "none"), (0.2, "reference")):
+        supervised, state = started(reference_jump=bound)
+        for k in range(1, 100):
+            q = Q + 0.5 * DT * speed * (k * DT / 0.1) * k  # it accelerates from rest
+            state = held(supervised, state, q, q).state
+        assert supervised.report(state).reason == "none"
+        state = held(supervised, state, q, q).state
+        assert supervised.report(state).reason == reason
 
 
 # A rollout under it.

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import urllib.request
 from typing import Any
 
 import numpy as np
@@ -88,3 +91,39 @@ def test_bad_options_are_named(options: tuple[str, ...], message: str) -> None:
     done = loop(*options)
     assert done.returncode == 2
     assert message in done.stderr
+
+
+@pytest.mark.parametrize("injected", [("--kill", "0.05"), ("--stall", "0.05,0.2")])
+def test_a_controller_that_is_given_up_or_faults_is_a_failure(injected: tuple[str, str]) -> None:
+    done = loop("--clock", "simulated", *injected)
+    assert done.returncode == 1, done.stderr
+    assert "given up" in done.stdout
+
+
+def test_sigterm_to_all_processes_ends_the_loop_with_a_report() -> None:
+    command = [sys.executable, "-m", "armgpi.cli", "loop", "anthropomorphic3", "--t-final", "60", "--json"]
+    running = subprocess.Popen(
+        [*command, "--policy", "other", "--view"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert running.stderr is not None
+    while "http" not in (line := running.stderr.readline()):
+        assert running.poll() is None
+    with urllib.request.urlopen(line.split()[0] + "live", timeout=60) as told:
+        while not told.readline().startswith(b"data:"):  # now both processes run
+            pass
+    os.killpg(running.pid, signal.SIGTERM)
+    out, err = running.communicate(timeout=60)
+    assert running.returncode == 143, err
+    assert 0 < json.loads(out)["samples"] < 60_000
+
+
+def test_what_mujoco_does_otherwise_is_said() -> None:
+    pytest.importorskip("mujoco")
+    done = loop("--clock", "simulated", "--plant", "mujoco")
+    assert done.returncode == 0, done.stderr
+    assert "note: MuJoCo: what" in done.stderr
+    assert "carries has an inertia that MuJoCo refuses" in done.stderr

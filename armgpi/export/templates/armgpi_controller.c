@@ -124,7 +124,9 @@ $parameters,
         const armgpi_real_t bad = (armgpi_real_t)missed;
 
         state->supervisor_late[0] = $one;
-        state->supervisor_bad[0] = (bad < $counted) ? bad : $counted;
+        for (i = 0U; i < ARMGPI_N; ++i) {
+            state->supervisor_bad[i] = (bad < $counted) ? bad : $counted;
+        }
     } else if ((missed > 0U) && (state->layout == ARMGPI_LAYOUT)) {
         for (i = 0U; i < ARMGPI_N; ++i) {
             q_from[i] = state->supervisor_q[i];

@@ -721,6 +721,21 @@ const Armgpi = (() => {
     update();
   }
 
+  /** Put what a program says into `box`: texts, and a histogram. */
+  function told({ texts, counts }, box) {
+    const rows = Object.entries(texts).map(([name, text]) =>
+      element("tr", {}, element("th", { scope: "row" }, name), element("td", {}, text))
+    );
+    const most = Math.max(1, ...Object.values(counts));
+    for (const [name, count] of Object.entries(counts)) {
+      const bar = element("i");
+      bar.style.width = `${(100 * count) / most}%`;
+      const cell = element("td", {}, element("div", { class: "bar count" }, bar), `${count}`);
+      rows.push(element("tr", {}, element("th", { scope: "row" }, name), cell));
+    }
+    box.replaceChildren(element("table", { class: "gauges" }, element("tbody", {}, ...rows)));
+  }
+
   /** Put a slider for every joint into `box`. */
   function sliders(scene, box) {
     scene.meta.arm.joints.forEach((joint, j) => {
@@ -744,5 +759,5 @@ const Armgpi = (() => {
     if (pane) pane.append(element("p", { class: "complaint", role: "alert" }, `The scene cannot be shown: ${error.message || error}`));
   }
 
-  return { unpack, element, short, clamp, ArmScene, Player, switches, gauges, sliders, complain };
+  return { unpack, element, short, clamp, ArmScene, Player, switches, gauges, told, sliders, complain };
 })();

@@ -23,8 +23,10 @@
     if (meta.live) {
       // A program that moves the arm while one looks.
       new EventSource("live").onmessage = (event) => {
-        scene.configuration.set(JSON.parse(event.data));
+        const said = JSON.parse(event.data);
+        scene.configuration.set(Array.isArray(said) ? said : said.q);
         scene.show(0);
+        if (said.texts) Armgpi.told(said, by("gauges"));
       };
     }
     window.armgpi = { ready: true, error: null, scene, player };
