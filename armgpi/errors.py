@@ -270,3 +270,17 @@ def _listing(names: Sequence[str], limit: int = 20) -> str:
     """Join names for a message, shortening long lists."""
     shown = ", ".join(names[:limit])
     return shown if len(names) <= limit else f"{shown}, ... {len(names) - limit} more"
+
+
+class MissingPackage(ArmgpiError):
+    """A package that is not installed, and that only some uses of armgpi need.
+
+    Attributes:
+        package: its name.
+        extra: the extra of armgpi that brings it.
+    """
+
+    def __init__(self, package: str, extra: str = "viz") -> None:
+        """Say which package is missing and how to get it."""
+        self.package, self.extra = package, extra
+        super().__init__(f"needs the package {package!r}: pip install 'armgpi[{extra}]'")

@@ -1,9 +1,11 @@
-"""Text from files, as it may be shown: it commands no terminal, and hides or turns nothing."""
+"""Text and numbers as they may be shown: nothing commands a terminal, and JSON gets only what it has."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 
 def shown(value: object, *, lines: bool = False) -> str:
@@ -20,6 +22,23 @@ def shown(value: object, *, lines: bool = False) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or (lines and c == "\n") else _written_out(c) for c in text)
+
+
+def quoted(value: object, most: int = 80) -> str:
+    """Return a value as Python writes it, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def json_data(value: Any) -> Any:
+    """Return plain data as JSON has it: tuples are lists, numbers that are not finite are null."""
+    if isinstance(value, Mapping):
+        return {key: json_data(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_data(item) for item in value]
+    if isinstance(value, float):  # NumPy's float64 is one too
+        return float(value) if math.isfinite(value) else None
+    return value
 
 
 def html_text(value: object) -> str:

@@ -24,6 +24,7 @@ from armgpi.codegen import build
 #: The peers that need not be there; None where they are not.
 mujoco: Any = import_module("_mujoco") if find_spec("mujoco") else None
 drake: Any = import_module("_drake") if find_spec("pydrake") else None
+dynibo: Any = import_module("_dynibo") if find_spec("dynibo") else None
 
 DT = 1e-3  # [s]
 OMEGA = 20.0  # [rad/s]

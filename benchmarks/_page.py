@@ -12,7 +12,7 @@ import _timing
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "build" / "benchmarks"
-PACKAGES = ("armgpi", "casadi", "pin", "numpy", "mujoco", "drake")
+PACKAGES = ("armgpi", "casadi", "pin", "numpy", "mujoco", "drake", "dynibo")
 
 
 class Page(NamedTuple):

@@ -23,6 +23,7 @@ SCRIPTS = {
     "batch": True,
     "first_result": True,
     "prepared": True,
+    "start": True,
     "export": True,
     "supervisor": True,
     "inverse_kinematics": True,

@@ -1,4 +1,4 @@
-"""Speed of the equations of motion: generated code, Pinocchio, MuJoCo and Drake, on the same states.
+"""Speed of the equations of motion: generated code, Pinocchio, dynibo, MuJoCo, Drake, on the same states.
 
 python benchmarks/kernels.py [--quick]
 """
@@ -18,6 +18,8 @@ from _generated import Kernels, aligned
 from _peer import Array
 from _pinocchio import WORLD, without_gravity
 from _timing import Contender, digits, ratio, spread, table, take_turns
+
+import armgpi
 
 #: What is evaluated, in Pinocchio's words and in MuJoCo's.
 KERNELS = {
@@ -71,11 +73,13 @@ def main() -> None:
     _page.say(
         "Pinocchio from Python: aba; rnea on a copy without gravity; rnea. In parallel: abaInParallel and "
         "rneaInParallel, whose threads run C++ alone: the difference between the two is what calls from "
-        "Python cost. MuJoCo from Python: mj_forward (it finds its actuator and sensor stages empty); "
+        "Python cost. dynibo from Python: forward_dynamics; mass_matrix and a product by NumPy; "
+        "inverse_dynamics, all into arrays that are there, and by its own gravity of 9.80665 m/s². "
+        "MuJoCo from Python: mj_forward (it finds its actuator and sensor stages empty); "
         "mj_fwdPosition and mj_mulM; mj_inverse. Drake from Python: CalcTimeDerivatives. Neither MuJoCo nor "
         "Drake takes the first arm: no rigid body has the inertia of its link 2."
     )
-    for missing, word in ((_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
+    for missing, word in ((_arms.dynibo, "dynibo"), (_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
         if missing is None:
             print(f"\n{word} is not installed and so not in the tables: pip install 'armgpi[bench,peers]'.")
     page.write()
@@ -87,13 +91,21 @@ def _contenders(arm: Arm, kernel: str, batch: int, work: float) -> tuple[dict[st
     count = 2 if kernel == "inertia_times" else 3
     states = [rng.uniform(-1.0, 1.0, (batch, arm.n)) for _ in range(count)]
     arm.use(1)
-    expected = getattr(arm.robot.dynamics, kernel)(*states)
 
-    def check(result: Array) -> None:
-        wrong = float(np.abs(result - expected[: len(result)]).max() / np.abs(expected).max())
-        require(f"{arm.name}: {kernel}", wrong, KERNEL)
+    def checked(robot: armgpi.Robot) -> Callable[[Array], None]:
+        expected = getattr(robot.dynamics, kernel)(*states)
 
-    def slow(evaluate: Callable[..., Array], microseconds: float) -> Contender:
+        def check(result: Array) -> None:
+            wrong = float(np.abs(result - expected[: len(result)]).max() / np.abs(expected).max())
+            require(f"{arm.name}: {kernel}", wrong, KERNEL)
+
+        return check
+
+    check = checked(arm.robot)
+
+    def slow(
+        evaluate: Callable[..., Array], microseconds: float, check: Callable[[Array], None] = check
+    ) -> Contender:
         few = max(16, min(batch, int(work / microseconds)))
         rows = [np.ascontiguousarray(x[:few]) for x in states]
         return Contender(lambda: evaluate(*rows), few, check)
@@ -101,15 +113,19 @@ def _contenders(arm: Arm, kernel: str, batch: int, work: float) -> tuple[dict[st
     contenders: dict[str, Contender] = {}
     operations = 0
     for lanes in LANES:
-        made = Kernels(arm.robot, lanes, [kernel])
-        operations = made.operations[kernel]
+        code = Kernels(arm.robot, lanes, [kernel])
+        operations = code.operations[kernel]
         contenders[f"generated, {lanes} lane{'s' * (lanes > 1)}"] = _generated(
-            made, kernel, states, max(1, int(work / (batch * operations * OPERATION))), check
+            code, kernel, states, max(1, int(work / (batch * operations * OPERATION))), check
         )
     contenders["Pinocchio, from Python"] = slow(_pinocchio(arm, kernel), 2.0)
     for threads in (1, 2):
         label = f"Pinocchio, parallel, {threads} thread{'s' * (threads > 1)}"
         contenders[label] = _parallel(arm, kernel, states, threads, check)
+    if _arms.dynibo:
+        made = _arms.dynibo.load(arm.urdf, _arms.ROBOTS[arm.name], arm.n)
+        rust, same = getattr(_arms.dynibo, kernel), checked(arm.robot.with_gravity(_arms.dynibo.GRAVITY))
+        contenders["dynibo, from Python"] = slow(lambda *rows: rust(made, *rows), 2.0, same)
     if arm.name in _arms.PEER_ROBOTS and _arms.mujoco:
         model = _arms.mujoco.compile_urdf(
             arm.urdf, _arms.ROBOTS[arm.name], arm.robot.joint_names, _arms.mujoco.RK4, _arms.DT

@@ -18,7 +18,7 @@ from armgpi.plants.loads import Load as _Load
 from armgpi.plants.plant import Wrapper as _Wrapper
 from armgpi.plants.reality import Reality as _Reality
 from armgpi.references.paths import Path as _Path
-from armgpi.registry import registered as _registered
+from armgpi.registry import registered as _all_registered
 
 project = "armgpi"
 author = "The armgpi developers"
@@ -113,6 +113,12 @@ def _line(path, root):
     """Return a module's name with the first line of its docstring."""
     said = _ast.get_docstring(_ast.parse(path.read_text(encoding="utf-8"))).partition("\n")[0]
     return f"- `{path.relative_to(root).as_posix()}`: {_re.sub(r':[a-z]+:`', '`', said)}"
+
+
+def _registered(base):
+    """Return the named classes of the package below `base`, without those that a test declares."""
+    found = _all_registered(base).items()
+    return {name: cls for name, cls in found if cls.__module__.startswith("armgpi.")}
 
 
 _HEADS = [("key", "meaning", "values", "default"), ("---",) * 4]

@@ -18,10 +18,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
+from typer.main import get_command
 
 import armgpi
 from armgpi import Status, load, metrics
-from armgpi.cli import main
+from armgpi.cli import app, main
+from armgpi.cli.commands import ENTRIES
 from armgpi.robot.robots import names
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +81,26 @@ def test_help_waits_for_no_heavy_import(arguments: list[str]) -> None:
     heavy = {"pinocchio", "numpy", "scipy", "xarray", "h5py", "h5netcdf", "yaml", "matplotlib"}
     assert "armgpi" in loaded
     assert not loaded & heavy
+
+
+def test_the_list_of_commands_says_what_they_say_themselves() -> None:
+    for name, entry in ENTRIES.items():
+        command = get_command(app).commands[name]  # type: ignore[attr-defined]
+        assert command.get_short_help_str(limit=1000) == entry.summary
+
+
+def test_a_run_imports_neither_dask_nor_what_it_does_not_use() -> None:
+    pytest.importorskip("dask")
+    code = (
+        "import sys; sys.argv = ['armgpi', 'run', 'anthropomorphic3', '--t-final', '0.02', '--json']\n"
+        "from armgpi.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "assert not {'dask', 'pyarrow', 'scipy.optimize', 'scipy.interpolate', 'h5py'} & set(sys.modules)\n"
+        "import dask.array, importlib.util  # it is there all the same\n"
+        "assert importlib.util.find_spec('dask') is not None"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
 
 def test_help_names_every_command_and_option_and_fits_80_columns(

@@ -252,6 +252,7 @@ def test_other_numbers_trace_and_compile_nothing(name: str, monkeypatch: pytest.
         raise AssertionError("compiled anew")
 
     monkeypatch.setattr(build, "library", refused)
+    monkeypatch.setattr(build, "known", refused)
     monkeypatch.setattr("armgpi.compiled.run.trace_used", refused)
     monkeypatch.setattr("armgpi.codegen.kernels.Arm._made", refused)
     # A scale of 1 and a payload of 0 in a whole batch are values like others.

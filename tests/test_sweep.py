@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ from armgpi.config import parse, read
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
 from armgpi.loop import metrics
 from armgpi.parameter import Parameter
-from armgpi.sweep import results, study, workers
+from armgpi.sweep import rare, results, study, workers
 from armgpi.sweep.distributions import Distribution, shares
 from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
 from armgpi.sweep.study import Study
@@ -129,6 +131,135 @@ def test_workers_of_dask_write_the_same_bytes(
         assert (tmp_path / study.CHUNKS / place.name).read_bytes() == place.read_bytes()
 
 
+@pytest.mark.slow
+def test_a_worker_of_dask_that_is_killed_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setattr(study, "_MOST", 4096)  # as in the worker, which is another process
+    for name in ("here", "there", "broken"):
+        study.save(made(), tmp_path / name)
+    (tmp_path / "broken" / study.SETTINGS).unlink()
+    options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=1, **options) as local:
+        with distributed.Client(local) as client:
+            (number,) = client.run(os.getpid).values()
+        chunks = [(0, 16), (1, 16), (2, 8)]
+        assert workers.run(tmp_path / "here", chunks, lambda rows: None) == {}
+        counted: list[int] = []
+
+        def killing(rows: int) -> None:
+            counted.append(rows)
+            if len(counted) == 1:
+                os.kill(number, signal.SIGKILL)
+
+        address = local.scheduler_address
+        assert workers.run(tmp_path / "there", chunks, killing, cluster=address) == {}
+        assert sorted(counted) == [8, 16, 16]
+        broken = workers.run(tmp_path / "broken", [(0, 16)], lambda rows: None, cluster=address)
+        assert "holds no study" in broken[0]
+    assert contents(tmp_path / "here") == contents(tmp_path / "there")
+
+
+# Rare failures.
+
+
+def tail(beta: float) -> rare.Margin:
+    """Return how near points come to a sum of standard normal numbers that is beta standard deviations."""
+    return lambda points, seeds: points.sum(axis=1) / math.sqrt(points.shape[1]) / beta
+
+
+def climbed(margin: rare.Margin, dimensions: int, count: int, seed: int) -> rare.Rare:
+    random = np.random.default_rng(seed)
+    levels = [rare.first(margin, dimensions, count, random)]
+    while rare._bound(levels[-1])[0] < 1.0:
+        levels.append(rare.following(margin, levels[-1], random))
+    return rare.estimate(levels)
+
+
+@pytest.mark.parametrize(("beta", "dimensions"), [(3.0, 2), (4.7534243088, 10)])
+def test_subset_simulation_finds_the_tail_of_a_gaussian(beta: float, dimensions: int) -> None:
+    true, runs = 0.5 * math.erfc(beta / math.sqrt(2.0)), 40
+    found = [climbed(tail(beta), dimensions, 500, seed) for seed in range(runs)]
+    held = sum(each.probability.lower <= true <= each.probability.upper for each in found)
+    assert held >= runs - 4  # 95 % of 40, less a standard deviation and a half
+    # The mean of all is off by a sixth of one run's standard deviation.
+    mean = np.mean([each.probability.value for each in found])
+    assert abs(mean / true - 1.0) < 3.0 * np.mean([each.deviation for each in found]) / math.sqrt(runs)
+    # A thousandth in 3 levels or 4, a millionth in 6 or 7.
+    assert all(each.points == 500 * len(each.bounds) for each in found)
+    assert {len(each.bounds) for each in found} <= ({3, 4} if beta == 3.0 else {6, 7})
+
+
+RARE = TEXT.replace("peak_error: 0.01}", "peak_error: 0.4}")
+
+
+def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) -> None:
+    found = made(RARE)
+    study.save(found, tmp_path)
+    once, last = rare.simulate(found, tmp_path, 300)
+    drawn = np.vstack([found.numbers(i, 16) for i in range(128)])
+    failed = found.failed(found.table(drawn, np.arange(len(drawn))))
+    plain = clopper_pearson(int(failed.sum()), len(failed))
+    assert max(plain.lower, once.probability.lower) < min(plain.upper, once.probability.upper)
+    assert 1e-3 < plain.value < 0.1
+    # Killed after a level, it ends with the same; the worst run as they did.
+    for level in (tmp_path / "rare").iterdir():
+        if level.name != "300-00.npy":
+            level.unlink()
+    again, same = rare.simulate(found, tmp_path, 300)
+    assert again == once
+    np.testing.assert_array_equal(same, last)
+    worst = rare.worst(found, last)[0]
+    run = experiments.run(build_experiment(worst), "gpi", progress=False, backend="compiled")
+    assert float(metrics.peak_error(run).max()) / 0.4 == pytest.approx(last[:, -1].max(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "count", "said"),
+    [
+        ("robot: {name: anthropomorphic3}\nreality: {name: geared}\n", 300, "between two draws"),
+        (RARE.replace("0.4}", "0.0}"), 300, "above 0"),
+        (RARE, 50, "at least 100"),
+        (RARE.replace("peak_error: 0.4}", "saturated_time: 0.5}"), 100, "do not rise"),
+    ],
+)
+def test_rare_failures_that_cannot_be_found_are_named(
+    tmp_path: Path, text: str, count: int, said: str
+) -> None:
+    found = made(text)
+    study.save(found, tmp_path)
+    with pytest.raises(ArmgpiError, match=said):
+        rare.simulate(found, tmp_path, count)
+
+
+def test_the_command_of_rare_failures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    file.write_text(RARE)
+    assert not called("sweep", str(file), "--rare", "--rollouts", "200", "--out", str(out))
+    said = json.loads((out / "rare.json").read_text())
+    assert f"{said['probability of failure']['value']:.3g}" in capsys.readouterr().out
+    assert set(said["failures are at"]) == set(made(RARE).drawn)
+    assert len(list((out / "rare" / "worst").iterdir())) == 10
+    assert called("sweep", str(file), "--rare", "--workers", "2", "--out", str(out)) == 2
+    assert "--workers" in capsys.readouterr().err
+
+
+def test_maps_by_two_numbers_count_every_rollout_once() -> None:
+    random = np.random.default_rng(0)
+    a, b = random.uniform(size=(2, 4000))
+    failed = (a > 0.5) & (b > 0.75)
+    found = xr.Dataset({f"drawn.{k}": ("rollout", x) for k, x in (("a", a), ("b", b), ("c", np.round(b)))})
+    found = found.assign(failed=("rollout", failed))
+    parts = results.failure_map(found, ["a", "b"])
+    assert sum(part["rollouts"] for part in parts) == 4000
+    for part in parts:
+        inside = [low >= bound for low, bound in zip(part["from"], (0.49, 0.74), strict=True)]
+        assert all(inside) == (part["value"] > 0.9)
+    assert [part["from"][1] for part in results.failure_map(found, ["a", "c"])[:2]] == [0.0, 1.0]
+
+
 def test_a_chunk_is_a_function_of_study_and_number() -> None:
     found = made()
     np.testing.assert_array_equal(found.numbers(3, 16), found.numbers(3, 16))
@@ -211,6 +342,7 @@ def test_bad_distributions_are_refused_by_name(case: str) -> None:
     [
         (TEXT.replace("peak_error: 0.01", "peek_error: 0.01"), "peak_error"),
         (TEXT[: TEXT.index("vary:")], "vary"),
+        (TEXT.replace("plant:", "plant:\n  engine: mujoco"), "plant.engine: a sweep runs generated code"),
     ],
 )
 def test_bad_studies_are_refused(text: str, said: str) -> None:
@@ -233,6 +365,7 @@ def test_a_broken_chunk_is_named_and_not_fatal(tmp_path: Path, monkeypatch: pyte
     found = made()
     study.save(found, tmp_path)
     monkeypatch.setattr(build, "library", lambda *_: (_ for _ in ()).throw(ArmgpiError("no disk")))
+    monkeypatch.setattr(build, "known", lambda *_: None)
     monkeypatch.setattr("armgpi.compiled.run._generated", {})
     counted: list[int] = []
     broken = workers.run(tmp_path, [(0, 16)], counted.append)

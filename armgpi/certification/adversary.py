@@ -83,10 +83,9 @@ def impulses(asked: Asked, arm: Robot, q: Array, samples: int) -> Array:
     law, n = law_of(asked), arm.n
     exact = checker.exact(law)
     omega, h = float(exact["omega"][0]), float(exact["sample_time"])
-    order, _, powers = checker.units(exact)
-    theta = exact["omega"][0] * exact["sample_time"]
-    A, _, Y = (np.array(x, dtype=float) for x in checker.loop(exact, theta))
-    scale = omega ** np.array(powers, dtype=float)
+    A, Y = (np.array(x, dtype=float) for x in checker.loop(exact, exact["omega"][0])[1:3])
+    order, m, r = len(A), law["integrators"], law["rolloff"]
+    scale = omega ** np.array([0, 1, *range(2, 2 + m), *range(2, 3 + r), *[0] * asked.delay], dtype=float)
     A, Y = scale[:, None] * A / scale, omega**2 * Y / scale
     at, setting = q[None], asked.setting
     v = np.repeat(resting(setting, arm, at), 4 * n, axis=0)

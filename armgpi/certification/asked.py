@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array, check_whole, not_negative, positive, quantity
 from armgpi.certification.box import Box, box_of
-from armgpi.certification.quantities import (
-    MARGIN,
-    Numbers,
-    Points,
-    Setting,
-    corners,
-    largest,
-    resting,
-    slopes,
-)
+from armgpi.certification.law import coefficients
+from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
 from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI
 from armgpi.errors import ParameterError
@@ -26,7 +17,6 @@ from armgpi.robot.robot import Robot
 
 #: Nothing disturbs.
 NOTHING = {"torque": "0", "shift": "0", "count": "0", "reference": "0", "spread": "0"}
-_Value = Callable[[Setting, Robot, Points, Array], Array]
 
 
 class Asked(NamedTuple):
@@ -39,10 +29,8 @@ class Asked(NamedTuple):
         setting: what the numbers are taken over.
         radius: how far the arm may be from its reference [rad or m], shape (n,).
         delay: samples by which measurements are late.
-        velocity: speed of the reference [rad/s or m/s], shape (n,); zero where it rests.
-        acceleration: its acceleration [rad/s^2 or m/s^2], shape (n,).
-        torque: disturbance torque of any course [N m or N], shape (n,).
         friction: whether the joints have the friction of the robot.
+        jump: whether the load may jump from one end of its range to the other.
         bits: of the encoders; None for exact measurements.
     """
 
@@ -52,10 +40,8 @@ class Asked(NamedTuple):
     setting: Setting
     radius: Array
     delay: int
-    velocity: Array
-    acceleration: Array
-    torque: Array
     friction: bool
+    jump: bool
     bits: int | None
 
     @property
@@ -63,11 +49,6 @@ class Asked(NamedTuple):
         """Return the lightest and the heaviest load [kg]."""
         found = self.controller.payload
         return (0.0, 0.0) if found is None else (found.lightest, found.heaviest)
-
-    @property
-    def half_count(self) -> Array:
-        """Return half an encoder count [rad or m], shape (n,)."""
-        return np.zeros(self.robot.n) if self.bits is None else 0.5 * self.robot.encoder_count(self.bits)
 
 
 def ask(
@@ -77,10 +58,11 @@ def ask(
     speed: Any,
     payload: Any = None,
     box: Any = None,
-    radius: Any = 0.05,
+    radius: Any = 0.02,
     acceleration: Any = None,
     torque: Any = 0.0,
     friction: bool = False,
+    jump: bool = False,
     bits: int | None = None,
     delay: int = 0,
     **options: Any,
@@ -108,13 +90,17 @@ def ask(
     # A gradient is taken between configurations that are a few samples of motion apart as well.
     near = away + (delay + 1) * controller.dt * fastest
     nominal = arms[-1]  # the controller's
-    setting = Setting(arms, nominal, *where, near, fastest, controller.feedforward)
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
-    return Asked(
-        robot, controller, where, setting, away, delay, *moves, each(torque, "torque"), friction, bits
+    viscous, coulomb = robot.friction
+    rubbed = viscous * fastest + coulomb if friction else 0.0 * fastest
+    count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
+    ahead = controller.feedforward
+    setting = Setting(
+        arms, nominal, *where, near, fastest, ahead, each(torque, "torque"), rubbed, *moves, count
     )
+    return Asked(robot, controller, where, setting, away, delay, friction, jump, bits)
 
 
 def law_of(asked: Asked) -> dict[str, Any]:
@@ -130,82 +116,49 @@ def law_of(asked: Asked) -> dict[str, Any]:
     omega, zeta, p = (_common(x, name) for x, name in zip(tuning, ("omega", "zeta", "p"), strict=True))
     second = 1.0 if controller.second_ratio is None else _common(controller.second_ratio, "second_ratio")
     damping = zeta if controller.second_zeta is None else _common(controller.second_zeta, "second_zeta")
-    return {
+    law = {
         "integrators": controller.integrators,
         "rolloff": controller.rolloff,
         "delay": asked.delay,
         "sample_time": repr(float(controller.dt)),
-        "omega": [repr(omega), repr(omega)],
-        "bandwidths": [repr(omega)],
-        "rate": "0",
+        "omega": [repr(omega)],
         "zeta": repr(zeta),
         "pole_ratio": repr(p / omega),
         "rolloff_ratio": repr(_common(controller.rolloff_ratio, "rolloff_ratio")),
         "second_ratio": repr(second),
         "second_zeta": repr(damping),
     }
+    return {**law, "coefficients": coefficients(law)}
 
 
 def numbers_of(asked: Asked, found: Numbers) -> dict[str, Any]:
-    """Return the numbers of the arm, and of the torques that it needs, as texts; rounded to be larger.
-
-    Args:
-        asked: what is asked for.
-        found: the numbers of the arm.
-    """
-    setting, joints = asked.setting, range(asked.robot.n)
-    light, heavy = setting.arms[0], setting.arms[-1]
-
-    def jump(_: Setting, arm: Robot, at: Points) -> Array:
-        change = resting(setting, heavy, at.star) - resting(setting, light, at.star)
-        return _length(setting, arm, at, change[:, None])[:, 0]
-
-    return {
-        "delta_low": _text(found.delta_low.value, up=False),
-        **{
-            name: _text(x.value)
-            for name, x in found._asdict().items()
-            if name not in ("delta_low", "inverse")
-        },
-        "inverse": [_text(each.value) for each in found.inverse],
-        "count_time": _text(float(np.max(asked.half_count / setting.speed))),
-        "jump": _text(0.0 if heavy is light else _more(largest(setting, jump))),
-        "hold": [_text(_more(largest(setting, _held(j)))) for j in joints],
-        "reach": [_text(_more(largest(setting, _reach(j)))) for j in joints],
-    }
+    """Return the numbers of the arm, and of the torques that it needs, as texts; rounded to be larger."""
+    numbers: dict[str, Any] = {"delta_low": _text(found.delta_low.value, up=False)}
+    for name in Numbers._fields[1:14]:
+        value = getattr(found, name)
+        joints = name in PER_JOINT
+        numbers[name] = [_text(each.value) for each in value] if joints else _text(value.value)
+    numbers["count_time"] = _text(float(np.max(asked.setting.encoder / asked.setting.speed)))
+    return numbers
 
 
-def shares_of(asked: Asked, numbers: Mapping[str, Any]) -> dict[str, float]:
-    """Return the bounded torques that disturb, in the metric of D, by what they come from.
-
-    Args:
-        asked: what is asked for.
-        numbers: of the arm, as texts.
-    """
-    setting = asked.setting
-    viscous, coulomb = asked.robot.friction
-    shares = {"disturbance": _largest_of(setting, asked.torque, _force)}
-    if asked.friction:
-        shares["friction"] = _largest_of(setting, viscous * setting.speed + coulomb, _force)
-    moved = _largest_of(setting, asked.velocity, _length)
-    ahead = setting.feedforward == "model"
+def shares_of(asked: Asked, found: Numbers) -> dict[str, float]:
+    """Return the bounded torques that disturb, in the metric of D, by what they come from."""
     # With the model's feedforward its Coriolis torque is too much at worst, the arm's too little.
-    known = 1.0 + float(numbers["delta_high"]) if ahead else 1.0
-    shares["velocity of the reference"] = known * float(numbers["kappa_v"]) * moved
-    accelerated = _mismatch if ahead else _length
-    shares["acceleration of the reference"] = _largest_of(setting, asked.acceleration, accelerated)
-    return shares
-
-
-def inputs_of(asked: Asked, shares: Mapping[str, float]) -> dict[str, str]:
-    """Return the sizes of all that disturbs, in the metric of D, as texts."""
-    setting = asked.setting
+    known = 1.0 + found.delta_high.value if asked.setting.feedforward == "model" else 1.0
     return {
-        "torque": _text(sum(shares.values())),
-        "shift": _text(_largest_of(setting, asked.velocity, _shift)),
-        "reference": _text(_largest_of(setting, asked.velocity, _length)),
-        "count": _text(_largest_of(setting, asked.half_count, _length)),
+        "disturbance": found.torque.value,
+        "friction": found.friction.value,
+        "velocity of the reference": known * found.kappa_v.value * found.velocity.value,
+        "acceleration of the reference": found.acceleration.value,
     }
+
+
+def inputs_of(asked: Asked, found: Numbers) -> dict[str, str]:
+    """Return the sizes of all that disturbs, in the metric of D, as texts."""
+    torque = sum(shares_of(asked, found).values())
+    sizes = {"shift": found.shift, "reference": found.velocity, "count": found.encoder}
+    return {"torque": _text(torque), **{name: _text(x.value) for name, x in sizes.items()}}
 
 
 def _check_linear(controller: GPI) -> None:
@@ -226,67 +179,6 @@ def _common(value: Any, name: str) -> float:
     if len(array) > 1:
         raise ParameterError(name, array.tolist(), "the same for all joints: one of them stands for the arm")
     return float(array[0])
-
-
-def _held(joint: int) -> Callable[[Setting, Robot, Points], Array]:
-    """Return the function that gives the torque with which a joint is held [N m or N]."""
-
-    def torque(setting: Setting, arm: Robot, at: Points) -> Array:
-        held = setting.nominal.inertia_times(at.q, resting(setting, arm, at.star))
-        if setting.feedforward != "none":
-            held = held + setting.nominal.gravity(at.star)
-        return np.abs(held[:, joint])
-
-    return torque
-
-
-def _reach(joint: int) -> Callable[[Setting, Robot, Points], Array]:
-    """Return the function that gives a joint's torque over the length of v in the metric of D."""
-
-    def factor(setting: Setting, arm: Robot, at: Points) -> Array:
-        row = setting.nominal.mass_matrix(at.q)[:, joint]
-        return np.asarray(np.sqrt(np.einsum("ki,ki->k", row, arm.inertia_solve(at.q, row))))
-
-    return factor
-
-
-def _largest_of(setting: Setting, bound: Array, function: _Value) -> float:
-    """Return the largest value of a function that is convex in a vector within bounds: it is at a corner."""
-    if not bound.any():
-        return 0.0
-    ends = corners(bound)
-
-    def values(_: Setting, arm: Robot, at: Points) -> Array:
-        return np.asarray(function(setting, arm, at, ends).max(axis=1))
-
-    return _more(largest(setting, values))
-
-
-def _length(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
-    """Return the lengths (k, c) of velocities or accelerations (c, n) or (k, c, n) in the metric of D."""
-    along = np.broadcast_to(x, (len(at.q), *x.shape[-2:])) @ arm.mass_matrix(at.q)
-    return np.asarray(np.sqrt((along * x).sum(axis=-1)))
-
-
-def _force(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
-    """Return the lengths (k, c) of torques in the metric of D^-1."""
-    along = np.broadcast_to(x, (len(at.q), *x.shape[-2:])) @ np.linalg.inv(arm.mass_matrix(at.q))
-    return np.asarray(np.sqrt((along * x).sum(axis=-1)))
-
-
-def _mismatch(setting: Setting, arm: Robot, at: Points, a: Array) -> Array:
-    """Return the lengths of what accelerations take beyond what the model says at the reference."""
-    return _force(setting, arm, at, a @ (arm.mass_matrix(at.q) - setting.nominal.mass_matrix(at.star)))
-
-
-def _shift(setting: Setting, arm: Robot, at: Points, v: Array) -> Array:
-    """Return how fast v* changes along the reference, in the metric of D."""
-    return _length(setting, arm, at, v @ slopes(lambda q: resting(setting, arm, q), at.star))
-
-
-def _more(value: float) -> float:
-    """Return what a search found and the share that it may have missed."""
-    return (1.0 + MARGIN) * value
 
 
 def _text(value: float, up: bool = True) -> str:

@@ -21,11 +21,12 @@ from armgpi.arrays import Array, check_number, check_path, check_type
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.proofs import proved
-from armgpi.certification.quantities import Numbers, searched
+from armgpi.certification.quantities import PER_JOINT, Numbers, searched
 from armgpi.certification.reasons import beyond, unsolved
-from armgpi.certification.solve import Solution, solve
+from armgpi.certification.solve import Solution, merged, solve
 from armgpi.certification.words import table
 from armgpi.errors import ConfigError
+from armgpi.escape import html_text
 from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations
@@ -51,6 +52,9 @@ class Certificate:
         """Take a certificate's data, and why it claims less than was asked for."""
         self.data = dict(data)
         self.reasons = reasons
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html_text(str(self))}</pre>"
 
     @property
     def certified(self) -> bool:
@@ -153,10 +157,11 @@ def certify(
         budget: time for each number [s].
         **options: of `armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
             `payload` (lightest and heaviest load [kg]), `box` (see `armgpi.certification.box.box_of`),
-            `radius` (how far the arm may be from its reference [rad or m]), `velocity` and `acceleration` of
-            the reference, `torque` (of disturbances [N m or N]), `friction` (that of the robot), `bits` of
-            the encoders, `delay` [samples], and what :class:`armgpi.GPI` takes: `gains`, `integrators`,
-            `rolloff`, `rolloff_ratio`, `second_ratio`, `second_zeta`, `feedforward`.
+            `radius` (how far the arm may be from its reference [rad or m]), `acceleration` (of a reference
+            that moves), `torque` (of disturbances [N m or N]), `friction` (whether that of the robot acts),
+            `jump` (whether the load may jump between its ends), `bits` of the encoders, `delay` [samples],
+            and what :class:`armgpi.GPI` takes: `gains`, `integrators`, `rolloff`, `rolloff_ratio`,
+            `second_ratio`, `second_zeta`, `feedforward`.
 
     Raises:
         ParameterError: for what no certificate is known for, or a value that is out of its range.
@@ -175,14 +180,13 @@ def certify(
 def certificate(asked: Asked, found: Numbers) -> Certificate:
     """Return the certificate that the numbers of an arm lead to, or why there is none."""
     law, numbers, limits = law_of(asked), numbers_of(asked, found), _limits(asked)
-    shares = shares_of(asked, numbers)
-    stated = inputs_of(asked, shares)
+    stated = inputs_of(asked, found)
     known = _Known(asked, law, numbers, limits)
     known.gain()
     if known.solutions:
         if any(float(x) for x in stated.values()):
             known.close("stated", "what was stated", stated)
-        if float(numbers["jump"]):
+        if asked.jump and float(numbers["jump"]):
             known.close("jump", "a jump of the load", stated)
     data: dict[str, Any] = {
         "format": FORMAT,
@@ -193,7 +197,7 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
         "numbers": numbers,
         "status": status_of(found),
         "inputs": known.inputs,
-        "shares": shares,
+        "shares": shares_of(asked, found),
         "solutions": known.solutions,
     }
     data["seal"] = seal(data)
@@ -201,11 +205,12 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
 
 
 def status_of(found: Numbers) -> dict[str, str]:
-    """Return of each number whether it is proved; torques and what is held are searched."""
-    known = {name: x for name, x in found._asdict().items() if name != "inverse"}
-    statuses = {name: x.status for name, x in known.items()}
-    proved = all(x.status == "proved" for x in found.inverse)
-    return {**statuses, "inverse": "proved" if proved else "searched", "inputs": "searched"}
+    """Return of each number whether it is proved; of those for each joint, whether all are."""
+    groups = {name: x if name in PER_JOINT else (x,) for name, x in found._asdict().items()}
+    return {
+        name: "proved" if all(x.status == "proved" for x in group) else "searched"
+        for name, group in groups.items()
+    }
 
 
 class _Known:
@@ -219,14 +224,14 @@ class _Known:
 
     def __init__(self, asked: Asked, law: Any, numbers: Any, limits: Any) -> None:
         self.asked, self.law, self.numbers = asked, law, numbers
-        self.exact = [checker.exact(x) for x in (law, numbers)]
-        self.limits = checker.exact(limits)
+        self.limits = limits
         self.inputs: dict[str, Any] = {}
         self.solutions: dict[str, Any] = {}
         self.said: list[str] = []
         # So slow that the numbers of the reference's motion hardly grow by it.
         self.spread = _SPREAD * min(
-            float(numbers[x]) / max(float(numbers[y]), 1e-9) for x, y in check_certificate.MOVING
+            float(numbers[x]) / max(float(numbers[y]), 1e-9)
+            for x, y in (("sigma", "sigma_error"), ("kappa_v", "kappa_error"))
         )
 
     def gain(self) -> None:
@@ -237,10 +242,9 @@ class _Known:
             self.said += unsolved(self.asked, self.law, self.numbers, inputs)
             return
         rest, unit = (self.bounds(solution, {**inputs, "torque": size}) for size in "01")
-        allowed = checker.allowed(self.limits, checker.exact(inputs))
         spare = [
             (most - low) / (high - low)
-            for what, ends in allowed.items()
+            for what, ends in self.allowed(inputs).items()
             for low, high, most in zip(rest[what], unit[what], ends, strict=True)
         ]
         largest = float(min(spare)) * (1.0 - _ROUNDED)
@@ -263,16 +267,29 @@ class _Known:
             if float(found["speed"][0]) <= spread:
                 break
             spread = _LARGER * float(found["speed"][0])
-        if found is None or solution is None or checker.leaves(self.limits, checker.exact(inputs), found):
+        if found is None or solution is None or self.leaves(inputs, found):
             self.said += beyond(self.asked, what, None if solution is None else spread, found)
         else:
             self._claim(name, solution, inputs)
 
     def bounds(self, solution: Solution, inputs: Any, jump: bool = False) -> Any:
         """Return what a solution bounds."""
-        exact = checker.exact(solution._asdict())
-        exact["P"] = checker.symmetric(exact["P"])
-        return checker.bounds(*self.exact, checker.exact(inputs), exact, jump)
+        facts = merged(self.limits, self.law, self.numbers, inputs)
+        return checker.bounds(facts, checker.exact(solution._asdict()), jump)
+
+    def allowed(self, inputs: Any) -> dict[str, Any]:
+        """Return what bounds must stay within: what the numbers were taken over, and what the motors give."""
+        limits = checker.exact(self.limits)
+        return {
+            "errors": limits["radius"],
+            "speed": [Fraction(inputs["spread"])],
+            "torques": limits["effort"],
+        }
+
+    def leaves(self, inputs: Any, found: Any) -> bool:
+        """Tell whether any bound is not within what is allowed."""
+        most = self.allowed(inputs)
+        return any(x > y for key in most for x, y in zip(found[key], most[key], strict=True))
 
     def _claim(self, name: str, solution: Solution, inputs: Any) -> None:
         """Add a claim."""
@@ -286,7 +303,9 @@ class _Known:
 
 def seal(data: Mapping[str, Any]) -> str:
     """Return the hash of what the solution does not say: see the checker."""
-    sealed = json.dumps({key: data[key] for key in checker.SEALED}, sort_keys=True)
+    sealed = json.dumps(
+        {key: x for key, x in data.items() if key not in ("solutions", "seal")}, sort_keys=True
+    )
     return hashlib.sha256(sealed.encode()).hexdigest()
 
 
@@ -303,8 +322,9 @@ def _robot(asked: Asked) -> dict[str, Any]:
         "frame": None if asked.controller.payload is None else asked.controller.payload.frame,
         "com": None if asked.controller.payload is None else list(asked.controller.payload.com),
         "feedforward": asked.setting.feedforward,
-        "torque": [repr(float(x)) for x in asked.torque],
+        "torque": [repr(float(x)) for x in asked.setting.torque],
         "friction": asked.friction,
+        "jump": asked.jump,
         "bits": asked.bits,
     }
 
@@ -317,8 +337,8 @@ def _limits(asked: Asked) -> dict[str, list[str]]:
         "upper": asked.box.upper,
         "radius": asked.radius,
         "speed": asked.setting.speed,
-        "velocity": asked.velocity,
-        "acceleration": asked.acceleration,
+        "velocity": asked.setting.velocity,
+        "acceleration": asked.setting.acceleration,
     }
     return {name: [repr(float(x)) for x in each] for name, each in values.items()}
 

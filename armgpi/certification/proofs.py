@@ -16,6 +16,7 @@ more than rounding does to it (tested).
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -29,6 +30,8 @@ from armgpi.certification.trigonometric import Expandable, Expansion, Polynomial
 
 #: Share by which every bound is raised.
 OUTWARD = 1e-6
+#: Numbers below this are as good as zero.
+_TINY = 1e-9
 #: Cells that are looked at together.
 _TOGETHER = 128
 #: Share of a joint's width in the choice of what to split, where nothing else tells.
@@ -101,43 +104,164 @@ def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Nu
         ParameterError: when D and G are no trigonometric polynomials of degree two.
     """
     made = searched(setting)
-    half = (setting.upper - setting.lower) / 2
-    star = Cells(((setting.lower + setting.upper) / 2)[None], half[None])
-    around = star._replace(half=star.half + setting.radius)
-    *arms, nominal = polynomials_of([*setting.arms, setting.nominal])
-    models = [Model(*arm, *nominal, np.abs(around.center[0]) + around.half[0]) for arm in arms]
-    v = corners(setting.speed)
+    prover = _Prover(setting, tolerance, budget)
+    found = made._replace(**prover.of_motion(made))
+    return found._replace(**prover.of_torques(found), **prover.of_inputs(found))
 
-    def number(found: Number, quantity: Callable[[Model], Quantity], cells: Cells = around) -> Number:
-        bound = largest(
-            [quantity(each) for each in models], cells, found.value / (1.0 + MARGIN), tolerance, budget
-        )
-        proven = bound.upper <= 2.0 * found.value
+
+class _Prover:
+    """What the numbers of one setting are proved with."""
+
+    def __init__(self, setting: Setting, tolerance: float, budget: float) -> None:
+        self.setting, self.tolerance, self.budget = setting, tolerance, budget
+        half = (setting.upper - setting.lower) / 2
+        self.star = Cells(((setting.lower + setting.upper) / 2)[None], half[None])
+        self.around = self.star._replace(half=self.star.half + setting.radius)
+        *arms, nominal = polynomials_of([*setting.arms, setting.nominal])
+        reach = np.abs(self.around.center[0]) + self.around.half[0]
+        self.models = [Model(*arm, *nominal, reach) for arm in arms]
+
+    def number(
+        self,
+        found: Number,
+        quantity: Callable[[Model], Quantity],
+        cells: Cells | None = None,
+        loose: float = 2.0,
+    ) -> Number:
+        """Return a bound where it is proved and at most `loose` times what a search found, or else that."""
+        most = max(found.value, _TINY)
+        made, where = [quantity(each) for each in self.models], self.around if cells is None else cells
+        bound = largest(made, where, most / (1.0 + MARGIN), self.tolerance, self.budget)
+        proven = bound.upper <= loose * most
         return Number((1.0 + OUTWARD) * bound.upper, "proved") if proven else found
 
-    def inverted(number: Number) -> Number:
-        return number._replace(value=1.0 / number.value)
+    def root(self, found: Number, quantity: Callable[[Model], Quantity]) -> Number:
+        """Return the bound on a number whose square is the largest value of a quantity."""
+        square = self.number(Number(found.value**2), quantity, loose=4.0)
+        return square._replace(value=math.sqrt(square.value))
 
-    # Loads add to D, so the nominal model with the heaviest one is at least the true D.
-    heaviest = np.array_equal(models[-1].D.coefficients, models[-1].D_nominal.coefficients)
-    low = number(inverted(made.delta_low), lambda m: Eigenvalue(m.D_nominal, m.D, m.reach))
-    inverse = tuple(
-        number(each, lambda m, j=j: Eigenvalue(m.D, _unit(m.D, j), m.reach))  # type: ignore[misc]
-        for j, each in enumerate(made.inverse)
-    )
-    # Velocities of length 1 are in the box of the lengths of the axes.
-    w = corners(np.sqrt([each.value for each in inverse]))
-    return Numbers(
-        delta_low=Number(1.0, "proved") if heaviest else inverted(low),
-        delta_high=number(made.delta_high, lambda m: Eigenvalue(m.D, m.D_nominal, m.reach)),
-        sigma=number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), m.reach, v)),
-        kappa_v=number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), m.reach, v)),
-        kappa_e=number(made.kappa_e, lambda m: Stiffness(m, setting), star),
-        kappa_g=number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)), m.reach)),
-        inverse=inverse,
-        sigma_error=number(made.sigma_error, lambda m: Norm(m.D, _slopes(m.D), m.reach, w)),
-        kappa_error=number(made.kappa_error, lambda m: Norm(m.D, _christoffel(m.D), m.reach, w)),
-    )
+    def of_motion(self, made: Numbers) -> dict[str, Any]:
+        """Return what the matrix inequality takes: delta, what motion and gravity add, and D^-1."""
+        setting, v = self.setting, corners(self.setting.speed)
+
+        def inverted(number: Number) -> Number:
+            return number._replace(value=1.0 / number.value)
+
+        low = Number(1.0, "proved")
+        first = self.models[-1]
+        # Loads add to D, so the nominal model with the heaviest one is at least the true D.
+        if not np.array_equal(first.D.coefficients, first.D_nominal.coefficients):
+            low = inverted(
+                self.number(inverted(made.delta_low), lambda m: Eigenvalue(m.D_nominal, m.D, m.reach))
+            )
+        return {
+            "delta_low": low,
+            "delta_high": self.number(made.delta_high, lambda m: Eigenvalue(m.D, m.D_nominal, m.reach)),
+            "sigma": self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), m.reach, v)),
+            "kappa_v": self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), m.reach, v)),
+            "kappa_e": self.number(made.kappa_e, lambda m: Stiffness(m, setting, m.G), self.star),
+            "kappa_g": self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)), m.reach)),
+            "inverse": tuple(
+                self.number(each, lambda m, j=j: Eigenvalue(m.D, _unit(m.D, j), m.reach))  # type: ignore[misc]
+                for j, each in enumerate(made.inverse)
+            ),
+            "sigma_error": self.number(
+                made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D), m.reach), loose=3.0
+            ),
+            "kappa_error": self.number(
+                made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D), m.reach), loose=3.0
+            ),
+        }
+
+    def of_torques(self, found: Numbers) -> dict[str, Any]:
+        """Return what the motors must give, and what a jump of the load does, from what is proved of D."""
+        low, high, reach = found.delta_low, found.delta_high, self.models[0].reach
+        nominal = self.models[0].D_nominal
+        light, heavy = (self._held(m) for m in (self.models[0], self.models[-1]))
+        changed = light._replace(coefficients=heavy.coefficients - light.coefficients)
+        at = [self.setting.lower[None], self.setting.upper[None]]
+        # The length of v* in the metric of D^, and of its change between the loads.
+        jump, *lengths = (
+            self._length_of(nominal, each, np.concatenate(at)) for each in (changed, light, heavy)
+        )
+        length = max(each.value for each in lengths)
+        largest_v = length * np.sqrt([each.value / low.value for each in found.inverse])
+        hold, reaches = [], []
+        for j in range(len(reach)):
+            moves = nominal.mapped(lambda c, j=j: c[:, j])  # type: ignore[misc]
+            steps = np.stack([moves.bound(reach, k) for k in range(len(reach))])
+            held = self.number(found.hold[j], lambda m, j=j: _scalar(m.G, reach, j), self.star)  # type: ignore[misc]
+            more = held.value + float(self.setting.radius @ steps @ largest_v)
+            hold.append(_from(more, held, low, *lengths, *found.inverse))
+            square = self.squared(found.reach[j], lambda m, j=j: _scalar(m.D_nominal, reach, j, j))  # type: ignore[misc]
+            reaches.append(_from(square.value * math.sqrt(high.value), square, high))
+        jumps = self.setting.arms[0] is not self.setting.arms[-1]
+        jumped = _from(jump.value / math.sqrt(low.value), jump, low) if jumps else found.jump
+        return {"jump": jumped, "hold": tuple(hold), "reach": tuple(reaches)}
+
+    def of_inputs(self, found: Numbers) -> dict[str, Any]:
+        """Return how large what disturbs is."""
+        setting, low, high = self.setting, found.delta_low, found.delta_high
+        made = {}
+        for name in ("torque", "friction"):
+            if (bound := getattr(setting, name)).any():
+                ends = corners(bound)
+                made[name] = self.number(
+                    getattr(found, name),
+                    lambda m, v=ends: Norm(*_bordered(m.D, _axes(m.D)), m.reach, v),  # type: ignore[misc]
+                )
+        for name in ("velocity", "acceleration", "encoder"):
+            if (bound := getattr(setting, name)).any():
+                ends = corners(bound)
+                squares = (ends[:, :, None] * ends[:, None]).reshape(len(ends), -1)
+                made[name] = self.squared(
+                    getattr(found, name),
+                    lambda m, v=squares: _scalar(m.D, m.reach, weights=v),  # type: ignore[misc]
+                    4.0 * 4.0,
+                )
+        if setting.velocity.any():
+            stiffness = found.kappa_e
+            if setting.feedforward != "none":
+                stiffness = self.number(
+                    found.kappa_e, lambda m: Stiffness(m, setting, self._held(m)), self.star, 9.0
+                )
+            moved = made["velocity"]
+            made["shift"] = _from(stiffness.value * moved.value / low.value, stiffness, moved, low)
+        if setting.acceleration.any() and setting.feedforward == "model":
+            # D(q) - D^(q) at the arm, and by how much D^ changes between there and the reference.
+            v, far = (
+                corners(setting.radius),
+                Number(float(np.max(setting.radius / setting.speed)) * found.sigma.value),
+            )
+            rate = self.number(far, lambda m: Norm(m.D, _slopes(m.D_nominal), m.reach, v), loose=math.inf)
+            share = max(high.value - 1.0, 1.0 - low.value) + high.value * math.expm1(rate.value / low.value)
+            moved = made["acceleration"]
+            made["acceleration"] = _from(share * moved.value, moved, low, high, rate)
+        return made
+
+    def squared(self, found: Number, quantity: Callable[[Model], Quantity], loose: float = 4.0) -> Number:
+        """Return the bound on a number whose square is the largest value of a quantity."""
+        square = self.number(found._replace(value=found.value**2), quantity, loose=loose)
+        return square._replace(value=math.sqrt(square.value))
+
+    def _held(self, model: Model) -> Polynomial:
+        """Return D^ v*: what the feedforward holds, v* does not."""
+        if self.setting.feedforward == "none":
+            return model.G
+        return model.G._replace(coefficients=model.G.coefficients - model.G_nominal.coefficients)
+
+    def _length_of(self, D: Polynomial, held: Polynomial, ends: Array) -> Number:
+        """Return a bound on the length of a torque in the metric of D^-1; `ends` are two configurations."""
+        torque, inverse = held.at(ends), np.linalg.inv(D.at(ends))
+        near = math.sqrt(float(np.einsum("ka,kab,kb->k", torque, inverse, torque).max()))
+        bordered = _bordered(D, _one(held))
+        return self.number(Number(near), lambda m: Norm(*bordered, m.reach), self.star, math.inf)
+
+
+def _from(value: float, *used: Number) -> Number:
+    """Return a number that follows from others."""
+    proven = all(each.status == "proved" for each in used)
+    return Number((1.0 + OUTWARD) * value, "proved" if proven else "searched")
 
 
 def largest(quantities: list[Quantity], cells: Cells, near: float, tolerance: float, budget: float) -> Bound:
@@ -282,14 +406,44 @@ class Norm:
         return np.asarray(np.einsum("...mab,wm->...wab", X, self.weights))
 
 
+class Unfolded:
+    """At least the largest norm of the sum of u_k X_k over velocities u of length 1, all in the metric of D.
+
+    It is the norm of all n matrices beside each other, for velocities along axes of length 1.
+    """
+
+    def __init__(self, D: Polynomial, X: Polynomial, reach: Array) -> None:
+        """Take D and matrices X (n, n, n), one for each joint's velocity."""
+        self.D, self.X = Expandable(D, reach), Expandable(X, reach)
+
+    def __call__(self, cells: Cells, near: float) -> Values:
+        """Return what is known in cells."""
+        metric, X = _Metric(self.D, cells, cells.half), self.X.at(cells.center)
+        seen = self._beside(metric, X.value[:, None])[:, 0]
+        parts = cells.half * self._beside(metric, X.slopes)
+        parts += np.einsum("kjm,km->kj", metric.beyond_of(self.X, X), np.linalg.norm(metric.root, axis=1))
+        lost = metric.loss >= 1.0
+        with np.errstate(invalid="ignore"):  # each of the three is as long in the metric elsewhere
+            upper = np.where(lost, np.inf, (seen + parts.sum(axis=1)) / (1.0 - metric.loss) ** 1.5)
+        shares = parts + 1.5 * near * (cells.half * metric.sizes + metric.beyond)
+        return Values(seen, upper, shares + _EVEN * cells.half)
+
+    @staticmethod
+    def _beside(metric: _Metric, X: Array) -> Array:
+        """Return the norms of matrices (k, j, n, n, n) beside each other."""
+        along = np.einsum("kjmab,kum->kjuab", metric.normal(X), metric.root)
+        squares = np.einsum("kjuab,kjucb->kjac", along, along)
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(squares)[..., -1], 0.0)))
+
+
 class Stiffness:
     """The largest norm of D^-1/2 K D^-1/2 with K = d(G - D^ v*)/dq and v* = D^^-1 G at a reference.
 
     D is taken at one configuration near the reference, K at another one.
     """
 
-    def __init__(self, model: Model, setting: Setting) -> None:
-        """Take the models; the configurations are within `setting.radius` of the reference."""
+    def __init__(self, model: Model, setting: Setting, torque: Polynomial) -> None:
+        """Take the models, and G or another torque, within `setting.radius` of the reference."""
         self.radius = setting.radius
         held = model.G.coefficients
         if setting.feedforward != "none":  # what the feedforward holds, v* does not
@@ -297,7 +451,7 @@ class Stiffness:
         resting = model.G._replace(coefficients=held)
         # dG/dq, and d(D^ e_k)/dq for every joint k.
         nominal = _slopes(model.D_nominal).mapped(lambda c: c.transpose(0, 3, 2, 1))
-        gradient = _one(_gradient(model.G))
+        gradient = _one(_gradient(torque))
         whole = np.concatenate([gradient.coefficients, -nominal.coefficients], axis=1)
         reach = model.reach
         self.D, self.D_nominal = Expandable(model.D, reach), Expandable(model.D_nominal, reach)
@@ -379,6 +533,31 @@ def _gradient(G: Polynomial) -> Polynomial:
     return stacked([G.derivative(j) for j in range(G.frequencies.shape[1])]).mapped(
         lambda c: c.transpose(0, 2, 1)
     )
+
+
+def _bordered(D: Polynomial, vectors: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """Return diag(D, 1) and [[0, g], [g^T, 0]] for vectors g (m, n): its norm is the length of g."""
+    terms, m, n = vectors.coefficients.shape
+    metric, beside = np.zeros((terms, n + 1, n + 1), complex), np.zeros((terms, m, n + 1, n + 1), complex)
+    metric[:, :n, :n], metric[0, n, n] = D.coefficients, 1.0
+    beside[:, :, :n, n] = beside[:, :, n, :n] = vectors.coefficients
+    return D._replace(coefficients=metric), D._replace(coefficients=beside)
+
+
+def _axes(D: Polynomial) -> Polynomial:
+    """Return the n constant unit vectors, (n, n)."""
+    coefficients = np.zeros_like(D.coefficients)
+    coefficients[0] = np.eye(coefficients.shape[-1])
+    return D._replace(coefficients=coefficients)
+
+
+def _scalar(P: Polynomial, reach: Array, *index: int, weights: Array | None = None) -> Norm:
+    """Return the magnitude of an entry of P, or of a weighted sum of all of them."""
+    entry: Any = (slice(None), *index)
+    entries = P.coefficients[entry].reshape(len(P.coefficients), -1, 1, 1)
+    one = np.zeros((len(entries), 1, 1), complex)
+    one[0] = 1.0
+    return Norm(P._replace(coefficients=one), P._replace(coefficients=entries), reach, weights)
 
 
 def _unit(D: Polynomial, joint: int) -> Polynomial:

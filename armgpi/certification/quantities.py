@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ _TURNS = 4
 #: Step of the derivatives [rad or m].
 _STEP = 1e-2
 _Function = Callable[["Setting", Robot, "Points"], Array]
+_NONE = np.zeros(0)
 
 
 class Setting(NamedTuple):
@@ -44,6 +45,11 @@ class Setting(NamedTuple):
         radius: how far the arm is from its reference at most [rad or m], shape (n,).
         speed: largest speed of each joint of the reference [rad/s or m/s], shape (n,).
         feedforward: "none", "gravity" or "model".
+        torque: bound on the disturbance torque [N m or N], shape (n,).
+        friction: bound on the torque of friction [N m or N], shape (n,).
+        velocity: bound on the speed of a reference that moves [rad/s or m/s], shape (n,).
+        acceleration: bound on its acceleration [rad/s^2 or m/s^2], shape (n,).
+        encoder: half an encoder count [rad or m], shape (n,).
     """
 
     arms: tuple[Robot, ...]
@@ -53,6 +59,11 @@ class Setting(NamedTuple):
     radius: Array
     speed: Array
     feedforward: str
+    torque: Array = _NONE
+    friction: Array = _NONE
+    velocity: Array = _NONE
+    acceleration: Array = _NONE
+    encoder: Array = _NONE
 
 
 class Number(NamedTuple):
@@ -80,6 +91,15 @@ class Numbers(NamedTuple):
         inverse: largest diagonal elements of D^-1, one for each joint [1/(kg m^2) or 1/kg].
         sigma_error: what sigma grows by for a unit of the error's speed, a length in the metric of D [1/s].
         kappa_error: what kappa_v grows by for it [1/s].
+        jump: largest change of v* between the two loads, in the metric of D.
+        hold: largest torques that hold the joints at the reference [N m or N].
+        reach: largest torques for a v of length 1 in the metric of D.
+        torque: largest length of the disturbance torque in the metric of D^-1.
+        friction: that of the torque of friction.
+        velocity: largest length of the reference's velocity in the metric of D.
+        acceleration: largest length of what its acceleration takes beyond the feedforward.
+        shift: largest length of dv*/dt along the reference.
+        encoder: largest length of half an encoder count.
     """
 
     delta_low: Number
@@ -91,6 +111,15 @@ class Numbers(NamedTuple):
     inverse: tuple[Number, ...]
     sigma_error: Number
     kappa_error: Number
+    jump: Number
+    hold: tuple[Number, ...]
+    reach: tuple[Number, ...]
+    torque: Number
+    friction: Number
+    velocity: Number
+    acceleration: Number
+    shift: Number
+    encoder: Number
 
 
 class Points(NamedTuple):
@@ -114,21 +143,46 @@ def searched(setting: Setting, seed: int = 0) -> Numbers:
         setting: what they are taken over.
         seed: of the configurations that are drawn.
     """
-    more = 1.0 + MARGIN
-    joints = range(setting.nominal.n)
-    low = -largest(setting, lambda *at: -_deltas(*at)[:, 0], seed)
-    high = largest(setting, lambda *at: _deltas(*at)[:, -1], seed)
-    return Numbers(
-        delta_low=Number(1.0 + more * (low - 1.0) if low < 1.0 else 1.0 + (low - 1.0) / more),
-        delta_high=Number(1.0 + more * (high - 1.0) if high > 1.0 else 1.0 + (high - 1.0) / more),
-        sigma=Number(more * largest(setting, _sigma, seed)),
-        kappa_v=Number(more * largest(setting, _coriolis, seed)),
-        kappa_e=Number(more * largest(setting, _stiffness, seed)),
-        kappa_g=Number(more * largest(setting, _gravity, seed)),
-        inverse=tuple(Number(more * largest(setting, _inverse(j), seed)) for j in joints),
-        sigma_error=Number(more * largest(setting, _sigma_error, seed)),
-        kappa_error=Number(more * largest(setting, _kappa_error, seed)),
-    )
+    found = {name: largest(setting, function, seed) for name, function in functions(setting).items()}
+
+    def number(name: str) -> Number:
+        return Number((1.0 + MARGIN) * found[name]) if name in found else Number(0.0, "proved")
+
+    def delta(x: float, away: bool) -> Number:  # more is farther from 1, or nearer to it
+        return Number(1.0 + (x - 1.0) * (1.0 + MARGIN if away else 1.0 / (1.0 + MARGIN)))
+
+    low, high = -found["-delta_low"], found["delta_high"]
+    made: dict[str, Any] = {"delta_low": delta(low, low < 1.0), "delta_high": delta(high, high > 1.0)}
+    for name in Numbers._fields[2:]:
+        joints = [f"{name}.{j}" for j in range(setting.nominal.n)] if name in PER_JOINT else []
+        made[name] = tuple(map(number, joints)) if joints else number(name)
+    return Numbers(**made)
+
+
+def functions(setting: Setting) -> dict[str, _Function]:
+    """Return what each number is the largest value of; none for what is zero."""
+    every: dict[str, _Function] = {
+        "-delta_low": lambda *at: -_deltas(*at)[:, 0],
+        "delta_high": lambda *at: _deltas(*at)[:, -1],
+        "sigma": _sigma,
+        "kappa_v": _coriolis,
+        "kappa_e": _stiffness,
+        "kappa_g": _gravity,
+        "sigma_error": _sigma_error,
+        "kappa_error": _kappa_error,
+    }
+    for name, per_joint in PER_JOINT.items():
+        every.update({f"{name}.{j}": per_joint(j) for j in range(setting.nominal.n)})
+    if setting.arms[0] is not setting.arms[-1]:
+        every["jump"] = _jump
+    accelerated = _mismatch if setting.feedforward == "model" else _length
+    vectors = {"torque": _force, "friction": _force, "velocity": _length, "acceleration": accelerated}
+    for name, value in {**vectors, "encoder": _length}.items():
+        if (bound := getattr(setting, name)).any():
+            every[name] = _largest_of(bound, value)
+    if setting.velocity.any():
+        every["shift"] = _largest_of(setting.velocity, _shift)
+    return every
 
 
 def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
@@ -291,3 +345,63 @@ def _gravity(setting: Setting, arm: Robot, at: Points) -> Array:
 def _inverse(joint: int) -> _Function:
     """Return the function that gives an element of the diagonal of D^-1."""
     return lambda setting, arm, at: np.asarray(np.linalg.inv(arm.mass_matrix(at.q))[:, joint, joint], float)
+
+
+def _hold(joint: int) -> _Function:
+    """Return the function that gives the torque with which a joint is held [N m or N]."""
+
+    def torque(setting: Setting, arm: Robot, at: Points) -> Array:
+        held = setting.nominal.inertia_times(at.q, resting(setting, arm, at.star))
+        if setting.feedforward != "none":
+            held = held + setting.nominal.gravity(at.star)
+        return np.abs(held[:, joint])
+
+    return torque
+
+
+def _reach(joint: int) -> _Function:
+    """Return the function that gives a joint's torque over the length of v in the metric of D."""
+
+    def factor(setting: Setting, arm: Robot, at: Points) -> Array:
+        row = setting.nominal.mass_matrix(at.q)[:, joint]
+        return np.asarray(np.sqrt(np.einsum("ki,ki->k", row, arm.inertia_solve(at.q, row))))
+
+    return factor
+
+
+def _jump(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the length of the change of v* between the two loads."""
+    light, heavy = (resting(setting, each, at.star) for each in (setting.arms[0], setting.arms[-1]))
+    return _length(setting, arm, at, (heavy - light)[:, None])[:, 0]
+
+
+def _largest_of(bound: Array, value: Callable[[Setting, Robot, Points, Array], Array]) -> _Function:
+    """Return the largest value of a function that is convex in a vector within bounds: it is at a corner."""
+    ends = corners(bound)
+    return lambda setting, arm, at: np.asarray(value(setting, arm, at, ends).max(axis=1))
+
+
+def _length(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
+    """Return the lengths (k, c) of velocities or accelerations (c, n) or (k, c, n) in the metric of D."""
+    along = np.broadcast_to(x, (len(at.q), *x.shape[-2:])) @ arm.mass_matrix(at.q)
+    return np.asarray(np.sqrt((along * x).sum(axis=-1)))
+
+
+def _force(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
+    """Return the lengths (k, c) of torques in the metric of D^-1."""
+    along = np.broadcast_to(x, (len(at.q), *x.shape[-2:])) @ np.linalg.inv(arm.mass_matrix(at.q))
+    return np.asarray(np.sqrt((along * x).sum(axis=-1)))
+
+
+def _mismatch(setting: Setting, arm: Robot, at: Points, a: Array) -> Array:
+    """Return the lengths of what accelerations take beyond what the model says at the reference."""
+    return _force(setting, arm, at, a @ (arm.mass_matrix(at.q) - setting.nominal.mass_matrix(at.star)))
+
+
+def _shift(setting: Setting, arm: Robot, at: Points, v: Array) -> Array:
+    """Return how fast v* changes along the reference, in the metric of D."""
+    return _length(setting, arm, at, v @ slopes(lambda q: resting(setting, arm, q), at.star))
+
+
+#: Numbers that each joint has one of.
+PER_JOINT: dict[str, Callable[[int], _Function]] = {"inverse": _inverse, "hold": _hold, "reach": _reach}

@@ -117,7 +117,7 @@ def _remedies(
     omega = float(law["omega"][0])
     for factor in _BANDWIDTHS:
         tried = repr(round(factor * omega, 3))
-        if solvable({**law, "omega": [tried, tried], "bandwidths": [tried]}, numbers, inputs):
+        if solvable({**law, "omega": [tried]}, numbers, inputs):
             said.append(f"what would do: omega = {float(tried):.3g} rad/s")
             break
     for share in _SHARES:

@@ -7,7 +7,7 @@ returns is rounded to decimal numbers and checked as such; its status is not loo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ class Solution(NamedTuple):
     """A solution of the inequality in decimal numbers, as texts.
 
     Attributes:
-        P: lower triangle, row by row.
+        P: row by row.
         alpha: rate of decay of V [omega].
         t: multipliers of what motion and gravity add.
         a: multipliers of the inputs.
@@ -45,19 +45,24 @@ class Solution(NamedTuple):
     a: list[str]
 
 
-def solve(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]) -> Solution | None:
+class _Used(NamedTuple):
+    """Which multipliers there are: those of what is not zero."""
+
+    t: list[int]
+    a: list[int]
+
+
+def solve(*facts: Mapping[str, Any]) -> Solution | None:
     """Return the solution with the smallest bound that was found, or None; it holds exactly.
 
     Args:
-        law: of a certificate, numbers as texts.
-        numbers: of the arm.
-        inputs: sizes of what disturbs.
+        *facts: law, numbers of the arm and sizes of what disturbs, as a certificate has them.
 
     Raises:
         BackendError: when Clarabel is not installed.
     """
-    exact = [checker.exact(dict(x)) for x in (law, numbers, inputs)]
-    problem = _Problem.made(*(_floats(x) for x in exact))
+    exact = merged(*facts)
+    problem = _Problem.made(_floats(exact))
     if problem is None:
         return None
     found: list[tuple[float, float, Array]] = []
@@ -69,16 +74,19 @@ def solve(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[st
             break  # what is too fast at one rate is so at every larger one
     for _, alpha, values in sorted(found, key=lambda each: each[0]):
         solution = problem.rounded(values, alpha)
-        trial = checker.exact(solution._asdict())
-        trial["P"] = checker.symmetric(trial["P"])
-        if checker.holds(*exact[:2], exact[2]["spread"], trial):
+        if checker.holds(exact, checker.exact(solution._asdict())):
             return solution
     return None
 
 
-def solvable(law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:
+def merged(*facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parts of a certificate as the checker takes them: one mapping of exact numbers."""
+    return {key: checker.exact(x) for part in facts for key, x in part.items()}
+
+
+def solvable(*facts: Mapping[str, Any]) -> bool:
     """Tell whether the inequality has a solution at a low rate of decay, as floats have it."""
-    problem = _Problem.made(*(_floats(checker.exact(dict(x))) for x in (law, numbers, inputs)))
+    problem = _Problem.made(_floats(merged(*facts)))
     if problem is None:
         return False
     return problem.attempt(_ALPHAS[0]) is not None
@@ -96,36 +104,37 @@ def _floats(data: Any) -> Any:
 class _Problem:
     """The inequality's matrices as functions of the unknowns: lower triangle of P, t, a and (P^-1)_11."""
 
-    def __init__(self, basis: Array, sizes: Array, used: list[int], start: Array) -> None:
+    def __init__(self, basis: Array, sizes: Array, used: _Used, start: Array) -> None:
         self.basis, self.sizes, self.used, self.n = basis, sizes, used, len(start)
         self._choose(start)
 
     @classmethod
-    def made(cls, law: Any, numbers: Any, inputs: Any) -> _Problem | None:
+    def made(cls, facts: Any) -> _Problem | None:
         """Return the problem; None where a sample adds too much for any solution."""
-        _, rest, ends, gains = checker.sample(law, numbers, inputs["spread"])
-        n, _, _ = checker.units(law)
-        if rest <= 0.0:
+        f, rest, ends, gains, sizes, *_ = checker.sample(facts)
+        if not (f >= 1.0 and 0.0 < rest <= 1.0):
             return None
-        used = [i for i, gain in enumerate(gains) if gain] + [4]
-        count = 4 if inputs["count"] else 3 if inputs["shift"] else 2
-        corners = [
-            (omega, 1.0 + sign * law["rate"] * omega * law["sample_time"], delta)
-            for omega in law["bandwidths"]
-            for sign in ((-1.0, 1.0) if law["rate"] else (0.0,))
-            for delta in ends
-        ]
+        omegas, h = facts["omega"], facts["sample_time"]
+        n = len(checker.loop(facts, omegas[0])[1])
+        used = _Used([i for i, gain in enumerate(gains) if gain] + [4], [i for i, x in enumerate(sizes) if x])
+        steps = []
+        for i in sorted({0, len(omegas) // 2, len(omegas) - 1}):
+            near = {omegas[max(i - 1, 0)], omegas[i], omegas[min(i + 1, len(omegas) - 1)]}
+            steps += [(omegas[i], omegas[i] / after) for after in sorted(near)]
         basis = []
-        for unit in np.eye(n * (n + 1) // 2 + len(used) + count):
-            P, t, a = (each.tolist() for each in _split(unit, n, used, count))
+        for unit in np.eye(n * (n + 1) // 2 + sum(map(len, used))):
+            P, t, a = (each.tolist() for each in _split(unit, n, used))
+            solution = {"P": P, "alpha": 0.0, "t": t, "a": a}
             basis.append(
                 [
-                    checker.inequality(law, numbers, inputs["spread"], *corner, P, 0.0, t, a)
-                    for corner in corners
+                    np.array(checker.inequality(facts, *step, delta, solution)) / (step[0] * h)
+                    for step in steps
+                    for delta in ends
                 ]
             )
-        sizes = np.array(checker.sizes(law, numbers, inputs)[0][:count])
-        return cls(np.array(basis), sizes, used, _lyapunov(law, math.sqrt(ends[0] * ends[1])))
+        return cls(
+            np.array(basis), np.array(sizes)[used.a], used, _lyapunov(facts, math.sqrt(ends[0] * ends[1]))
+        )
 
     def _choose(self, P: Array) -> None:
         """Take coordinates in which a P is the unit matrix; the solver needs them."""
@@ -133,7 +142,7 @@ class _Problem:
         back = np.linalg.inv(self._to)
         n, (_, corners, size, _) = self.n, self.basis.shape
         lower = n * (n + 1) // 2
-        units = [_split(unit, n, [], 0)[0] for unit in np.eye(lower)]
+        units = [_split(unit, n, _Used([], []))[0] for unit in np.eye(lower)]
         rows, columns = np.tril_indices(n)
         self._mixed = np.eye(len(self.basis))
         self._mixed[:lower, :lower] = [(back.T @ unit @ back)[rows, columns] for unit in units]
@@ -160,7 +169,7 @@ class _Problem:
                 return None
             if self.violation(values, alpha) < 0.0:
                 return values
-            P = _split(values, self.n, self.used, len(self.sizes))[0]
+            P = _split(values, self.n, self.used)[0]
             if np.linalg.eigvalsh(P)[0] > 0.0:
                 self._choose(P)  # nearer to a solution the solver sees better
         return None
@@ -181,7 +190,7 @@ class _Problem:
         # [[P, c], [c, z]] is positive semidefinite where z is at least c P^-1 c.
         bound = np.zeros((unknowns + 1, n + 1, n + 1))
         for k in range(n * (n + 1) // 2):
-            bound[k, :n, :n] = _split(np.eye(unknowns)[k], n, self.used, len(relative))[0]
+            bound[k, :n, :n] = _split(np.eye(unknowns)[k], n, self.used)[0]
         bound[-1, n, n] = 1.0
         fixed = np.zeros((n + 1, n + 1))
         fixed[:n, n] = fixed[n, :n] = self._to[0] / np.abs(self._to[0]).max()
@@ -209,9 +218,9 @@ class _Problem:
 
     def rounded(self, x: Array, alpha: float) -> Solution:
         """Return a solution in decimal numbers."""
-        P, t, a = _split(x, self.n, self.used, len(self.sizes))
+        P, t, a = _split(x, self.n, self.used)
         return Solution(
-            [[_text(P[i, j]) for j in range(i + 1)] for i in range(self.n)],
+            [[_text(P[max(i, j), min(i, j)]) for j in range(self.n)] for i in range(self.n)],
             _text(alpha),
             [_text(each) for each in t],
             [_text(each) for each in a],
@@ -219,29 +228,29 @@ class _Problem:
 
     def bound(self, x: Array, alpha: float) -> float:
         """Return what the error is bounded by, but for a factor."""
-        P, _, a = _split(x, self.n, self.used, len(self.sizes))
-        return float(np.linalg.inv(P)[0, 0] * (a @ self.sizes**2) / alpha)
+        P, _, a = _split(x, self.n, self.used)
+        return float(np.linalg.inv(P)[0, 0] * (a[self.used.a] @ self.sizes**2) / alpha)
 
 
-def _split(x: Array, n: int, used: Sequence[int], count: int) -> tuple[Array, Array, Array]:
+def _split(x: Array, n: int, used: _Used) -> tuple[Array, Array, Array]:
     """Return P, t and a of the unknowns."""
-    P, t = np.zeros((n, n)), np.zeros(5)
-    lower = n * (n + 1) // 2
+    P, t, a = np.zeros((n, n)), np.zeros(5), np.zeros(4)
+    lower, end = n * (n + 1) // 2, len(x) - len(used.a)
     P[np.tril_indices(n)] = x[:lower]
     P = P + np.tril(P, -1).T
-    t[list(used)] = x[lower : lower + len(used)]
-    return P, t, x[lower + len(used) : lower + len(used) + count]
+    t[used.t], a[used.a] = x[lower:end], x[end:]
+    return P, t, a
 
 
-def _lyapunov(law: Any, delta: float) -> Array:
+def _lyapunov(facts: Any, delta: float) -> Array:
     """Return the V of the loop with one delta, or of a stable one near it: coordinates to begin with."""
-    omega = law["bandwidths"][0]
-    A, _, Y = (np.array(x, dtype=float) for x in checker.loop(law, omega * law["sample_time"]))
-    theta = omega * law["sample_time"]
+    omega = facts["omega"][0]
+    A, K = (np.array(x, dtype=float) for x in checker.loop(facts, omega)[1:3])
+    theta = omega * facts["sample_time"]
     push = np.zeros(len(A))
     push[:2] = 0.5 * theta * theta, theta
     for each in (delta, 1.0):
-        closed = A + each * np.outer(push, Y)
+        closed = A + each * np.outer(push, K)
         if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
             return np.asarray(linalg.solve_discrete_lyapunov(closed.T, theta * np.eye(len(A))))
     return np.eye(len(A))

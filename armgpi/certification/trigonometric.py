@@ -94,6 +94,15 @@ class Expansion(NamedTuple):
     seconds: Array
 
 
+class _Part(NamedTuple):
+    """Columns of an expansion that have the same terms: which terms and columns, and the different ones."""
+
+    terms: npt.NDArray[np.intp]
+    columns: npt.NDArray[np.intp]
+    table: Array
+    back: npt.NDArray[np.intp]
+
+
 class Expandable:
     """A polynomial whose expansions are quickly had, with bounds on what is beyond them.
 
@@ -121,16 +130,43 @@ class Expandable:
         self._frequencies, self._powers = frequencies[kept].T.astype(float), polynomial.powers[kept]
         columns = [polynomial, *first, *(second[pair] for pair in self.pairs)]
         table = np.stack([each.coefficients.reshape(len(kept), -1) for each in columns], axis=1)
-        table = np.where(leading == 0, 1.0, 2.0)[:, None, None] * table
-        self._table = np.concatenate([table[kept].real, -table[kept].imag]).reshape(2 * kept.sum(), -1)
+        table = (np.where(leading == 0, 1.0, 2.0)[:, None, None] * table)[kept].reshape(kept.sum(), -1)
+        self._columns = table.shape[1]
+        self._parts = self._sparse(table)
+
+    def _sparse(self, table: _Complex) -> list[_Part]:
+        """Return the columns that are not zero, those of the same terms together: few have all of them."""
+        groups: dict[bytes, list[int]] = {}
+        for column, used in enumerate((table != 0.0).T):
+            if used.any():
+                groups.setdefault(self._joints_of(used).tobytes(), []).append(column)
+        parts = []
+        for columns in groups.values():
+            some = table[:, columns]
+            terms = np.flatnonzero((some != 0.0).any(axis=1))
+            # A symmetric matrix has every column twice.
+            unique, back = np.unique(some[terms], axis=1, return_inverse=True)
+            waves = np.concatenate([unique.real, -unique.imag])
+            parts.append(_Part(terms, np.asarray(columns), waves, np.ravel(back)))
+        return parts
+
+    def _joints_of(self, used: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return by which joints some terms differ."""
+        turns = self._frequencies[:, used].any(axis=1)
+        return np.asarray(turns | self._powers[used].any(axis=0))
 
     def at(self, q: Array) -> Expansion:
         """Return the expansions at configurations (k, n)."""
         phase = q @ self._frequencies
-        waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+        cosines, sines = np.cos(phase), np.sin(phase)
         for joint in np.flatnonzero(self._powers.any(axis=0)):
-            waves = waves * np.tile(q[:, [joint]] ** self._powers[:, joint], 2)
-        values = (waves @ self._table).reshape(len(q), -1, *self.shape)
+            scale = q[:, [joint]] ** self._powers[:, joint]
+            cosines, sines = cosines * scale, sines * scale
+        values = np.zeros((len(q), self._columns))
+        for part in self._parts:
+            waves = np.concatenate([cosines[:, part.terms], sines[:, part.terms]], axis=1)
+            values[:, part.columns] = (waves @ part.table)[:, part.back]
+        values = values.reshape(len(q), -1, *self.shape)
         return Expansion(values[:, 0], values[:, 1 : 1 + self.joints], values[:, 1 + self.joints :])
 
 

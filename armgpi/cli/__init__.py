@@ -10,33 +10,13 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
 
-from armgpi.cli import (
-    certify,
-    contend,
-    derive,
-    doctor,
-    experiment,
-    export,
-    inspect,
-    loop,
-    paper,
-    play,
-    robots,
-    sweep,
-    tune,
-    validate,
-    view,
-    zoo,
-)
-from armgpi.cli.declared import DeclaredCommand
-from armgpi.cli.layout import Command, Commands
-from armgpi.cli.options import FLAG
+from armgpi.cli.commands import Commands
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
 from armgpi.cli.terminal import say
 from armgpi.escape import shown
@@ -75,30 +55,6 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help: it may speak of units in [brackets]
 )
 
-#: Group in --help -> its commands.
-_GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Simulate": (
-        experiment.run,
-        experiment.compare,
-        sweep.sweep,
-        play.play,
-        zoo.zoo,
-        tune.tune,
-        contend.contend,
-    ),
-    "Robots": (robots.robots, inspect.inspect, view.view),
-    "Results": (view.report,),
-    "Hand-derived dynamics": (validate.validate, derive.derive),
-    "Certificates": (certify.certify,),
-    "Hardware": (export.export, loop.loop),
-    "The paper": (paper.reproduce, paper.scenarios),
-    "Installation": (doctor.doctor,),
-}
-for _group, _functions in _GROUPS.items():
-    for _function in _functions:
-        _declares = _function in (experiment.run, experiment.compare, export.export, loop.loop, play.play)
-        app.command(cls=DeclaredCommand if _declares else Command, rich_help_panel=_group)(_function)
-
 
 def _show_version(wanted: bool) -> None:
     """Print the version and exit."""
@@ -115,7 +71,7 @@ def _main(
         bool,
         typer.Option(
             "--version",
-            metavar=FLAG,
+            metavar="",
             callback=_show_version,
             is_eager=True,
             help="Show the version and exit.",

@@ -61,6 +61,12 @@ _Ahead = Annotated[str, typer.Option(metavar="NAME", help="Feedforward: none, gr
 _Friction = Annotated[
     bool, typer.Option("--friction", metavar=opt.FLAG, help="The URDF's joint friction disturbs.")
 ]
+_Jump = Annotated[
+    bool,
+    typer.Option(
+        "--jump", metavar=opt.FLAG, help="The load may jump from one end of its range to the other."
+    ),
+]
 _Prove = Annotated[
     bool,
     typer.Option(
@@ -83,7 +89,7 @@ def certify(
     box: _Box = None,
     acceleration: _Acceleration = None,
     torque: _Torque = None,
-    radius: _Radius = "0.05",
+    radius: _Radius = "0.02",
     omega: _Omega = None,
     zeta: _Zeta = 1.0,
     pole: _Pole = None,
@@ -95,6 +101,7 @@ def certify(
     delay: _Samples = 0,
     encoder_bits: opt.Bits = None,
     friction: _Friction = False,
+    jump: _Jump = False,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
@@ -134,6 +141,7 @@ def certify(
         delay=delay,
         bits=encoder_bits,
         friction=friction,
+        jump=jump,
         prove=prove,
     )
     if out is not None:

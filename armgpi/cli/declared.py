@@ -22,6 +22,8 @@ from armgpi.cli.parsing import per_joint, refusal
 
 #: Where a context keeps the options that were given.
 _META = "armgpi.declared"
+#: Where it keeps whether a declared option may be among its words.
+_WANTED = "armgpi.wanted"
 #: Kinds of parameters that have an option.
 _KINDS = ("number", "integer", "choice", "group")
 
@@ -86,9 +88,18 @@ class Option(NamedTuple):
 class DeclaredCommand(Command):
     """A command with an option for every declared parameter; they are looked for when they are needed."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Read the command line; declared options are looked for where a word may be one."""
+        own = {flag for each in self.params for flag in (*each.opts, *each.secondary_opts)}
+        typed = {word.partition("=")[0] for word in args if word.startswith("--")}
+        ctx.meta[_WANTED] = not typed <= own
+        return super().parse_args(ctx, args)
+
     def get_params(self, ctx: Any) -> list[Any]:
         """Return its own options and those, --help last."""
         params: list[Any] = super().get_params(ctx)
+        if not ctx.meta.get(_WANTED, True):
+            return params
         *own, help_option = params
         for each in own:
             each.help = each.help and each.help.format(**names())

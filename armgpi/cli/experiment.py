@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from importlib import util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,8 +65,32 @@ def compare(
     )
 
 
+def _import_xarray() -> None:
+    """Import xarray such that it finds neither Dask nor Arrow, of which this process has no arrays.
+
+    It would import all of Dask, which takes three times as long as Pinocchio, to ask of arrays whether they
+    are Dask's; and pandas all of Arrow, for tables that are not made here.
+    """
+    loaded: dict[str, Any] = sys.modules
+    hidden = {"dask", "pyarrow"} - set(loaded)
+    if "xarray" in loaded or "pandas" in loaded:
+        return
+    find = util.find_spec
+    vars(util)["find_spec"] = lambda name, package=None: None if name in hidden else find(name, package)
+    loaded.update(dict.fromkeys(hidden))  # an import of them fails
+    try:
+        import xarray as xr
+
+        xr.Dataset({"asked": ("once", [0.0])})
+    finally:
+        for name in hidden:
+            del loaded[name]
+        vars(util)["find_spec"] = find
+
+
 def _run(options: dict[str, Any], compare: bool) -> int:
     """Run what the options describe, print it, save it, and return the exit code."""
+    _import_xarray()
     import numpy as np
 
     from armgpi import config as configuration

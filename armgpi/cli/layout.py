@@ -1,10 +1,10 @@
-"""How --help is laid out: commands and options in groups, as wide as the terminal."""
+"""How the --help of a command is laid out: options in groups, as wide as the terminal."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 #: Group -> its options, of whatever command. Declared parameters bring a group of their own.
 _OPTIONS = {
@@ -28,7 +28,7 @@ _OPTIONS = {
 _GROUP_OF = {flag: group for group, flags in _OPTIONS.items() for flag in flags}
 _OTHERS = "Options"
 #: Widest help: longer lines are hard to read.
-_WIDEST = 120
+WIDEST = 120
 
 
 class Command(TyperCommand):
@@ -37,7 +37,7 @@ class Command(TyperCommand):
     def __init__(self, *arguments: Any, **options: Any) -> None:
         """Make the command."""
         settings = options.pop("context_settings", None) or {}
-        settings.setdefault("max_content_width", _WIDEST)
+        settings.setdefault("max_content_width", WIDEST)
         super().__init__(*arguments, context_settings=settings, **options)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -59,25 +59,3 @@ def _group(parameter: Any) -> str:
         return "Arguments"
     own = getattr(parameter, "rich_help_panel", None)
     return own or next((_GROUP_OF[flag] for flag in parameter.opts if flag in _GROUP_OF), _OTHERS)
-
-
-class Commands(TyperGroup):
-    """The commands in groups, each with its whole summary."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        """Make the group."""
-        settings = options.pop("context_settings", None) or {}
-        settings.setdefault("max_content_width", _WIDEST)
-        super().__init__(*arguments, context_settings=settings, **options)
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a section for every group of commands."""
-        commands: dict[str, Any] = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
-        widest = max(map(len, commands))
-        groups: dict[str, list[tuple[str, str]]] = {}
-        for name, command in commands.items():
-            row = (name.ljust(widest), command.get_short_help_str(limit=1000))
-            groups.setdefault(command.rich_help_panel or "Commands", []).append(row)
-        for group, rows in groups.items():
-            with formatter.section(group):
-                formatter.write_dl(rows)

@@ -81,7 +81,8 @@ Trajectory = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Instead of --to, a recorded trajectory: CSV (time and joints by name) or NetCDF (a rollout).",
+        help="Instead of --to, a recorded trajectory: CSV (time and joints by name), NetCDF (a rollout) or "
+        "MCAP (/joint_states).",
     ),
 ]
 Direction = Annotated[

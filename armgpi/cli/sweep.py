@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from armgpi import files
+from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import console, say
 
@@ -36,6 +39,12 @@ def sweep(
     sampling: Annotated[
         str, typer.Option(help="random, or sobol: points that fill the space evenly.")
     ] = "random",
+    rare: Annotated[
+        bool,
+        typer.Option(
+            "--rare", metavar=opt.FLAG, help="Rare failures by subset simulation; --rollouts in each level."
+        ),
+    ] = False,
     workers: Annotated[int, typer.Option(min=1, help="Dask workers on this machine; 1 for none.")] = 1,
     cluster: Annotated[
         str | None,
@@ -59,15 +68,29 @@ def sweep(
     \b
     armgpi sweep study.yaml --rollouts 10000 --out study
     armgpi sweep study.yaml --rollouts 1e6 --out study --workers 2 --report study.html
+    armgpi sweep study.yaml --rollouts 2000 --out study --rare
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.config import read
-    from armgpi.sweep import results
-    from armgpi.sweep import workers as running
-    from armgpi.sweep.study import Study, chunk_file, save
+    from armgpi.sweep.study import Study, save
 
     count = _count(rollouts)
     study = Study.of(*read(file), sampling)
     save(study, out)
+    if rare:
+        others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
+        for option in (name for name, given in others.items() if given):
+            raise refusal(option, "--rare has its levels one after the other in this process, and no page")
+        _rare(study, out, count)
+        return
+    sys.exit(FAILED if _ran(study, out, count, workers, cluster, report) else OK)
+
+
+def _ran(study: Study, out: Path, count: int, workers: int, cluster: str | None, report: Path | None) -> bool:
+    """Run and print a sweep, and tell whether a chunk is broken."""
+    from armgpi.sweep import results
+    from armgpi.sweep import workers as running
+    from armgpi.sweep.study import chunk_file
+
     chunks = [(i, study.rows(i, count)) for i in range(-(-count // study.size))]
     missing = [(i, rows) for i, rows in chunks if not chunk_file(out, i, rows).is_file()]
     with _progress(count, count - sum(rows for _, rows in missing)) as done:
@@ -75,7 +98,7 @@ def sweep(
     for chunk, reason in broken.items():
         say(f"chunk {chunk} is broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):
-        sys.exit(FAILED)
+        return True
     found = results.collect(study, out, count)
     written = results.write(study, found, out)
     said = results.summary(study, found)
@@ -86,7 +109,21 @@ def sweep(
 
         written.append(write(pictures.html(study, found, said), report))
     say(f"wrote {len(written)} files to {out}", err=True)
-    sys.exit(FAILED if broken else OK)
+    return bool(broken)
+
+
+def _rare(study: Study, out: Path, count: int) -> None:
+    """Say how probable failures are that are too rare to be met at random."""
+    from armgpi.sweep import rare
+    from armgpi.sweep.results import write_worst
+
+    found, last = rare.simulate(study, out, count, lambda rows: say(f"a level of {rows} rollouts", err=True))
+    said = rare.summary(study, found, last)
+    for sentence in rare.sentences(said):
+        say(sentence)
+    written = [files.write(out / "rare.json", json.dumps(said, indent=2) + "\n")]
+    written += write_worst(out / "rare", rare.worst(study, last))
+    say(f"wrote {len(written)} files to {out}", err=True)
 
 
 def _count(text: str) -> int:
@@ -116,20 +153,30 @@ def _print(study: Study, said: dict[str, Any], sentences: list[str]) -> None:
             say(f"{each.heading} [{each.unit.symbol(sliding) or '-'}]: {', '.join(shares)}")
     for name, parts in said["failure by what was drawn"].items():
         low, high = min(parts, key=_value), max(parts, key=_value)
-        if high["value"] > low["value"]:
+        if _value(high) > _value(low):
             say(f"{name}: fails {_share(low)}, {_share(high)}")
+    for pair in said["failure by two of them"][:1]:
+        most = max(pair["parts"], key=lambda part: part["lower"])
+        at = [_part(*ends) for ends in zip(most["from"], most["to"], strict=True)]
+        say(f"{' and '.join(pair['of'])}: fails most at {' and '.join(at)}, {_percent(most)}")
 
 
 def _value(part: dict[str, Any]) -> float:
-    return float(part["value"])
+    return float(part["value"] or 0.0)
 
 
 def _share(part: dict[str, Any]) -> str:
     """Return in words how often rollouts fail in a part of a range."""
-    place = f"{part['from']:.3g}" + ("" if part["to"] == part["from"] else f"..{part['to']:.3g}")
-    return (
-        f"{100.0 * part['value']:.3g} % at {place} ({100 * part['lower']:.3g} to {100 * part['upper']:.3g} %)"
-    )
+    return f"{_percent(part)} at {_part(part['from'], part['to'])}"
+
+
+def _part(low: float, high: float) -> str:
+    return f"{low:.3g}" + ("" if high == low else f"..{high:.3g}")
+
+
+def _percent(part: dict[str, Any]) -> str:
+    low, high = (f"{100.0 * part[end]:.3g}" for end in ("lower", "upper"))
+    return f"{100.0 * part['value']:.3g} % ({low} to {high} %)"
 
 
 def _short(estimate: dict[str, float | None]) -> str:

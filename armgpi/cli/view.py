@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from armgpi.robot.robot import Robot
 
+#: Endings of logs, as :mod:`armgpi.loop.logs` writes them.
+LOGS = (".mcap", ".rrd")
 _Target = Annotated[
     str,
     typer.Argument(
@@ -31,7 +33,14 @@ _Files = Annotated[
         metavar="FILE...", help="Rollouts (.nc), or folders of --out, of one robot.", show_default=False
     ),
 ]
-_Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write.")]
+_Output = Annotated[
+    Path,
+    typer.Option(
+        *("--out", "-o", "--output"),
+        metavar="FILE",
+        help="The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd (Rerun).",
+    ),
+]
 _Title = Annotated[str | None, typer.Option(metavar="TEXT", help="Title; the robot's name by default.")]
 _Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open it in a browser.")]
 
@@ -76,7 +85,7 @@ def report(
     package_dir: opt.PackageDir = None,
     frame: opt.Frame = None,
 ) -> None:
-    """Write tables, plots, animation and data of rollouts as one HTML file that needs no network.
+    """Write tables, plots, animation and data of rollouts as one HTML file, or as a log for other programs.
 
     \b
     armgpi report results/rollout.nc
@@ -85,7 +94,9 @@ def report(
     from armgpi.cli import pictures
     from armgpi.loop import rollout as rollouts
 
-    pictures.check({"plot": None, "view": False, "html": None, "report": output})
+    is_log = output.suffix.lower() in LOGS
+    pictures.check({"plot": None, "view": False, "html": None, "report": None if is_log else output})
+    pictures.check_file(output, "--out")
     from armgpi.viz import report as reports
 
     loaded = {}
@@ -96,6 +107,11 @@ def report(
             name += "'"
         loaded[name] = rollouts.load(path)
     result = reports.merge_rollouts(loaded)
+    if is_log:
+        from armgpi.loop import logs
+
+        say(f"wrote {logs.write(result, output)}", err=True)
+        return
     page = reports.build(
         result,
         None if robot is None else _arm(robot, result),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, refusal, stoppable
 from armgpi.cli.terminal import say
+from armgpi.escape import json_data
 
 
 @stoppable
@@ -54,7 +54,7 @@ def zoo(
     if out is not None:
         write(out, shown.table, "--out")
     if as_json:
-        say(json.dumps([_plain(row._asdict()) for row in shown.rows]))
+        say(json.dumps(json_data([row._asdict() for row in shown.rows])))
     else:
         say(shown.table, lines=True)
     for remark in shown.remarks:
@@ -111,12 +111,3 @@ def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]
         return _Shown(found, table, remarks, not found)
 
     return run
-
-
-def _plain(value: object) -> object:
-    """Return a value that JSON has: None for a number that there is not."""
-    if isinstance(value, dict):
-        return {key: _plain(x) for key, x in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(x) for x in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

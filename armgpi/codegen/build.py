@@ -15,9 +15,10 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import lru_cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -42,8 +43,8 @@ FLAGS = (
 )
 #: For one number at a time: operations that wait for each other are put farther apart.
 SCALAR = ("-fschedule-insns",)
-#: Libraries kept at most; the ones used least recently go.
-_KEPT = 256
+#: Entries kept at most, a library has one or two; the ones used least recently go.
+_KEPT = 512
 #: What they are called.
 _ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.so")
 #: Longest time that a compiler may take [s].
@@ -192,7 +193,36 @@ class _Untrusted(OSError):
     """A folder to which somebody else can write."""
 
 
-def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
+@lru_cache(maxsize=1)
+def package() -> str:
+    """Return a name for what decides what is generated: this package's code, and what it generates with."""
+    content = hashlib.sha256(" ".join(map(version, ("casadi", "numpy"))).encode())
+    root = Path(__file__).parents[1]
+    for path in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".h")):
+        content.update(f"{path.relative_to(root)}\0".encode() + path.read_bytes())
+    return content.hexdigest()
+
+
+def _key(found: Compiler, *parts: str) -> str:
+    """Return the name of an entry by a compiler for this CPU."""
+    return hashlib.sha256("\0".join([*parts, found.version, *found.command, cpu()]).encode()).hexdigest()[:32]
+
+
+def known(name: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL | None:
+    """Return the library that was given this name once, by this version of the package; None without one.
+
+    Raises:
+        BackendError: when there is no compiler, or the library cannot be loaded.
+    """
+    key = _key(compiler(), name, package(), *flags)
+    if key not in _loaded:
+        with suppress(OSError), _opened(cache_folder()) as (place, opened):
+            if (kept := _kept(place, opened, key)) is not None:
+                _loaded[key] = kept
+    return _loaded.get(key)
+
+
+def library(source: str, flags: tuple[str, ...] = FLAGS, name: str = "") -> ctypes.CDLL:
     """Return the library of a C source, compiled now or before.
 
     An entry is named by a hash of the source, the compiler, its flags and the CPU, and by one of its own
@@ -200,16 +230,20 @@ def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
     cache is used only where nobody else can write; otherwise a warning says why, and the library is compiled
     for this process alone.
 
+    Args:
+        source: the C.
+        flags: of the compiler.
+        name: under which :func:`known` finds it without its source.
+
     Raises:
         BackendError: when there is no compiler, or it fails.
     """
     found = compiler()
-    key = hashlib.sha256(
-        "\0".join([source, found.version, *found.command, *flags, cpu()]).encode()
-    ).hexdigest()[:32]
+    key = _key(found, source, *flags)
+    alias = _key(found, name, package(), *flags) if name else ""
     if key not in _loaded:
         try:
-            _loaded[key] = _from(cache_folder(), source, key, found, flags)
+            _loaded[key] = _from(cache_folder(), source, key, found, flags, alias)
         except _Untrusted as error:
             message = f"compiled code is not kept: {error}; ARMGPI_CACHE names another folder"
             warnings.warn(ArmgpiWarning(message), stacklevel=2)
@@ -224,8 +258,31 @@ def library(source: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL:
     return _loaded[key]
 
 
-def _from(folder: Path, source: str, key: str, found: Compiler, flags: tuple[str, ...]) -> ctypes.CDLL:
-    """Return a library that is kept in a folder, or that is compiled there.
+def _from(
+    folder: Path, source: str, key: str, found: Compiler, flags: tuple[str, ...], alias: str = ""
+) -> ctypes.CDLL:
+    """Return a library that is kept in a folder, or that is compiled there; `alias` is its other entry.
+
+    Raises:
+        OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
+    """
+    with _opened(folder) as (place, opened):
+        kept = _kept(place, opened, key)
+        if kept is None:
+            _compiled(source, key, found, flags, place)
+            kept = _kept(place, opened, key)
+        if kept is None:
+            raise BackendError(f"{place}: what was compiled cannot be read back")
+        for name in os.listdir(opened) if alias else ():
+            if name.startswith(f"{key}-"):
+                with suppress(OSError):  # it is there, or the folder can only be read
+                    os.link(name, name.replace(key, alias), src_dir_fd=opened, dst_dir_fd=opened)
+        return kept
+
+
+@contextmanager
+def _opened(folder: Path) -> Iterator[tuple[Path, int]]:
+    """Make a folder and open it: its path, and the descriptor of what was checked.
 
     Raises:
         OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
@@ -242,13 +299,7 @@ def _from(folder: Path, source: str, key: str, found: Compiler, flags: tuple[str
     try:
         if reason := _shared(os.fstat(opened)):
             raise _Untrusted(f"{place} {reason}")
-        kept = _kept(place, opened, key)
-        if kept is None:
-            _compiled(source, key, found, flags, place)
-            kept = _kept(place, opened, key)
-        if kept is None:
-            raise BackendError(f"{place}: what was compiled cannot be read back")
-        return kept
+        yield place, opened
     finally:
         os.close(opened)
 

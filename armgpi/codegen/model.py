@@ -158,7 +158,8 @@ class SymbolicModel:
         n: number of joints.
         table: what differs between rollouts, shape (rollouts, k): the values of `parameters`.
         parameters: one symbol for each column of the table.
-        digest: a name for the equations: equal ones have the same.
+        fingerprint: of the equations: equal ones have the same.
+        digest: the beginning of it, as a name.
     """
 
     def __init__(
@@ -202,7 +203,8 @@ class SymbolicModel:
         # All that decides the expressions, and nothing else: equal models share one function in C.
         literals = [table[0][~differs].tobytes(), differs.tobytes(), repr(shape).encode()]
         literals += [x.tobytes() for x in (ratio, offset) if x is not None]
-        self.digest = hashlib.sha256(b"".join(literals)).hexdigest()[:8]
+        self.fingerprint = hashlib.sha256(b"".join(literals)).hexdigest()
+        self.digest = self.fingerprint[:8]
         self.n = len(self._bodies) if ratio is None else ratio.shape[1]
 
     def inverse(

@@ -151,6 +151,7 @@ class Trace:
         sums: symbols of what is added up over the samples, where that is all that a run keeps.
         seen: name -> n symbols of what is added to them.
         summed: expressions of the sums after a sample.
+        early: expressions of them before the last seconds; a symbol of `sums` where nothing changes.
         places: of the parameters, shared and own, among all that the loop has.
     """
 
@@ -170,6 +171,7 @@ class Trace:
     sums: list[Any] = field(default_factory=list)
     seen: dict[str, list[Any]] = field(default_factory=dict)
     summed: list[Any] = field(default_factory=list)
+    early: list[Any] = field(default_factory=list)
     places: tuple[list[int], list[int]] = ([], [])
 
 
@@ -413,6 +415,14 @@ class Inventory(LoopTracer):
         return self.trace.values
 
     @property
+    def name(self) -> str:
+        """The structure as text, the same in every process; empty where something in it has none."""
+        try:
+            return "" if self.user_defined else _text(self.structure)
+        except TypeError:
+            return ""
+
+    @property
     def user_defined(self) -> bool:
         """Whether there are laws in it that do not come with armgpi."""
         return self.trace.user_defined
@@ -478,7 +488,7 @@ class Inventory(LoopTracer):
     def _dynamics(self, dynamics: Dynamics) -> Any:
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
         arm = arm_of(base)
-        self.structure.append(arm.model.digest)
+        self.structure.append(arm.model.fingerprint)
         if id(base) not in self._parameters:
             self._parameters[id(base)] = []
             self.trace.values.own += list(arm.rows_of(base).T)
@@ -507,6 +517,28 @@ class Inventory(LoopTracer):
         self._copies.setdefault(id(value), self._met(made))
         self._kept.append((value, None, None))
         return value
+
+
+def _text(value: Any) -> str:
+    """Return what decides a trace as text, the same in every process.
+
+    Raises:
+        TypeError: for what has no such text.
+    """
+    if isinstance(value, tuple | list):
+        return f"({','.join(map(_text, value))})"
+    if isinstance(value, frozenset):
+        return f"{{{','.join(sorted(map(_text, value)))}}}"
+    if isinstance(value, types.FunctionType) and value.__closure__ is None:
+        return f"{value.__module__}.{value.__qualname__}:{value.__code__.co_firstlineno}"
+    if isinstance(value, type | types.BuiltinFunctionType):
+        return f"{value.__module__}.{value.__qualname__}"
+    if isinstance(value, types.ModuleType | np.ufunc):
+        return value.__name__
+    plain = (str, bytes, int, float, complex, type(None), range, slice, np.generic, np.dtype)
+    if isinstance(value, plain):
+        return repr(value)
+    raise TypeError(f"a {type(value).__name__} has no text of its own")
 
 
 _NOTHING: Mapping[str, str] = {}
@@ -649,8 +681,10 @@ def _add_up(running: Any, result: Trace) -> None:
     seen = {name: Symbols.new(f"seen_{name}", (result.n,)) for name in ("q", "q_ref", "tau")}
     result.seen = {name: flat(part) for name, part in seen.items()}
     k = Symbols(np.array(Scalar(result.k), dtype=object))
-    after = running.add(k, *seen.values(), before)
-    result.summed = [x for part in after for x in flat(np.broadcast_to(part, (result.n,)))]
+    result.summed, result.early = (
+        [x for part in after for x in flat(np.broadcast_to(part, (result.n,)))]
+        for after in (running.add(k, *seen.values(), before, late) for late in (True, False))
+    )
 
 
 def columns(state: Any, rollouts: tuple[int, ...]) -> Array:

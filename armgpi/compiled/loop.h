@@ -13,6 +13,7 @@ typedef struct {
     int64_t *ended;        /* sample at which a rollout diverged, -1 while it runs */
     int64_t rows, padded, table_rows, k0, k1, every, final; /* every 0: nothing is recorded */
     double divergence;
+    int64_t late;          /* first sample of the last seconds */
 } Job;
 
 static U v_mix(U x)
@@ -72,7 +73,8 @@ void run(const Job *job, int64_t first, int64_t last)
         memcpy(state[0], memory, NS * sizeof(V));
         memcpy(now, memory + NS * LANES, sizeof now);
         V sums[2][NA + 1];
-        if (NA) memcpy(sums[0], job->sums + block * NA * LANES, NA * sizeof(V));
+        /* Both: before the last seconds their sums are not written. */
+        for (int i = 0; i < 2 && NA; ++i) memcpy(sums[i], job->sums + block * NA * LANES, NA * sizeof(V));
         int turn = 0; /* the two states take turns, as the sample reads one while it writes the other */
         for (int64_t k = job->k0; k < job->k1; ++k, turn ^= 1) {
             V held[NR];
@@ -98,7 +100,8 @@ void run(const Job *job, int64_t first, int64_t last)
                 running = good;
                 if (!v_any(running)) break;
             }
-            if (NA) add_up(now, job->shared, own, v_set((double)k), sums[turn], sums[turn ^ 1]);
+            if (NA && k < job->late) add_early(now, job->shared, own, v_set((double)k), sums[turn], sums[turn ^ 1]);
+            else if (NA) add_up(now, job->shared, own, v_set((double)k), sums[turn], sums[turn ^ 1]);
             if (job->every && k % job->every == 0) record(job, block, k, now);
         }
         if (NA) memcpy(job->sums + block * NA * LANES, sums[turn], NA * sizeof(V));

@@ -16,8 +16,8 @@ from armgpi.arrays import Array
 from armgpi.codegen import build
 from armgpi.codegen.state import map_leaves
 from armgpi.codegen.symbols import NotElementwise
-from armgpi.codegen.trace import Inventory, Seed, Trace, Values, check_repeatable, columns, tracing
-from armgpi.compiled.source import HELD, recorded_names, source, trace_used
+from armgpi.codegen.trace import Inventory, check_repeatable, columns, tracing
+from armgpi.compiled.source import HELD, Layout, layout_of, source, trace_used
 from armgpi.errors import BackendError
 from armgpi.loop.rollout import Recording
 from armgpi.loop.running import Running, Sums
@@ -41,6 +41,8 @@ _TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
 _TABLE = 1 << 20
 #: Structures of which the code is kept at hand.
 _KEPT = 64
+#: About what it takes to trace, generate and compile a loop, for each joint [s].
+_JOINT = 0.1
 #: What an array of vectors is aligned to [bytes]: those of 8 lanes.
 _ALIGNMENT = 64
 
@@ -49,11 +51,11 @@ class Generated(NamedTuple):
     """The code of all loops of one structure.
 
     Attributes:
-        trace: one sample as expressions.
+        layout: of its numbers.
         library: its C compiled.
     """
 
-    trace: Trace
+    layout: Layout
     library: ctypes.CDLL
 
 
@@ -63,8 +65,14 @@ _generated: OrderedDict[Any, Generated] = OrderedDict()
 
 
 def _code_of(
-    loop: Any, state: Any, signals: bool, lanes: int, running: Running | None, known: dict[Any, Generated]
-) -> tuple[Generated, Values, bool]:
+    loop: Any,
+    state: Any,
+    signals: bool,
+    lanes: int,
+    running: Running | None,
+    known: dict[Any, Generated],
+    patience: float,
+) -> tuple[Generated, Inventory, bool]:
     """Return the code of a loop, the numbers to run it with, and whether it was there already.
 
     Args:
@@ -74,9 +82,10 @@ def _code_of(
         lanes: how many rollouts the code works on at once.
         running: what adds up samples; None where they are recorded.
         known: code for laws of a user's, who vouches that they stay what they are.
+        patience: how long it may take until the code is there [s].
 
     Raises:
-        BackendError: when the loop cannot be generated or compiled.
+        BackendError: when the loop cannot be generated or compiled, or takes longer.
     """
     flags = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
     try:
@@ -85,18 +94,24 @@ def _code_of(
             key = (signals, lanes, build.compiler(), *found.structure)
             kept: Any = known if found.user_defined else _generated
             if key in kept:
-                return kept[key], found.values, True
-            traced = trace_used(loop, state, signals, running)
-            text = source(traced, lanes)
-            if traced.user_defined:
-                check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
+                return kept[key], found, True
+            # What a process before made of a loop of this structure needs no trace.
+            name = f"{signals} {lanes} {found.name}" if found.name else ""
+            made = build.known(name, flags) if name else None
+            if made is None:
+                if (about := _JOINT * found.trace.n) > patience:
+                    raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
+                text = source(trace_used(loop, state, signals, running), lanes)
+                if found.user_defined:
+                    check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
+                made = build.library(text, flags, name)
     except NotElementwise as error:
         raise BackendError(f"this loop has no generated code: {error}") from None
-    code = Generated(traced, build.library(text, flags))
+    code = Generated(layout_of(made), made)
     kept[key] = code
     if len(_generated) > _KEPT:
         _generated.popitem(last=False)
-    return code, found.values, False
+    return code, found, False
 
 
 class _Job(ctypes.Structure):
@@ -109,6 +124,7 @@ class _Job(ctypes.Structure):
         ),
         *((name, ctypes.c_int64) for name in ("rows", "padded", "table_rows", "k0", "k1", "every", "final")),
         ("divergence", ctypes.c_double),
+        ("late", ctypes.c_int64),
     ]
 
 
@@ -135,6 +151,7 @@ class CompiledRun:
         signals: bool = False,
         running: Running | None = None,
         known: dict[Any, Generated] | None = None,
+        patience: float = math.inf,
     ) -> None:
         """Generate and compile the loop, or find it compiled.
 
@@ -146,16 +163,18 @@ class CompiledRun:
             signals: whether the controller's inner signals are recorded.
             running: what adds up samples in place of recording them.
             known: code for laws of a user's; see :class:`armgpi.loop.prepared.PreparedLoop`.
+            patience: how long it may take until the code is there [s].
 
         Raises:
-            BackendError: when the loop cannot be generated or compiled; the message says why.
+            BackendError: when the loop cannot be generated or compiled, or takes longer; it says why.
         """
         self.rows = len(recording.status)
         self.lanes = build.lanes(self.rows)
-        code, self._values, again = _code_of(
-            loop, state, signals, self.lanes, running, {} if known is None else known
+        code, found, again = _code_of(
+            loop, state, signals, self.lanes, running, {} if known is None else known, patience
         )
-        self._traced, self._library = code
+        self._values = found.values
+        self._layout, self._library = code
         self.loop, self.recording = loop, recording
         self.done = 0
         self.chunk = _FIRST_CHUNK
@@ -169,13 +188,14 @@ class CompiledRun:
             rows=self.rows,
             padded=self._places.size,
             every=recording.every if running is None else 0,
+            late=0 if running is None else int(running.late),
             divergence=divergence,
         )
-        names = recorded_names(self._traced)
+        names = self._layout.names
         # What comes with armgpi is compared by the tests; what a user brings, here.
-        if self._traced.table:
+        if self._layout.table:
             self._check_table()
-        if self._traced.user_defined and not again:
+        if found.user_defined and not again:
             self._check(state, len(names))
         # Not before: a run that NumPy takes over makes buffers of its own, blank ones.
         arrays = [recording.buffer(name, blank=False) for name in names if running is None]
@@ -186,39 +206,38 @@ class CompiledRun:
     @property
     def sums(self) -> Sums:
         """What was added up, arrays (rollouts, n)."""
-        return Sums(*self._unpacked(self._keep["sums"], len(self._traced.sums)))
+        return Sums(*self._unpacked(self._keep["sums"], self._layout.sums))
 
     @property
     def last(self) -> dict[str, Array]:
         """Positions and velocities of the last sample, name -> (rollouts, n)."""
-        count = len(recorded_names(self._traced)) * self._traced.n
-        rows = self._unpacked(self._keep["state"], len(self._traced.state) + count, len(self._traced.state))
+        first = self._layout.states
+        rows = self._unpacked(self._keep["state"], first + len(self._layout.names) * self._layout.n, first)
         return {"q": rows[0], "v": rows[1]}
 
     def _unpacked(self, memory: Array, count: int, first: int = 0) -> Array:
         """Return numbers of all rollouts in blocks of `count` vectors, from `first` on: (k, rollouts, n)."""
         rows = memory.reshape(self._blocks, count, self.lanes)[:, first:].swapaxes(0, 1)
         rows = rows.reshape(count - first, -1)[:, : self.rows]
-        return np.ascontiguousarray(rows.reshape(-1, self._traced.n, self.rows).swapaxes(1, 2))
+        return np.ascontiguousarray(rows.reshape(-1, self._layout.n, self.rows).swapaxes(1, 2))
 
     def _memory(self, running: Running | None) -> dict[str, Any]:
         """Return the arrays that the code reads and writes, by their names in `Job`."""
-        traced, values = self._traced, self._values
-        shared, places = traced.places
+        layout, values = self._layout, self._values
         # Each rollout's own parameters lie lane by lane, so that one load fetches those of all lanes.
-        own = np.empty((len(places), self._places.size))
-        for row, place in zip(own, places, strict=True):
+        own = np.empty((len(layout.own), self._places.size))
+        for row, place in zip(own, layout.own, strict=True):
             row[:] = np.broadcast_to(values.own[place], self.rows)[self._places]
-        drawn = [values.seeds[d.seed.place] if isinstance(d.seed, Seed) else d.seed for d in traced.draws]
+        drawn = [values.seeds[seed] if given else seed for given, seed, _, _ in layout.draws]
         sums = np.empty((0, self._places.size))
         if running is not None:
-            sums = np.concatenate(running.init((traced.n, self._places.size)))
+            sums = np.concatenate(running.init((layout.n, self._places.size)))
         return {
             "state": self._start(values.start),
-            "shared": np.array([values.shared[i] for i in shared]),
+            "shared": np.array([values.shared[i] for i in layout.shared]),
             "own": self._packed(own),
             "table": np.empty(0),
-            "draws": np.array([[d.stream, d.offset] for d in traced.draws], dtype=np.uint64),
+            "draws": np.array([draw[2:] for draw in layout.draws], dtype=np.uint64),
             "seeds": np.array(
                 [noise.seeds(seed, self.rows)[self._places] for seed in drawn], dtype=np.uint64
             ),
@@ -279,11 +298,11 @@ class CompiledRun:
 
     def _by_code(self, state: Any, first: int, variables: int) -> Array:
         """Return the same by generated code; NaN where a number is not finite."""
-        if self._traced.table:
+        if self._layout.table:
             self._fill_table(first, first + _COMPARED)
-        found = np.full((variables, _COMPARED, self.rows, self._traced.n), np.nan)
+        found = np.full((variables, _COMPARED, self.rows, self._layout.n), np.nan)
         # The recording counts from sample 0.
-        skipped = first * self.rows * self._traced.n * found.itemsize
+        skipped = first * self.rows * self._layout.n * found.itemsize
         scratch = {
             "state": self._start(columns(state, self.recording.shape[:-1])),
             "out": np.array([part.ctypes.data - skipped for part in found], dtype=np.uintp),
@@ -300,7 +319,7 @@ class CompiledRun:
 
     def _start(self, columns: Array) -> Array:
         """Return the memory of blocks whose rollouts begin with these numbers (s, rollouts)."""
-        recorded = np.zeros((len(recorded_names(self._traced)) * self._traced.n, columns.shape[1]))
+        recorded = np.zeros((len(self._layout.names) * self._layout.n, columns.shape[1]))
         return self._packed(np.concatenate([columns, recorded])[:, self._places])
 
     def take(self, count: int) -> int:
@@ -311,7 +330,7 @@ class CompiledRun:
         spent = max(time.perf_counter() - begun, 1e-6)
         # At most 16 times as many as this time: the clock may have measured too little.
         width = self._blocks * self.lanes if self._job.table_rows else 1
-        most = _TABLE // max(1, len(self._traced.table) * width)
+        most = _TABLE // max(1, self._layout.table * width)
         self.chunk = max(1, min(int(count * min(_CALL / spent, 16.0)), most))
         return count
 
@@ -335,7 +354,7 @@ class CompiledRun:
 
     def _run(self, k0: int, k1: int) -> None:
         """Run samples k0 to k1 - 1 of all rollouts."""
-        if self._traced.table:
+        if self._layout.table:
             self._fill_table(k0, k1)
         job = self._job
         job.k0, job.k1 = k0, k1
@@ -391,12 +410,12 @@ class CompiledRun:
             return
         first = int(-(-ended[diverged].min() // recording.every))
         # In stretches: a large batch has more targets than memory.
-        at_once = max(1, _TABLE // (self.rows * self._traced.n))
+        at_once = max(1, _TABLE // (self.rows * self._layout.n))
         for begin in range(first, recording.stored, at_once):
             times = slice(begin, min(begin + at_once, recording.stored))
             target = self.loop.targets(recording.times[times])
             for name, part in zip(_TARGETS, target, strict=False):
-                rows = recording.variables[name][times].reshape(-1, self.rows, self._traced.n)
+                rows = recording.variables[name][times].reshape(-1, self.rows, self._layout.n)
                 values = np.broadcast_to(part if part.ndim == 3 else part[:, None], rows.shape)
                 for row in diverged:
                     late = max(0, int(-(-ended[row] // recording.every)) - begin)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import ctypes
+import json
 from collections.abc import Iterator
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
-from armgpi.codegen.trace import Trace, trace
+from armgpi.codegen.trace import Seed, Trace, trace
 from armgpi.loop.running import Running
 
 #: What every run records, in this order; the first five belong to the sample, the others to the torque.
@@ -19,6 +21,48 @@ _ORDER = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau")
 HELD = _ORDER.index("tau_command")
 #: Place of the torque applied, which must be finite.
 TAU = _ORDER.index("tau")
+
+
+class Layout(NamedTuple):
+    """How the generated code has its numbers in memory; it is in the library, as JSON.
+
+    Attributes:
+        n: number of joints.
+        states: numbers of the state.
+        names: of what is recorded, in order.
+        table: numbers that a table gives for every sample.
+        sums: numbers that are added up.
+        shared: places of the parameters, among those that all rollouts share.
+        own: likewise, among those that each rollout has its own of.
+        draws: of random numbers: whether the seed is one of the run's, its place there or the seed, stream
+            and samples ahead.
+    """
+
+    n: int
+    states: int
+    names: list[str]
+    table: int
+    sums: int
+    shared: list[int]
+    own: list[int]
+    draws: list[tuple[bool, int, int, int]]
+
+
+def layout(traced: Trace) -> Layout:
+    """Return the layout of the code of a trace."""
+    draws = []
+    for seed, stream, offset, _ in traced.draws:
+        own = (True, seed.place) if isinstance(seed, Seed) else (False, seed)
+        draws.append((*own, stream, offset))
+    counts = len(traced.state), recorded_names(traced), len(traced.table), len(traced.sums)
+    return Layout(traced.n, *counts, *traced.places, draws)
+
+
+def layout_of(library: ctypes.CDLL) -> Layout:
+    """Return the layout that is written in a library."""
+    text = ctypes.c_char_p.in_dll(library, "layout").value
+    assert text is not None
+    return Layout(*json.loads(text))
 
 
 def recorded_names(traced: Trace) -> list[str]:
@@ -51,7 +95,8 @@ def source(traced: Trace, lanes: int) -> str:
     """Return the C of a closed loop, whole; no number of :class:`armgpi.codegen.trace.Values` is in it."""
     dialect = Dialect()
     kernels = {call.kernel.name: call.kernel for call in traced.calls}
-    parts = [f"#define {name} {value}" for name, value in sizes(traced, lanes).items()]
+    parts = [f"const char *const layout = {json.dumps(json.dumps(layout(traced)))};"]
+    parts += [f"#define {name} {value}" for name, value in sizes(traced, lanes).items()]
     parts.append(library_text("lanes.h"))
     for kernel in kernels.values():
         parts += function(kernel, dialect)
@@ -129,7 +174,7 @@ def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
 
 
 def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
-    """Return the lines of the function that adds a sample to the sums; it does nothing without any."""
+    """Return the lines of the functions that add a sample to the sums; they do nothing without any."""
     inputs = [
         (traced.k, "k"),
         *_parameters(traced),
@@ -138,20 +183,25 @@ def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     for name, symbols in traced.seen.items():
         first = names.index(name) * traced.n
         inputs += [(symbol, f"r[{first + j}]") for j, symbol in enumerate(symbols)]
-    lines = straight_line(
-        inputs,
-        traced.summed,
-        _numbered("z", traced.summed),
-        dialect,
-        order=[i % traced.n for i in range(len(traced.summed))],
-    ).lines
-    return [
-        "static __attribute__((noinline)) void add_up(const V *restrict r, const double *p, const V *o, V k,",
-        "    const V *restrict a, V *restrict z)",
-        "{",
-        *(lines if traced.summed else ()),
-        "}",
-    ]
+    made = []
+    for name, expressions in (("add_up", traced.summed), ("add_early", traced.early)):
+        # A sum that stays is not written.
+        changed = [i for i, x in enumerate(expressions) if str(x) != str(traced.sums[i])]
+        lines = straight_line(
+            inputs,
+            [expressions[i] for i in changed],
+            [f"z[{i}]" for i in changed],
+            dialect,
+            order=[i % traced.n for i in changed],
+        ).lines
+        made += [
+            f"static __attribute__((noinline)) void {name}(",
+            "    const V *restrict r, const double *p, const V *o, V k, const V *restrict a, V *restrict z)",
+            "{",
+            *(lines if changed else ()),
+            "}",
+        ]
+    return made
 
 
 def _inputs(traced: Trace) -> Iterator[tuple[Any, str]]:

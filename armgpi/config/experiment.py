@@ -16,6 +16,7 @@ from armgpi import files
 from armgpi.config import Experiment, dump
 from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
+from armgpi.escape import json_data
 from armgpi.loop import metrics, rollout
 from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status
@@ -105,7 +106,7 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
         else:
             label = "run" if single else f"rollout {index}"
         values = {
-            name: [_plain(x) for x in table[name].isel(rollout=index).values]
+            name: json_data(table[name].isel(rollout=index).values.tolist())
             if table is not None
             else [None] * rows.sizes["joint"]
             for name in metrics.declared()
@@ -217,8 +218,3 @@ def overall_status(results: Iterable[dict[str, Any]]) -> Status:
         if status in statuses:
             return status
     return Status.FINISHED
-
-
-def _plain(value: float) -> float | None:
-    """Return a number that JSON has: None for infinite (a diverged rollout) or none at all."""
-    return float(value) if np.isfinite(value) else None

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
 from armgpi.errors import ConfigError, NameNotFound
+from armgpi.escape import quoted
 
 #: Largest size of an experiment file [bytes], its most keys and values, aliases written out, and the longest
 #: of them [characters].
@@ -180,7 +181,7 @@ def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under
             message = str(NameNotFound(kind_of.rstrip("s"), context["tag"], known))
         else:
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
-            message = f"{expected[0].lower()}{expected[1:]}, got {_shown(found)}"
+            message = f"{expected[0].lower()}{expected[1:]}, got {quoted(found)}"
         raise origin.error((*under, *path), message) from None
 
 
@@ -273,12 +274,6 @@ def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> tupl
     for step in location[:-1]:
         model = SECTIONS.get(str(step), model)
     return tuple(model.model_fields)
-
-
-def _shown(value: Any) -> str:
-    """Return a value for a message, cut when it is long."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 #: What to say for pydantic's kinds of errors.

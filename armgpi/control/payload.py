@@ -16,7 +16,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
 from armgpi.control.family import PRINTED, Member
@@ -277,6 +276,8 @@ def _most_delta(member: Member, phase: float) -> float:
     high = 2.0
     while _phase(member, high) > phase:
         high *= 2.0
+    from scipy.optimize import brentq  # here: it takes longer to import than Pinocchio
+
     return float(brentq(lambda delta: _phase(member, delta) - phase, 1.0, high, xtol=1e-6))
 
 

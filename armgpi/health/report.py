@@ -7,7 +7,6 @@ that no body has. Each such finding comes from a check (:mod:`armgpi.health.find
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.control.gpi import GPI
 from armgpi.control.payload import largest_payload, plausible_load
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
-from armgpi.escape import html_table
+from armgpi.escape import html_table, json_data
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
@@ -70,7 +69,7 @@ class HealthReport:
             {**finding._asdict(), "remedies": [remedy._asdict() for remedy in finding.remedies]}
             for finding in self.findings
         ]
-        data: dict[str, Any] = _plain({**self.facts, "findings": found})
+        data: dict[str, Any] = json_data({**self.facts, "findings": found})
         return data
 
 
@@ -257,12 +256,3 @@ def _joints(subject: Subject) -> list[dict[str, Any]]:
         }
         for j, joint in enumerate(subject.free)
     ]
-
-
-def _plain(value: Any) -> Any:
-    """Return data for JSON: no infinity."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

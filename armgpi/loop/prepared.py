@@ -40,12 +40,12 @@ _LONG = 2.0
 BACKENDS = ("numpy", "compiled", "auto")
 #: What a run keeps.
 RECORDS = ("all", "metrics")
-#: About what NumPy takes for the calls of a sample, whatever its size [s].
-_CALLS = 6e-5
-#: What it takes for each number in a sample on top [s].
-_NUMBER = 5e-7
-#: A run that NumPy takes longer for is worth compiling [s]: about what a compiler takes.
-_WORTH = 2.0
+#: About what NumPy takes for each array of the state in a sample, whatever its size [s].
+_ARRAY = 5e-6
+#: What it takes for each coordinate of each rollout on top [s].
+_NUMBER = 1.2e-6
+#: What NumPy needs less for it does at once [s]: as long take the imports, where code is compiled already.
+_WORTH = 0.1
 
 
 def prepare(
@@ -75,7 +75,9 @@ def prepare(
         divergence: a rollout has diverged when a joint is farther than this from its reference
             [rad or m], or when a velocity or torque is not finite.
         backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
-            where there can be none; "auto" for generated code where it saves more time than it takes to make.
+            where there can be none; "auto" for generated code where it saves more time than it takes to be
+            there: little where it was compiled before, some tenths of a second otherwise. What the loop's
+            runs before took NumPy counts as well.
         supervisor: puts the controller under a supervisor; see :func:`armgpi.simulate`.
 
     Raises:
@@ -128,6 +130,7 @@ class PreparedLoop:
         self._every = check_whole(record_every, "record_every", 1)
         self._divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
         self._metrics, self._backend = record == "metrics", backend
+        self._spent = 0.0
         # Its signals say what the faults were.
         self._supervised = isinstance(loop.controller, Supervised) and not self._metrics
         self._signals = signals or self._supervised
@@ -233,8 +236,8 @@ class PreparedLoop:
         )
         with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
             try:
-                if self._worth_compiling(recording):
-                    run = self._compiled(run, loop, state, recording, running)
+                if (patience := self._patience(state, recording)) > _WORTH:
+                    run = self._compiled(run, loop, state, recording, running, patience)
                 drive(run, steps, advance)
             except KeyboardInterrupt:
                 run.interrupt()
@@ -246,19 +249,28 @@ class PreparedLoop:
                 )
         return run
 
-    def _worth_compiling(self, recording: Recording) -> bool:
-        """Tell whether to run by generated code."""
-        slow = self.steps * (_CALLS + _NUMBER * math.prod(recording.shape))
-        return self._backend == "compiled" or (self._backend == "auto" and slow > _WORTH)
+    def _patience(self, state: LoopState, recording: Recording) -> float:
+        """Return how long it may take until there is generated code for a run [s]."""
+        if self._backend != "auto":
+            return math.inf if self._backend == "compiled" else 0.0
+        self._spent += self.steps * (_ARRAY * _leaves(state[1:]) + _NUMBER * math.prod(recording.shape))
+        return self._spent
 
     def _compiled(
-        self, run: Runner, loop: ClosedLoop, state: LoopState, recording: Recording, running: Running | None
+        self,
+        run: Runner,
+        loop: ClosedLoop,
+        state: LoopState,
+        recording: Recording,
+        running: Running | None,
+        patience: float,
     ) -> Runner:
         """Return the same run by generated code, or as it is where there is none, perhaps with a warning."""
         try:
             from armgpi.compiled.run import CompiledRun
 
-            return CompiledRun(loop, state, recording, self._divergence, self._signals, running, self._known)
+            how = (self._divergence, self._signals, running, self._known, patience)
+            return CompiledRun(loop, state, recording, *how)
         except ModuleNotFoundError as error:
             reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
         except BackendError as error:
@@ -285,6 +297,11 @@ class PreparedLoop:
         if key not in self._known:  # of the loop as it was prepared: every rollout's would take too long
             self._known[key] = provenance({**self.loop.describe(), **made_from})
         return summary_dataset(recording, loop.plant.robot, found, ends, self._known[key])
+
+
+def _leaves(state: Any) -> int:
+    """Return how many arrays and numbers a state has."""
+    return sum(map(_leaves, state)) if isinstance(state, tuple) else 1
 
 
 def whole_steps(t_final: float, dt: float) -> int:

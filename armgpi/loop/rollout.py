@@ -30,12 +30,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import h5netcdf
-import h5py
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import Array, check_path, check_type
@@ -362,6 +359,9 @@ def netcdf(rollout: xr.Dataset) -> bytes:
         if variable.dtype.kind == "f" and variable.ndim
     }
     # In memory: HDF5 leaves no way to end well when the disk is full.
+    import h5netcdf  # here: with h5py, it is as slow to import as Pinocchio
+    from xarray.backends import H5NetCDFStore
+
     content = io.BytesIO()
     with h5netcdf.File(content, "w") as file:
         rollout.dump_to_store(H5NetCDFStore(file), encoding=encoding)
@@ -380,6 +380,8 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     if not source.is_file():
         raise RolloutError(f"{source}: there is no such file")
     files.check_set(source.parent, [source.name])
+    import h5py
+
     try:
         with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
             dict(file.attrs)

@@ -88,7 +88,7 @@ class Running:
         ends |= {"target_low": most, "target_high": -most}
         return Sums(*(ends.get(name, zero) for name in Sums._fields))
 
-    def add(self, k: Any, q: Array, q_ref: Array, tau: Array, s: Sums) -> Sums:
+    def add(self, k: Any, q: Array, q_ref: Array, tau: Array, s: Sums, late: bool = True) -> Sums:
         """Return the sums with one more sample.
 
         Args:
@@ -97,11 +97,12 @@ class Running:
             q_ref: their targets [rad or m].
             tau: torques applied from this sample on [N m or N].
             s: the sums before.
+            late: False where the sample is known to be before the last seconds: their sums stay.
         """
         e = q - q_ref
         size = np.abs(e)
         weight = np.where(k > 0.0, 1.0, 0.5)
-        more, late, later = k > 0.0, k > self.late - 0.5, k > self.late + 0.5
+        more = k > 0.0
         values = (
             s.timed + k * size,
             s.absolute + weight * size,
@@ -115,13 +116,20 @@ class Running:
             tau,
             np.minimum(s.lowest, q),
             np.maximum(s.highest, q),
+            *(self._last_seconds(k, e, q_ref, s) if late else s[-5:]),
+        )
+        return new(Sums, values)
+
+    def _last_seconds(self, k: Any, e: Array, q_ref: Array, s: Sums) -> tuple[Array, ...]:
+        """Return what is kept of the last seconds, the last five of the sums."""
+        late, later = k > self.late - 0.5, k > self.late + 0.5
+        return (
             np.where(late, np.minimum(s.low, e), s.low),
             np.where(late, np.maximum(s.high, e), s.high),
             s.way + np.where(later, np.abs(e - s.e), 0.0),
             np.where(late, np.minimum(s.target_low, q_ref), s.target_low),
             np.where(late, np.maximum(s.target_high, q_ref), s.target_high),
         )
-        return new(Sums, values)
 
 
 class Totals(NamedTuple):

@@ -43,7 +43,8 @@ def simulate(
             [rad or m], or when a velocity or torque is not finite.
         progress: show a progress bar; when not given, on a terminal and for long runs.
         backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
-            where there can be none; "auto" for generated code where it saves more time than it takes to make.
+            where there can be none; "auto" for generated code where it saves more time than it takes to be
+            there: little where it was compiled before, some tenths of a second otherwise.
         supervisor: puts the controller under a supervisor, see :mod:`armgpi.control.supervisor`. A rollout
             with a fault has the status "stopped", the time of its fault, and what the arm did afterwards.
 

@@ -208,6 +208,10 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
         for i, load in enumerate(plant.loads):
             for name, declared in parameters(type(load)).items():
                 yield _variable(f"plant.loads.{i}.{declared.key or name}", declared, load)
+    else:
+        reason = f"{type(plant).__name__} is made for the robot that it has; RigidBodyPlant varies"
+        for name, declared in {**_ROBOT, **_FRICTION}.items():
+            yield Variable(f"plant.{name}", declared, None, reason)
 
 
 def _of_controller(controller: Controller) -> Iterator[Variable]:

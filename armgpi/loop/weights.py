@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 from os import PathLike
 
-import h5netcdf
 import numpy as np
 import xarray as xr
-from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import check_path, check_type
@@ -44,6 +42,9 @@ def save_weights(weights: Weights, path: str | PathLike[str], robot: AnyRobot) -
         raise ArrayError("weights", "expected those of a single rollout, got a batch")
     variables = {name: (("joint", f"basis_of_{name}"), values) for name, values in given.items()}
     dataset = xr.Dataset(variables, coords={"joint": list(robot.joint_names)}, attrs={_FORMAT: 1})
+    import h5netcdf  # here: with h5py, it is as slow to import as Pinocchio
+    from xarray.backends import H5NetCDFStore
+
     content = io.BytesIO()
     with h5netcdf.File(content, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file))

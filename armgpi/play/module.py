@@ -26,7 +26,7 @@ _FLAGS = (
 #: Longest time that the compiler may take [s]; its first call takes 20.
 _PATIENCE = 600.0
 #: What every form has of its own.
-_OWN = ("Job", "NR", "v_mix", "draw", "record", "sample", "add_up", "run")
+_OWN = ("Job", "NR", "v_mix", "draw", "record", "sample", "add_up", "add_early", "run")
 #: A call of the equations of motion in a sample.
 _CALL = re.compile(r"\b\w+\(x_(\d+), o \+ \d+, y\1\)")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ from armgpi.config import build as build_experiment
 from armgpi.config.building import Experiment, Parts
 from armgpi.config.schema import SECTIONS, PlantSection, RobotSection
 from armgpi.errors import ArmgpiError, ArmgpiWarning, BackendError, ParameterError
+from armgpi.escape import json_data
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.play import module
@@ -107,8 +107,8 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
 
 def _control(control: Control) -> dict[str, Any]:
     """Return a control as JSON has it: bounds that are infinite are null."""
-    bounds = [[x if math.isfinite(x) else None for x in ends] for ends in control.joints]
-    return {**control._asdict(), "id": control.id, "joints": bounds}
+    data: dict[str, Any] = json_data({**control._asdict(), "id": control.id})
+    return data
 
 
 def _variant(variant: Variant, loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
+import json
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from armgpi.arrays import (
     SMALLEST,
@@ -21,7 +21,14 @@ from armgpi.arrays import (
     check_type,
     check_whole,
 )
-from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError, UnreadableTrajectory
+from armgpi.errors import (
+    ArrayError,
+    LimitError,
+    MissingPackage,
+    NameNotFound,
+    ParameterError,
+    UnreadableTrajectory,
+)
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.equations import Equations
 
@@ -77,6 +84,8 @@ class Recorded(Reference):
         rest = np.zeros(positions.shape[1])
         ends = [(1, rest), (2, rest)]
         # Over a parameter from 0 to 1, whatever the times are.
+        from scipy.interpolate import make_interp_spline  # here: it is slow to import
+
         spline = make_interp_spline((given - given[0]) / self._duration, positions, k=5, bc_type=(ends, ends))
         if not np.isfinite(spline.c).all():
             raise ArrayError("q", "expected positions that a spline in floats goes through")
@@ -89,17 +98,17 @@ class Recorded(Reference):
         robot: Equations,
         t_start: float = 0.0,
         *,
-        variable: str = "q",
+        variable: str | None = None,
         rollout: int = 0,
     ) -> Recorded:
         """Read a trajectory from a file, joints by their names, and check it against the robot's limits.
 
         Args:
-            path: CSV with the columns ``time`` [s] and one for each joint [rad or m]; or NetCDF with a
-                variable over ``time`` and ``joint``, such as a rollout.
+            path: CSV with the columns ``time`` [s] and one for each joint [rad or m]; NetCDF with a
+                variable over ``time`` and ``joint``, such as a rollout; or MCAP with joint states.
             robot: the arm.
             t_start: when it begins [s].
-            variable: of a NetCDF file, "q_ref" for one.
+            variable: of a NetCDF file ("q" when not given), or topic of MCAP ("/joint_states").
             rollout: which one, where there are several.
 
         Raises:
@@ -109,13 +118,12 @@ class Recorded(Reference):
         """
         source = check_path(path, "path")
         check_type(robot, "robot", Equations, "a Robot")
-        check_type(variable, "variable", str, "the name of a variable")
+        check_type(variable or "", "variable", str, "the name of a variable")
         rollout = check_whole(rollout, "rollout", 0)
         try:
             if source.stat().st_size > _MOST_BYTES:
                 raise UnreadableTrajectory(source, f"is larger than {_MOST_BYTES} bytes")
-            netcdf = source.suffix.lower() in (".nc", ".nc4", ".h5")
-            columns = _netcdf(source, variable, rollout) if netcdf else _csv(source)
+            columns = _columns(source, variable, rollout)
         except OSError as error:
             raise UnreadableTrajectory(source, error.strerror or str(error)) from None
         times = columns.pop("", np.empty(0))
@@ -180,6 +188,14 @@ class Recorded(Reference):
         return f"Recorded({self.source!r}, {len(self.times)} samples, {self.t_end:g} s)"
 
 
+def _columns(source: Path, variable: str | None, rollout: int) -> dict[str, Array]:
+    """Return the columns of a file by the joints' names, times under an empty one."""
+    kind = source.suffix.lower()
+    if kind in (".nc", ".nc4", ".h5"):
+        return _netcdf(source, variable or "q", rollout)
+    return _mcap(source, variable or "/joint_states") if kind == ".mcap" else _csv(source)
+
+
 def _csv(source: Path) -> dict[str, Array]:
     """Return the columns of a CSV file by their names, times under an empty one."""
     try:
@@ -212,3 +228,40 @@ def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         said = f"has no variable {variable!r} over time and joint ({reason})"
         raise UnreadableTrajectory(source, said) from None
+
+
+def _mcap(source: Path, topic: str) -> dict[str, Array]:
+    """Return the same of the joint states on a topic of an MCAP file: JSON, or ROS 2's own encoding."""
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        raise MissingPackage("mcap", "mcap") from None
+    rows: dict[str, list[float]] = {}
+    try:
+        with source.open("rb") as file:
+            reader, ros = make_reader(file), DecoderFactory()
+            for schema, channel, message in reader.iter_messages(topics=[topic]):
+                if channel.message_encoding == "json":
+                    state = json.loads(message.data)
+                    names, positions = state["name"], state["position"]
+                else:
+                    decode = ros.decoder_for(channel.message_encoding, schema)
+                    if decode is None:
+                        raise ValueError(
+                            f"messages are {channel.message_encoding!r}, not JSON or ROS 2's CDR"
+                        )
+                    decoded = decode(message.data)
+                    names, positions = decoded.name, decoded.position
+                for name, value in zip(["", *names], [message.log_time * 1e-9, *positions], strict=True):
+                    rows.setdefault(name, []).append(float(value))
+    except OSError:
+        raise
+    except Exception as error:  # the libraries have no one kind of error for a damaged file
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UnreadableTrajectory(source, f"cannot be read as joint states on {topic!r}: {said}") from None
+    if not rows:
+        raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
+    if len({len(values) for values in rows.values()}) > 1:
+        raise UnreadableTrajectory(source, f"has messages of different joints on {topic!r}")
+    return {name: np.array(values) for name, values in rows.items()}

@@ -51,18 +51,6 @@ class Friction(NamedTuple):
     coulomb: Array
 
 
-class Pose(NamedTuple):
-    """Pose of a frame in the base frame.
-
-    Attributes:
-        rotation: rotation matrix, shape (..., 3, 3).
-        translation: position [m], shape (..., 3).
-    """
-
-    rotation: Array
-    translation: Array
-
-
 class Outside(NamedTuple):
     """The first of some positions that is outside the joint limits.
 

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array
 from armgpi.errors import ParameterError, UrdfError
+from armgpi.robot import urdf_model
 
 #: What a joint of several coordinates is in a URDF, where it has to be locked.
 _WIDE = {"JointModelFreeFlyer": "floating", "JointModelPlanar": "planar"}
@@ -128,7 +129,7 @@ def _link(root: Element, name: str, inertia: Any) -> None:
     link = SubElement(root, "link", name=name)
     if inertia.mass != 0.0:
         inertial = SubElement(link, "inertial")
-        SubElement(inertial, "origin", xyz=_words(inertia.lever), rpy="0 0 0")
+        SubElement(inertial, "origin", xyz=urdf_model.joined(inertia.lever), rpy="0 0 0")
         SubElement(inertial, "mass", value=repr(float(inertia.mass)))
         matrix = inertia.inertia
         keys = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(matrix[i, j])) for i in range(3) for j in range(i, 3)}
@@ -149,7 +150,7 @@ def _joint(root: Element, model: Any, index: int, bodies: list[str]) -> None:
             float(limit[joint.idx_q]) for limit in (model.lowerPositionLimit, model.upperPositionLimit)
         )
         bounds = {"lower": _bound(lower), "upper": _bound(upper)}
-    SubElement(element, "axis", xyz=_words(axis))
+    SubElement(element, "axis", xyz=urdf_model.joined(axis))
     effort, velocity = _bound(float(model.effortLimit[at])), _bound(float(model.velocityLimit[at]))
     SubElement(element, "limit", {**bounds, "effort": effort, "velocity": velocity})
     friction = {
@@ -187,13 +188,9 @@ def _ends(element: Element, parent: str, child: str, placement: Any) -> None:
     SubElement(element, "parent", link=parent)
     SubElement(element, "child", link=child)
     rpy = pin.rpy.matrixToRpy(placement.rotation)
-    SubElement(element, "origin", xyz=_words(placement.translation), rpy=_words(rpy))
+    SubElement(element, "origin", xyz=urdf_model.joined(placement.translation), rpy=urdf_model.joined(rpy))
 
 
 def _bound(value: float) -> str:
     """Return a limit; huge where there is none."""
     return repr(math.copysign(1e300, value)) if abs(value) > _NONE else repr(value)
-
-
-def _words(numbers: Any) -> str:
-    return " ".join(repr(float(number)) for number in numbers)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, ArrayLike, check_type, check_whole, frozen
+from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.escape import html_table
-from armgpi.robot import drives, from_pinocchio, grippers, robots, tree, urdf, urdf_model
+from armgpi.robot import drives, from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
@@ -93,8 +93,8 @@ class Robot(Edits):
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
         Args:
-            path_or_name: path of a URDF, a name from :func:`armgpi.robot.robots.names`, or a module of
-                robot_descriptions.
+            path_or_name: path of a URDF, or of an MJCF (:meth:`from_mjcf`); a name from
+                :func:`armgpi.robot.robots.names`, or a module of robot_descriptions.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
             keep: when given, every joint that is not named here is locked. A name that means an arm of a
@@ -109,7 +109,10 @@ class Robot(Edits):
             UrdfError: for a file that is no usable URDF.
         """
         path, name = robots.locate(path_or_name)
-        document = urdf.parse(urdf.read_file(path), str(path), repair)
+        text = urdf.read_file(path)
+        if from_mujoco.is_mjcf(text):
+            return cls.from_mjcf(path, lock, keep)
+        document = urdf.parse(text, str(path), repair)
         if name is not None and keep is None:
             keep = robots.kept(name, (j.name for j in document.joints.values() if j.moves), lock)
         return cls._from_document(document, name or document.name, lock, keep, mimic)
@@ -149,7 +152,35 @@ class Robot(Edits):
             UrdfError: for a joint, an inertia or a limit that armgpi cannot have; it names the joint.
         """
         own = from_pinocchio.model_of(model)
-        source = from_pinocchio.source(own)
+        return cls._from_model(own, from_pinocchio.source(own), lock, keep)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | PathLike[str],
+        lock: Sequence[str] | Mapping[str, float] = (),
+        keep: Sequence[str] | None = None,
+    ) -> Robot:
+        """Load a robot from a MuJoCo model, with rotor inertia, friction, limits, efforts of its actuators.
+
+        Pinocchio reads it, and torques have to be those of MuJoCo, which is needed for that.
+
+        Args:
+            path: of the file.
+            lock: joints to hold fixed, as for :meth:`load`.
+            keep: when given, every joint that is not named here is locked.
+
+        Raises:
+            MissingPackage: when MuJoCo is not installed.
+            UrdfError: for a file that cannot be read, or has what a rigid arm has not; it says what.
+        """
+        source = check_path(path, "path")
+        return cls._from_model(from_mujoco.model_of(source), str(source), lock, keep)
+
+    @classmethod
+    def _from_model(
+        cls, own: Any, source: str, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None
+    ) -> Robot:
         document = urdf.parse(from_pinocchio.written(own), source)
         robot = cls._from_document(document, document.name, lock, keep, "lock")
         rows = [int(own.joints[own.getJointId(name)].idx_v) for name in robot.joint_names]

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from armgpi.errors import UrdfError
+from armgpi.escape import quoted
 from armgpi.robot import tree
 from armgpi.robot.markup import MAX_BYTES as MAX_BYTES
 from armgpi.robot.markup import parse_xml, xacro_hint
@@ -118,7 +119,7 @@ def bad_numbers(element: Element, key: str, count: int, positive: bool) -> str:
     try:
         values = _numbers(text, count)
     except ValueError as error:
-        return f"{key}={_shown(text)} {error}"
+        return f"{key}={quoted(text)} {error}"
     if positive:
         if element.tag == "mesh" and 0.0 in values:
             return f"{key}={text!r} is 0"
@@ -300,7 +301,7 @@ class _Reader:
         try:
             return _numbers(text, count, infinite)
         except ValueError as error:
-            problem = f"{place}: {key}={_shown(text)} {error}"
+            problem = f"{place}: {key}={quoted(text)} {error}"
         split = _without_commas(text)
         if len(split.split()) != count:
             raise self._error(problem)
@@ -392,8 +393,3 @@ def _without_commas(text: str) -> str:
     if re.search(r"\d,\d", text) and len(text.split()) > 1:
         return ""
     return " ".join(text.replace(",", " ").split())
-
-
-def _shown(text: str) -> str:
-    """Return a text of the file for a message."""
-    return repr(text if len(text) <= 80 else text[:77] + "...")

@@ -146,7 +146,7 @@ def _checked(link: Link, repairs: Repairs) -> Link:
         )
     if link.mass > 0.0 or largest == 0.0:
         return link
-    before = f"mass 0, inertia {_words(link.inertia)}"
+    before = f"mass 0, inertia {joined(link.inertia)}"
     repairs.make(
         "drop-inertia", link.name, f"{where} has an inertia but no mass", before, "a frame, without inertia"
     )
@@ -263,7 +263,7 @@ def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> 
         element = SubElement(root, "link", name=link.name)
         if link.inertial:
             inertial = SubElement(element, "inertial")
-            SubElement(inertial, "origin", xyz=_words(link.xyz), rpy=_words(link.rpy))
+            SubElement(inertial, "origin", xyz=joined(link.xyz), rpy=joined(link.rpy))
             SubElement(inertial, "mass", value=repr(link.mass))
             keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
             SubElement(inertial, "inertia", dict(zip(keys, map(repr, link.inertia), strict=True)))
@@ -275,9 +275,9 @@ def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> 
         SubElement(element, "parent", link=joint.parent)
         SubElement(element, "child", link=joint.child)
         xyz, rpy = (joint.xyz, joint.rpy) if moves else _fixed_origin(joint, locked.get(joint.name, 0.0))
-        SubElement(element, "origin", xyz=_words(xyz), rpy=_words(rpy))
+        SubElement(element, "origin", xyz=joined(xyz), rpy=joined(rpy))
         if moves:
-            SubElement(element, "axis", xyz=_words(joint.direction.tolist()))
+            SubElement(element, "axis", xyz=joined(joint.direction.tolist()))
             SubElement(element, "limit", _UNBOUNDED)
     return tostring(root, encoding="unicode")
 
@@ -295,9 +295,9 @@ def _fixed_origin(joint: Joint, value: float) -> tuple[Sequence[float], Sequence
     return xyz.tolist(), pin.rpy.matrixToRpy(rotation).tolist()
 
 
-def _words(numbers: Iterable[float]) -> str:
+def joined(numbers: Iterable[float]) -> str:
     """Join numbers as URDF attributes want them, to the last digit."""
-    return " ".join(map(repr, numbers))
+    return " ".join(repr(float(number)) for number in numbers)
 
 
 def _pinocchio_model(xml: str, source: str) -> Any:

@@ -132,8 +132,49 @@ class Swarm:
         self._scores[worst] = np.inf
 
 
+class Parzen:
+    """Tree-structured Parzen estimators (Bergstra et al. 2011), by the library Optuna."""
+
+    def __init__(self, start: Array, seed: int, population: int | None = None) -> None:
+        """Begin at a place.
+
+        Raises:
+            BackendError: when the library is not installed.
+        """
+        try:
+            import optuna
+        except ModuleNotFoundError:
+            raise BackendError(
+                "this search needs the package 'optuna': pip install 'armgpi[optuna]'"
+            ) from None
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of `constant_liar`, without which a generation is one place
+            sampler = optuna.samplers.TPESampler(seed=seed % 2**32, constant_liar=True)
+        self._study = optuna.create_study(sampler=sampler)
+        unit = optuna.distributions.FloatDistribution(0.0, 1.0)
+        self._ranges: dict[str, Any] = {f"x{i}": unit for i in range(len(start))}
+        self._count = population or 10 + len(start)
+        self._asked: list[Any] = []
+        self.inject(start)
+
+    def ask(self) -> Array:
+        """Return candidates; see :meth:`Optimiser.ask`."""
+        self._asked = [self._study.ask(self._ranges) for _ in range(self._count)]
+        return np.array([[trial.params[name] for name in self._ranges] for trial in self._asked])
+
+    def tell(self, scores: Array) -> None:
+        """Take scores; see :meth:`Optimiser.tell`."""
+        for trial, score in zip(self._asked, scores, strict=True):
+            self._study.tell(trial, min(float(score), 1e300) if score == score else 1e300)
+
+    def inject(self, x: Array) -> None:
+        """Take a candidate; see :meth:`Optimiser.inject`."""
+        self._study.enqueue_trial(dict(zip(self._ranges, map(float, x), strict=True)))
+
+
 #: Name in files -> what proposes.
-METHODS: dict[str, type[CMA] | type[Swarm]] = {"cma": CMA, "pso": Swarm}
+METHODS: dict[str, type[CMA] | type[Swarm] | type[Parzen]] = {"cma": CMA, "pso": Swarm, "optuna": Parzen}
 
 
 def make(method: str, start: Array, seed: int, population: int | None = None) -> Optimiser:

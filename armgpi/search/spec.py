@@ -52,7 +52,7 @@ class TuneSection(Section):
     constraints: list[str] = Field(default=[])
     against: str = "total_variation"
     budgets: list[Positive] | None = Field(default=None, min_length=1)
-    method: Literal["cma", "pso"] = "cma"
+    method: Literal["cma", "pso", "optuna"] = "cma"
     evaluations: Annotated[Whole, Field(ge=2, le=10_000_000)] = 200
     population: Annotated[Whole, Field(ge=4, le=100_000)] | None = None
     seed: Annotated[Whole, Field(ge=0, le=2**63 - 1)] = 0

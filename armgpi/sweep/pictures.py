@@ -17,7 +17,7 @@ from armgpi.sweep.study import Study
 from armgpi.viz import page, report
 
 #: Bars of a histogram, and size of a picture [px].
-_BARS, _WIDTH, _HEIGHT = 40, 300, 110
+_BARS, _WIDTH, _HEIGHT, _HEIGHT_2 = 40, 300, 110, 218
 #: Colours: a bar, one of what has failed, an interval, a line of text.
 _BAR, _BAD, _LINE, _TEXT = "#4878a8", "#c44e52", "#1b2127", "#5a6570"
 
@@ -42,9 +42,10 @@ def html(study: Study, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         page.bullets(sentences(said)),
         _table(study, said),
         "<h3>Distribution of every metric</h3>",
-        *_figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in study.metrics),
+        _figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in study.metrics),
         "<h3>Share of failures by what was drawn</h3>",
-        *_figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
+        _figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
+        _figures((" × ".join(pair["of"]), _square(pair["parts"])) for pair in said["failure by two of them"]),
         f"<p>Rollout {int(found['rollout'].values[i])}, the worst, is the one that is played and below.</p>",
     ]
     return report.build(
@@ -77,9 +78,10 @@ def _cell(estimate: Mapping[str, float | None]) -> str:
     return f"{value} ({low} to {high})"
 
 
-def _figures(pictures: Any) -> list[str]:
-    """Return pictures with their titles."""
-    return [f"<figure><figcaption>{page.text(title)}</figcaption>{svg}</figure>" for title, svg in pictures]
+def _figures(pictures: Any) -> str:
+    """Return pictures with their titles, side by side."""
+    shown = (f"<figure><figcaption>{page.text(title)}</figcaption>{svg}</figure>" for title, svg in pictures)
+    return f"<div class=figures>{''.join(shown)}</div>"
 
 
 def _histogram(values: Array) -> str:
@@ -103,6 +105,7 @@ def _histogram(values: Array) -> str:
 
 def _map(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the share of failures in each part of a range, with its interval."""
+    rows = [row for row in rows if row["rollouts"]]
     most = max(max(row["upper"] for row in rows), 1e-6)
     bars = [(k / len(rows), 1.0 / len(rows), row["value"] / most, _BAD) for k, row in enumerate(rows)]
     lines = [((k + 0.5) / len(rows), row["lower"] / most, row["upper"] / most) for k, row in enumerate(rows)]
@@ -112,6 +115,33 @@ def _map(rows: Sequence[Mapping[str, Any]]) -> str:
         metrics.short(rows[-1]["to"], 3),
     ]
     return _svg(bars, texts, lines)
+
+
+def _square(parts: Sequence[Mapping[str, Any]]) -> str:
+    """Return the share of failures by two numbers, the first to the right, the second upwards."""
+    columns = len({part["from"][0] for part in parts})
+    rows = len(parts) // columns
+    most = max(part["value"] or 0.0 for part in parts) or 1.0
+    cells = []
+    wide, high = _WIDTH / columns, (_HEIGHT_2 - 18) / rows
+    for place, part in enumerate(parts):
+        x, y = divmod(place, rows)
+        value, ends = part["value"], zip(part["from"], part["to"], strict=True)
+        if value is None:
+            continue
+        said = " × ".join(f"{metrics.short(a, 3)} to {metrics.short(b, 3)}" for a, b in ends)
+        cells.append(
+            f'<rect x="{wide * x:.1f}" y="{high * (rows - 1 - y):.1f}" width="{wide - 1:.1f}" '
+            f'height="{high - 1:.1f}" fill="{_BAD}" fill-opacity="{0.04 + 0.96 * value / most:.2f}">'
+            f"<title>{page.text(said)}: {100.0 * value:.3g} % of {part['rollouts']}</title></rect>"
+        )
+    (a, b), (c, d) = parts[0]["from"], parts[-1]["to"]
+    text = f"{metrics.short(a, 3)} to {metrics.short(c, 3)} × {metrics.short(b, 3)} to {metrics.short(d, 3)}"
+    label = (
+        f'<text x="{_WIDTH / 2}" y="{_HEIGHT_2 - 4}" text-anchor="middle" font-size="11" fill="{_TEXT}">'
+        f"{page.text(text)}, up to {100.0 * most:.3g} %</text>"
+    )
+    return f'<svg width="{_WIDTH}" height="{_HEIGHT_2}" role="img">{"".join(cells)}{label}</svg>'
 
 
 def _svg(

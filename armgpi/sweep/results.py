@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import Array
-from armgpi.config import dump
+from armgpi.config import ExperimentConfig, dump
 from armgpi.errors import RolloutError
+from armgpi.escape import json_data
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
-from armgpi.sweep.intervals import Estimate, clopper_pearson, quantile, wilson
+from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
 from armgpi.sweep.study import Study, chunk_file
 
 #: Quantiles that are told of every metric.
@@ -28,6 +30,8 @@ QUANTILES = (0.5, 0.9, 0.99)
 WORST = 10
 #: Parts into which the range of what varies is cut for the failure maps, and least rollouts in each.
 _PARTS, _LEAST = 8, 20
+#: Numbers of which there are maps by two: those that failures depend on most.
+_PAIRED = 4
 
 
 def collect(study: Study, folder: Path, rollouts: int) -> xr.Dataset:
@@ -90,7 +94,7 @@ def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
     n = found.sizes["rollout"]
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
-    return {
+    said: dict[str, Any] = {
         "study": study.digest,
         "controller": study.label,
         "rollouts": n,
@@ -98,11 +102,29 @@ def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         "quantiles": {
-            name: {str(share): _finite(quantile(of_arm(found, name), share)) for share in QUANTILES}
+            name: {str(share): quantile(of_arm(found, name), share)._asdict() for share in QUANTILES}
             for name in study.metrics
         },
-        "failure by what was drawn": {name: failure_map(found, name) for name in study.drawn},
+        "failure by what was drawn": (maps := {name: failure_map(found, [name]) for name in study.drawn}),
+        "failure by two of them": [
+            {"of": list(pair), "parts": failure_map(found, pair)}
+            for pair in combinations(_paired(maps, failed), 2)
+        ],
     }
+    return dict(json_data(said))
+
+
+def _paired(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
+    """Return the names that failures depend on most, in the order of `maps`; none where there are too few."""
+    if not failed.any() or len(failed) < 4 * _LEAST:
+        return []
+
+    def spread(name: str) -> float:
+        shares: list[float] = [part["value"] for part in maps[name]]
+        return max(shares) - min(shares)
+
+    most = sorted(maps, key=spread, reverse=True)[:_PAIRED]
+    return [name for name in maps if name in most]
 
 
 def sentences(said: Mapping[str, Any]) -> list[str]:
@@ -122,25 +144,35 @@ def of_arm(found: xr.Dataset, name: str) -> Array:
     return metrics.ALL[name].of_arm(found[name].values)
 
 
-def failure_map(found: xr.Dataset, name: str) -> list[dict[str, Any]]:
-    """Return how often rollouts fail in each part of the range of what was drawn.
+def failure_map(found: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return how often rollouts fail in each part of the ranges of one or two numbers that were drawn.
 
-    Parts hold about as many rollouts each; the intervals are Wilson's.
+    The range of each is cut into parts that hold about as many rollouts; the intervals are Wilson's.
+
+    Returns:
+        For each part `from`, `to` (of two numbers: lists), `rollouts`, and the share of failures.
     """
-    values, failed = found[f"drawn.{name}"].values, found["failed"].values
+    failed = found["failed"].values
+    count = max(1, min(_PARTS, int((len(failed) / _LEAST) ** (1.0 / len(names)))))
+    cut = [_cut(found[f"drawn.{name}"].values, count) for name in names]
+    maps = []
+    for parts in product(*cut):
+        inside = np.logical_and.reduce([rows for _, _, rows in parts])
+        low, high = ([part[end] for part in parts] for end in (0, 1))
+        ends = {"from": low, "to": high} if len(names) > 1 else {"from": low[0], "to": high[0]}
+        n = int(inside.sum())
+        maps.append({**ends, "rollouts": n, **wilson(int(failed[inside].sum()), n)._asdict()})
+    return maps
+
+
+def _cut(values: Array, count: int) -> list[tuple[float, float, Any]]:
+    """Return parts of the range of some values: lower and upper end, and which values are in it."""
     levels = np.unique(values)
     if len(levels) <= _PARTS:
-        parts = [(float(x), float(x), values == x) for x in levels]
-    else:
-        count = max(1, min(_PARTS, len(values) // _LEAST))
-        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
-        which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-        parts = [(float(edges[i]), float(edges[i + 1]), which == i) for i in range(len(edges) - 1)]
-    return [
-        {"from": low, "to": high, "rollouts": int(inside.sum())}
-        | wilson(int(failed[inside].sum()), int(inside.sum()))._asdict()
-        for low, high, inside in parts
-    ]
+        return [(float(x), float(x), values == x) for x in levels]
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    return [(float(edges[i]), float(edges[i + 1]), which == i) for i in range(len(edges) - 1)]
 
 
 def worst(found: xr.Dataset, count: int = WORST) -> Any:
@@ -155,19 +187,29 @@ def write(study: Study, found: xr.Dataset, folder: Path) -> list[Path]:
     Raises:
         RolloutError: when something cannot be written.
     """
-    try:
-        (folder / "worst").mkdir(exist_ok=True)
-    except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
-    written = [
+    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn} for i in worst(found)]
+    places = found["rollout"].values[worst(found)].tolist()
+    return [
         files.write(folder / "results.nc", _netcdf(found)),
         files.write(folder / "summary.json", json.dumps(summary(study, found), indent=2) + "\n"),
+        *write_worst(folder, [study.config_of(row, i) for row, i in zip(rows, places, strict=True)]),
     ]
-    for place, i in enumerate(worst(found), start=1):
-        row = {name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn}
-        config = study.config_of(row, int(found["rollout"].values[i]))
-        written.append(files.write(folder / "worst" / f"{place:02d}.yaml", dump(config)))
-    return written
+
+
+def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]:
+    """Write experiments as ``worst/01.yaml`` and so on.
+
+    Raises:
+        RolloutError: when they cannot be written.
+    """
+    try:
+        (folder / "worst").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    return [
+        files.write(folder / "worst" / f"{place:02d}.yaml", dump(config))
+        for place, config in enumerate(configs, start=1)
+    ]
 
 
 def _netcdf(found: xr.Dataset) -> bytes:
@@ -180,11 +222,6 @@ def _netcdf(found: xr.Dataset) -> bytes:
     with h5netcdf.File(content, "w") as file:
         plain.dump_to_store(H5NetCDFStore(file), encoding=encoding)
     return content.getvalue()
-
-
-def _finite(estimate: Estimate) -> dict[str, float | None]:
-    """Return an estimate as JSON has it: None for infinite."""
-    return {key: float(x) if np.isfinite(x) else None for key, x in estimate._asdict().items()}
 
 
 def _words(failure: Mapping[str, float]) -> str:

@@ -83,14 +83,18 @@ class Study:
             raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
         experiment = build(config, origin)
         label = next(iter(experiment.controllers))
+        source = "" if origin is None else origin.source
         if bool(config.vary) == (config.reality is not None):
             said = "a sweep varies something: give distributions below vary, or a reality to draw from"
-            raise ConfigError("" if origin is None else origin.source, "vary", said)
-        failure = {**FAILURE, **config.failure} if not config.failure else dict(config.failure)
+            raise ConfigError(source, "vary", said)
+        if config.plant.engine != "armgpi":
+            said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
+            raise ConfigError(source, "plant.engine", said)
+        failure = dict(config.failure or FAILURE)
         unknown = [name for name in failure if name not in metrics.declared()]
         if unknown:
             reason = str(NameNotFound("metric", unknown[0], metrics.declared()))
-            raise ConfigError("" if origin is None else origin.source, f"failure.{unknown[0]}", reason)
+            raise ConfigError(source, f"failure.{unknown[0]}", reason)
         steps = experiment.t_final / config.sample_time
         most = _MOST if config.reality is None else _MOST_DRAWS
         size = (
@@ -116,7 +120,6 @@ class Study:
                 varied[name] = distribution(name, section, variable.declared, experiment.robot.n)
                 with_value(found, name, 1.0)
             except (ParameterError, NameNotFound) as error:
-                source = "" if origin is None else origin.source
                 raise ConfigError(source, f"vary.{name}", str(error).removeprefix(f"{name}: ")) from None
         object.__setattr__(found, "varied", varied)
         return found
@@ -149,13 +152,21 @@ class Study:
         """Return how many rollouts a chunk has where there are so many in all."""
         return min(self.size, rollouts - chunk * self.size)
 
+    @property
+    def width(self) -> int:
+        """How many numbers a rollout draws."""
+        return sum(drawn.joints for drawn in self.varied.values())
+
     def numbers(self, chunk: int, rows: int) -> Array:
         """Return what is drawn for the first rollouts of a chunk, shape (rows, numbers)."""
-        each = list(self.varied.values())
-        u = shares(self.sampling, int(self.digest, 16) + self.config.seed, chunk, self.size, _width(each))
-        parts, place = [np.empty((rows, 0))], 0
-        for drawn in each:
-            parts.append(drawn.of(u[:rows, place : place + drawn.joints]))
+        key = int(self.digest, 16) + self.config.seed
+        return self.drawn_at(shares(self.sampling, key, chunk, self.size, self.width)[:rows])
+
+    def drawn_at(self, u: Array) -> Array:
+        """Return what is drawn at points of the unit cube, both (rows, width)."""
+        parts, place = [np.empty((len(u), 0))], 0
+        for drawn in self.varied.values():
+            parts.append(drawn.of(u[:, place : place + drawn.joints]))
             place += drawn.joints
         return np.hstack(parts)
 
@@ -164,17 +175,33 @@ class Study:
         if self.config.reality is not None:
             return self._run_draws(chunk, rows)
         drawn = self.numbers(chunk, rows)
+        seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
+        return np.hstack([drawn, self._flat(self._ran(drawn, seeds))])
+
+    def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
+        """Return metrics (rows, joints) and `status` of rollouts with these numbers and seeds."""
+        found = self._ran(drawn, seeds)
+        return {name: found[name].values for name in (*self.metrics, "status")}
+
+    def _ran(self, drawn: Array, seeds: Any) -> Any:
+        """Return rollouts with these numbers, (rows, width), and seeds."""
         values, place = dict(self._fixed()), 0
         for name, each in self.varied.items():
             part = drawn[:, place : place + each.joints]
             values[name] = part if each.joints > 1 else part[:, 0]
             place += each.joints
-        seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
-        found = _compiled(self._loop(), values, seeds)
-        return np.hstack([drawn, self._flat(found)])
+        return _compiled(self._loop(), values, seeds)
 
-    def config_of(self, row: Mapping[str, float], index: int) -> ExperimentConfig:
-        """Return the experiment of one rollout: of its numbers by name, and its place among all."""
+    def config_of(
+        self, row: Mapping[str, float], index: int = 0, seed: int | None = None
+    ) -> ExperimentConfig:
+        """Return the experiment of one rollout.
+
+        Args:
+            row: what was drawn, by name.
+            index: its place among all.
+            seed: of its random numbers; that of its place when not given.
+        """
         if self.config.reality is not None:
             reality = self.config.reality.model_copy(update={"index": index})
             return self.config.model_copy(update={"reality": reality, "failure": {}})
@@ -184,7 +211,7 @@ class Study:
             joints = self.robot.joint_names
             value: Any = [row[f"{name}[{joint}]"] for joint in joints] if each.joints > 1 else row[name]
             _put(data, name, value, self)
-        data["seed"] = self.config.seed + index
+        data["seed"] = self.config.seed + index if seed is None else seed
         return ExperimentConfig.model_validate(data)
 
     def failed(self, table: Mapping[str, Array]) -> Any:
@@ -390,11 +417,6 @@ def _known(known: Mapping[str, Variable], name: str) -> Variable:
     if reason := known[name].fixed:
         raise ParameterError(name, known[name].value, f"left as it is: {reason}")
     return known[name]
-
-
-def _width(each: list[Distribution]) -> int:
-    """Return how many numbers a rollout has."""
-    return sum(drawn.joints for drawn in each)
 
 
 def _told(draw: Draw) -> list[float]:

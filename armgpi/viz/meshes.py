@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError
+from armgpi.errors import ArmgpiError, MissingPackage
 from armgpi.robot.meshes import Found, MeshFinder
 from armgpi.robot.robot import Robot
 
@@ -56,19 +56,6 @@ class MeshError(ArmgpiError):
         """Describe what is wrong with the mesh `filename`."""
         self.filename = filename
         super().__init__(f"mesh {filename!r}: {message}")
-
-
-class MissingPackage(ArmgpiError):
-    """A package that pictures need and that is not installed.
-
-    Attributes:
-        package: its name.
-    """
-
-    def __init__(self, package: str) -> None:
-        """Say which package is missing and how to get it."""
-        self.package = package
-        super().__init__(f"needs the package {package!r}: pip install 'armgpi[viz]'")
 
 
 class Triangles(NamedTuple):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
+import html
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,10 +23,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.errors import MissingPackage
 from armgpi.escape import html_text, shown
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.viz.meshes import MissingPackage, Triangles
+from armgpi.viz.meshes import Triangles
 from armgpi.viz.scene import Body, Clip, Scene
 
 #: NumPy's types and their names in the page.
@@ -35,6 +37,13 @@ _UNLIMITED = math.pi
 
 #: Text as HTML that shows it to the letter.
 text = html_text
+
+
+class Page(str):
+    """The text of a page; a notebook shows the page."""
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{html.escape(self)}" style="width: 100%; height: 40rem; border: 0"></iframe>'
 
 
 class Arrays:
@@ -118,7 +127,7 @@ def fill(
     arrays: Arrays | None = None,
     scripts: Sequence[str] = (),
     computes: bool = False,
-) -> str:
+) -> Page:
     """Return a page made from a template.
 
     Args:
@@ -149,7 +158,7 @@ def fill(
     for part in parts[1:]:
         name, rest = part.split("}}", 1)
         filled += [places[name], rest]
-    return "".join(filled)
+    return Page("".join(filled))
 
 
 def json_text(data: Any) -> str:
@@ -158,7 +167,7 @@ def json_text(data: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def document(title: str, summary: str, sections: Mapping[str, str]) -> str:
+def document(title: str, summary: str, sections: Mapping[str, str]) -> Page:
     """Return a page of text alone, without scripts.
 
     Args:
@@ -178,6 +187,7 @@ def table(
     names: int = 1,
     classes: Sequence[str] = (),
     words: Sequence[int] = (),
+    marks: Sequence[str] = (),
 ) -> str:
     """Return an HTML table of plain text, which scrolls sideways where it is too wide.
 
@@ -188,6 +198,7 @@ def table(
         names: how many columns at the left name the row.
         classes: CSS class of each row; none when not given.
         words: indices of the other columns that are not numbers.
+        marks: colour of the dot before the first cell of each row, empty for none.
     """
     titles = (text(title).replace("\n", "<br>") for title in head)
     headings = (
@@ -195,8 +206,13 @@ def table(
         for k, title in enumerate(titles)
     )
     lines = []
-    for row, kind in zip(rows, classes or [""] * len(rows), strict=True):
-        cells = [f"<th scope=row class=name title='{text(cell)}'>{text(cell)}</th>" for cell in row[:names]]
+    nothing = [""] * len(rows)
+    for row, kind, color in zip(rows, classes or nothing, marks or nothing, strict=True):
+        dots = [f"{dot(color)} " if color else "", *[""] * names]
+        cells = [
+            f"<th scope=row class=name title='{text(cell)}'>{mark}{text(cell)}</th>"
+            for mark, cell in zip(dots, row[:names], strict=False)
+        ]
         cells += [
             f"<td{' class=words' if k in words else ''}>{text(cell)}</td>"
             for k, cell in enumerate(row[names:], start=names)
@@ -206,6 +222,16 @@ def table(
         f"<div class=scroll tabindex=0 role=region aria-label='{text(label)}'><table class=data>"
         f"<thead><tr>{''.join(headings)}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
+
+
+def dot(color: str) -> str:
+    """Return the mark of a rollout, in its colour."""
+    return f"<span class=dot style='background:{text(color)}'></span>"
+
+
+def folded(title: str, content: str) -> str:
+    """Return HTML that shows when its title, plain text, is asked for."""
+    return f"<details><summary>{text(title)}</summary>{content}</details>"
 
 
 def bullets(items: Iterable[object], kind: str = "") -> str:

@@ -50,8 +50,8 @@ import matplotlib.style
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from matplotlib import figure as matplotlib_figure
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from armgpi import files
@@ -106,6 +106,16 @@ _STYLE: dict[Any, Any] = {
     "text.usetex": False,
     "path.simplify": True,
 }
+
+
+class Figure(matplotlib_figure.Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        content = io.BytesIO()
+        with styled():
+            self.savefig(content, format="png", dpi=130)
+        return content.getvalue()
 
 
 @contextmanager

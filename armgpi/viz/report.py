@@ -7,7 +7,7 @@ one time moves both.
 from __future__ import annotations
 
 import base64
-import json
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
@@ -35,8 +35,12 @@ from armgpi.viz import meshcat, page, scene, tracks
 POINTS, MOST_RUNS = 2400, 6
 #: Most rows of the tables.
 _MOST_ROWS = 400
+#: Most rollouts of which the verdict speaks.
+_MOST_VERDICTS = 20
 #: Largest file of data that is put into the report [B]; beyond it the data are thinned.
 DATA_BYTES = 8_000_000
+#: Back end -> what it is.
+_BACKENDS = {"numpy": "NumPy and Pinocchio", "compiled": "generated C"}
 
 
 def build(
@@ -79,7 +83,8 @@ def build(
     content, every = _netcdf(rollout)
     values = {
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
-        "summary": _summary(rollout, records),
+        "summary": _summary(rollout),
+        "verdict": _verdict(rollout, records),
         "tables": before + _tables(rollout, records),
         "findings": _findings(findings, notes),
         "configuration": _configuration(rollout, configuration),
@@ -102,9 +107,9 @@ def sections(rollout: xr.Dataset, robot: Robot, configuration: str) -> str:
     records = _records(rollout)
     troubles, notes = _health(robot)
     parts = {
-        "Metrics": _tables(rollout, records),
+        "Metrics": _verdict(rollout, records) + _tables(rollout, records),
         "Findings": _findings([*troubles, *_found_in(rollout, records)], notes),
-        "Configuration": _summary(rollout, records) + _configuration(rollout, configuration),
+        "How it was made": _configuration(rollout, configuration),
     }
     return "".join(f"<section><h2>{name}</h2>{content}</section>" for name, content in parts.items())
 
@@ -307,44 +312,52 @@ def _peak(values: Array) -> float:
 # Text ----------------------------------------------------------------------------------------------------
 
 
-def _summary(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
-    """Return what was run, in short."""
-    provenance = Provenance.from_rollout(rollout).first
+def _summary(rollout: xr.Dataset) -> str:
+    """Return in a line what was run."""
     time = rollout["time"].values
     step = float(time[1] - time[0]) if len(time) > 1 else 0.0
-    made_from = provenance.robot
-    rows = [
-        ("robot", str(rollout.attrs.get("robot", "unknown"))),
-        ("joints", ", ".join(str(joint) for joint in rollout["joint"].values)),
-        ("time", f"{float(time[-1]):.6g} s in {len(time)} samples of {step:.6g} s"),
-    ]
-    for record in records[:20]:
-        measured = rollouts.describe_measurement(record["measurement"], record["knows"])
-        rows.append((f"{record['label']}", f"{record['end']}; measures {measured}"))
-    if len(records) > 20:
-        rows.append(("...", f"{len(records) - 20} more rollouts"))
-    # Its name alone: a report is passed on, and need not say whose folders it was made in.
-    rows.append(("URDF", Path(str(made_from.get("source", "unknown"))).name))
-    rows.append(("its SHA-256", str(made_from.get("sha256", "unknown"))))
-    if locked := made_from.get("locked"):
-        rows.append(("locked joints", ", ".join(f"{name} = {value}" for name, value in locked.items())))
-    if changes := made_from.get("changes"):
-        rows.append(("changes of the plant", json.dumps(changes)))
-    rows.append(("back end", provenance.backend))
-    rows.append(("versions", ", ".join(f"{name} {value}" for name, value in provenance.versions.items())))
-    return "<dl>" + "".join(f"<dt>{page.text(k)}</dt><dd>{page.text(v)}</dd>" for k, v in rows) + "</dl>"
+    robot, joints = str(rollout.attrs.get("robot", "unknown")), rollout.sizes["joint"]
+    said = f"{robot}, {joints} joint{'s' * (joints > 1)}, {float(time[-1]):.6g} s in steps of {step:.6g} s"
+    return f"<p class=summary>{page.text(said)}</p>"
+
+
+def _verdict(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
+    """Return of every rollout how it ended, its worst joint, and what its controller measures and knows."""
+    unit = POSITION.symbol(bool(units.prismatic(rollout).all()))
+    lines = []
+    for record, color in zip(records[:_MOST_VERDICTS], _colors(rollout), strict=False):
+        peaks = [math.inf if x is None else x for x in record["metrics"]["peak_error"]]
+        worst = int(np.argmax(peaks))
+        said = [record["end"]]
+        if math.isfinite(peaks[worst]):
+            said.append(f"error at most {metrics.short(peaks[worst], 3)} {unit} ({record['joints'][worst]})")
+        said.append(f"measures {rollouts.describe_measurement(record['measurement'], record['knows'])}")
+        kind = "good" if record["status"] == "finished" else "bad"
+        lines.append(
+            f"<li>{page.dot(color)} <b class=name>{page.text(record['label'])}</b> "
+            f"<span class={kind}>{page.text(said[0])}</span>; {page.text('; '.join(said[1:]))}</li>"
+        )
+    if len(records) > _MOST_VERDICTS:
+        lines.append(f"<li>{len(records) - _MOST_VERDICTS} more rollouts</li>")
+    return f"<ul class=verdicts>{''.join(lines)}</ul>"
+
+
+def _colors(rollout: xr.Dataset) -> list[str]:
+    """Return the colours of the rollouts."""
+    return [trace.look.color for trace in tracks.traces(rollout, most=None)]
 
 
 def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     """Return the metrics as an HTML table."""
     shown, prismatic = metrics.shown_in("report"), units.prismatic(rollout)
     headings = [f"{metric.heading}\n{metric.unit.symbol(bool(prismatic.all()))}" for metric in shown]
-    rows, classes = [], []
-    for record in records:
+    rows, classes, marks = [], [], []
+    for record, color in zip(records, _colors(rollout), strict=True):
         for j, joint in enumerate(record["joints"]):
             values = (metric.text(record["metrics"][metric.name][j]) for metric in shown)
             rows.append((record["label"] if j == 0 else "", joint, *values))
             classes.append("first" if j == 0 else "")
+            marks.append(color if j == 0 else "")
     notes = [f"{len(rows) - _MOST_ROWS} more rows are left out."] if len(rows) > _MOST_ROWS else []
     notes += filter(None, [units.note([str(name) for name in rollout["joint"].values], prismatic)])
     table = page.table(
@@ -353,6 +366,7 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         label="metrics",
         names=2,
         classes=classes[:_MOST_ROWS],
+        marks=marks[:_MOST_ROWS],
     )
     return table + "".join(f"<p>{page.text(note)}</p>" for note in notes)
 
@@ -402,16 +416,48 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
 
 
 def _configuration(rollout: xr.Dataset, configuration: str | None) -> str:
-    """Return the experiment file, and everything that the rollout knows of how it was made."""
-    parts = []
+    """Return where everything came from, in words, and the experiment file; both folded."""
+    provenance = Provenance.from_rollout(rollout)
+    parts = [page.folded("Where it came from", _provenance(provenance))]
     if configuration is not None:
-        parts.append(f"<h3>Experiment file</h3><pre tabindex=0>{page.text(configuration)}</pre>")
-    provenance = Provenance.from_rollout(rollout).to_json(indent=1)
-    parts.append(
-        f"<details><summary>Everything the rollout was made from</summary><pre tabindex=0>"
-        f"{page.text(provenance[:400_000])}</pre></details>"
-    )
+        parts.append(page.folded("Experiment file", f"<pre tabindex=0>{page.text(configuration)}</pre>"))
+    everything = page.text(provenance.to_json(indent=1)[:400_000])
+    parts.append(page.folded("Everything it was made from, as data", f"<pre tabindex=0>{everything}</pre>"))
     return "".join(parts)
+
+
+def _provenance(provenance: Provenance) -> str:
+    """Return in words what the rollouts were made from."""
+    first = provenance.first
+    made_from = first.robot
+    # Its name alone: a report is passed on, and need not say whose folders it was made in.
+    name = Path(str(made_from.get("source", "unknown"))).name
+    said = [f"The robot is {name}, whose SHA-256 begins with {str(made_from.get('sha256', 'unknown'))[:16]}."]
+    if locked := made_from.get("locked"):
+        held = ", ".join(f"{joint} at {value:g}" for joint, value in locked.items())
+        said.append(f"Joints held fixed: {held}.")
+    said += [f"The plant's arm was changed: {_change(each)}." for each in made_from.get("changes") or ()]
+    said.append(f"It was computed by {_BACKENDS.get(first.backend, first.backend)}.")
+    said.append(f"Versions: {', '.join(f'{name} {value}' for name, value in first.versions.items())}.")
+    return "".join(f"<p>{page.text(each)}</p>" for each in said)
+
+
+def _change(change: Any) -> str:
+    """Return a change of a robot in words: its name, and what it says of it."""
+    if not isinstance(change, Mapping):
+        return str(change)
+    told = []
+    for name, value in change.items():
+        facts = value.items() if isinstance(value, Mapping) else [("", value)]
+        told.append(f"{name} " + ", ".join(f"{key} {_plain(fact)}".strip() for key, fact in facts))
+    return "; ".join(told).replace("_", " ")
+
+
+def _plain(value: Any) -> str:
+    """Return a value of the provenance as text."""
+    if isinstance(value, list | tuple):
+        return f"({', '.join(map(_plain, value))})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _download(content: bytes, every: int) -> str:

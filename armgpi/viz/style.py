@@ -1,15 +1,19 @@
 """Colours and text that figures, scene and report share.
 
 The palette is that of Okabe and Ito (Color Universal Design, 2008), which people with any of the common
-kinds of colour blindness can tell apart. Rollout i has the same colour everywhere.
+kinds of colour blindness can tell apart. A controller has the same colour in every page and figure.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import count
 from typing import Any, NamedTuple
 
 #: Colours of rollouts, in this order: blue, vermillion, green, purple, orange, sky blue, yellow.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+#: Controllers, by their names in files, that have a colour of their own: the palette's, in its order.
+_OWN = ("gpi", "pid", "network", "adrc", "untuned", "ctdob", "schedule")
 #: The reference, in figures and as the ghost in the scene.
 REFERENCE = "#000000"
 #: Limits and the like: what is there but is not the point.
@@ -40,6 +44,13 @@ def look(index: int) -> Look:
     """Return how the rollout of an index is drawn: colours first, then dashes."""
     turn, place = divmod(index, len(PALETTE))
     return Look(PALETTE[place], _DASHES[turn % len(_DASHES)])
+
+
+def looks(names: Sequence[str]) -> list[Look]:
+    """Return how rollouts of some names are drawn: controllers as everywhere, others by what is left."""
+    own = {name: _OWN.index(name) for name in names if name in _OWN and names.count(name) == 1}
+    free = (index for index in count() if index not in own.values())
+    return [look(own[name] if name in own else next(free)) for name in names]
 
 
 def hex_number(color: str) -> int:

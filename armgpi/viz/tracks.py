@@ -61,12 +61,17 @@ def traces(rollout: xr.Dataset, most: int | None = MOST_LINES) -> list[Trace]:
     rollout = _until_the_end(rollout)
     if "rollout" not in rollout.dims:
         label = str(rollout["label"].values) if "label" in rollout.coords else ""
-        return [Trace(label, style.look(0), rollout)]
+        return [Trace(label, style.looks([label])[0], rollout)]
     count = rollout.sizes["rollout"]
     if most is not None and count > most:
         return [Trace(f"{count} rollouts: median, 5 to 95 %", style.look(0), rollout)]
-    names = rollout["label"].values if "label" in rollout.coords else [f"rollout {i}" for i in range(count)]
-    return [Trace(str(name), style.look(i), rollout.isel(rollout=i)) for i, name in enumerate(names)]
+    labels = rollout["label"].values if "label" in rollout.coords else [f"rollout {i}" for i in range(count)]
+    names = [str(label) for label in labels]
+    looks = style.looks(names)
+    return [
+        Trace(name, look, rollout.isel(rollout=i))
+        for i, (name, look) in enumerate(zip(names, looks, strict=True))
+    ]
 
 
 def tool_paths(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import json
 import os
 import signal
 import stat
@@ -19,10 +20,12 @@ import numpy as np
 import pytest
 from loops import compiled
 
-from armgpi import GPI, ArmgpiWarning, Bezier, RigidBodyPlant, Robot, simulate
+from armgpi import GPI, ArmgpiWarning, Bezier, RigidBodyPlant, Robot, prepare, simulate
 from armgpi.codegen import build
+from armgpi.codegen.trace import _text
 from armgpi.compiled import run as generated
 from armgpi.errors import BackendError
+from armgpi.loop import prepared
 
 SOURCE = "int answer(void) { return 42; }"
 ARM = Robot.load("anthropomorphic3")
@@ -210,6 +213,76 @@ def test_a_second_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(build, "called", only_versions)
     np.testing.assert_array_equal(compiled(*LOOP)["q"], first["q"])
+
+
+def forget() -> None:
+    """Forget what this process has loaded, as another one has nothing."""
+    build._loaded.clear()
+    generated._generated.clear()
+
+
+def test_a_second_process_traces_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any) -> Any:
+        raise AssertionError("traced")
+
+    first = compiled(*LOOP)
+    forget()
+    with monkeypatch.context() as patch:
+        patch.setattr(generated, "trace_used", refused)
+        np.testing.assert_array_equal(compiled(*LOOP)["q"], first["q"])
+        forget()
+        patch.setattr(build, "package", lambda: "of another version")
+        with pytest.warns(ArmgpiWarning, match="traced"):
+            simulate(*LOOP, backend="compiled")
+
+
+def test_a_structure_has_the_same_text_in_every_process() -> None:
+    code = (
+        "from armgpi import *; from armgpi.codegen.trace import Inventory\n"
+        "arm = Robot.load('anthropomorphic3')\n"
+        "gpi = GPI(arm, 1e-3, BSplineNetwork())\n"
+        "loop = ClosedLoop(Encoder(RigidBodyPlant(arm, Step(0.1, 0.0)), 16), gpi, Hold([0.0, 0.1, 0.0]))\n"
+        "print(Inventory(loop, loop.init()).name)"
+    )
+    said = []
+    for seed in ("1", "2"):  # of Python's own hashes
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
+        said.append(done.stdout)
+    assert said[0] == said[1] != b"\n"
+
+
+def test_what_has_no_text_of_its_own_has_no_name() -> None:
+    def made(value: Any) -> Any:
+        return lambda: value
+
+    assert _text((np.sin, "a", 1.0, frozenset("ba"), np.float64)) == "(sin,'a',1.0,{'a','b'},numpy.float64)"
+    for value in (object(), [{}], made(1)):
+        with pytest.raises(TypeError, match="has no text of its own"):
+            _text(value)
+
+
+def test_auto_takes_what_is_there_and_compiles_what_is_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def chosen() -> str:
+        return str(json.loads(simulate(*LOOP, backend="auto").attrs["provenance"])["backend"])
+
+    monkeypatch.setattr(prepared, "_ARRAY", 0.2 / 50 / 8)  # 0.2 s in all: more than the imports, ...
+    assert chosen() == "numpy"  # ... less than what compiling three joints takes
+    compiled(*LOOP)
+    for _ in range(2):  # in this process, and in another one
+        assert chosen() == "compiled"
+        forget()
+    monkeypatch.setattr(prepared, "_ARRAY", 5e-6)
+    assert chosen() == "numpy"
+
+
+def test_a_loop_that_runs_again_and_again_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prepared, "_ARRAY", 0.2 / 50 / 8)
+    loop = prepare(*LOOP, backend="auto")
+    runs = [loop.run() for _ in range(3)]
+    backends = [json.loads(run.attrs["provenance"])["backend"] for run in runs]
+    assert backends == ["numpy", "compiled", "compiled"]
+    np.testing.assert_allclose(runs[0]["q"], runs[1]["q"], atol=1e-12)
 
 
 def test_a_library_without_what_it_should_have_is_an_error_in_words(cache: Path) -> None:

@@ -518,3 +518,19 @@ def test_a_spoiled_rollout_is_drawn_or_refused(what: str, draw: Callable[[xr.Dat
     # Any other exception than ours fails the test.
     with contextlib.suppress(armgpi.ArmgpiError):
         draw(SPOILED[what](PAIR))
+
+
+def test_a_report_begins_with_its_verdict_and_ends_with_where_it_came_from() -> None:
+    one = run(ARM)
+    html = report.build(compared(pid=one, gpi=one), ARM)
+    parts = ("class=verdicts", "<table class=data", 'id="scene"', "Where it came from")
+    places = [html.index(part) for part in parts]
+    assert places == sorted(places)
+    assert "<details open" not in html
+
+
+def test_a_controller_has_one_colour_wherever_it_is() -> None:
+    alone, among = style.looks(["pid"]), style.looks(["fixed gains", "network", "pid", "network (2)"])
+    assert alone[0] == among[2] == style.looks(["gpi", "pid"])[1]
+    assert len({look.color for look in among}) == 4
+    assert among[0] == style.look(0)  # what has no colour of its own takes the first free one

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from armgpi.control.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
 from armgpi.robot.robot import Robot
 from armgpi.viz import plots, style
+from armgpi.viz.plots import Figure
 
 #: Which panel is which, as the paper letters them.
 _LETTERS = "abcdefghij"

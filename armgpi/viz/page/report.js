@@ -67,7 +67,7 @@
         height, margin: { l: 62, r: 12, t: top, b: bottom }, showlegend: false, hovermode: "x unified",
         font: { size: 11, color: "#1b2127", family: "system-ui, DejaVu Sans, sans-serif" },
         paper_bgcolor: "#fff", plot_bgcolor: "#fff", dragmode: "zoom", annotations: [], shapes: [],
-        xaxis: { title: { text: "time [s]", standoff: 6 }, anchor: rows > 1 ? `y${rows}` : "y", gridcolor: "#e3e7eb", zeroline: false, range: this.range || this.meta.plots.span },
+        xaxis: { title: { text: "time [s]", standoff: 6 }, anchor: rows > 1 ? `y${rows}` : "y", gridcolor: "#e3e7eb", zeroline: false, range: this.range || this.meta.plots.span, unifiedhovertitle: { text: "%{x:.4g} s" } },
       };
       chosen.forEach((j, row) => {
         const axis = row === 0 ? "" : String(row + 1);
@@ -87,7 +87,7 @@
           const count = this.array(trace.x).length;
           traces.push({
             x: this.array(trace.x), y: this.array(trace.y), xaxis: "x", yaxis, type: "scatter", mode: count > 1 ? "lines" : "markers", name: plain(trace.name),
-            line: { color: trace.color, width: 1.4, dash: trace.dash, shape: "linear" }, hovertemplate: "%{y:.4g}", connectgaps: false,
+            line: { color: trace.color, width: 1.4, dash: trace.dash, shape: "linear" }, hovertemplate: `%{y:.4g}${unit ? " " + plain(unit) : ""}`, connectgaps: false,
           });
         }
         for (const level of quantity.levels[j] || []) {

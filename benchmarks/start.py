@@ -1,0 +1,118 @@
+"""Where the start of a command goes, held against importing Pinocchio.
+
+python benchmarks/start.py [--quick]
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import subprocess
+import sys
+from collections import Counter
+
+import _page
+import numpy as np
+from _timing import Spread, spread, table
+
+BARE = """
+import typer
+app = typer.Typer(rich_markup_mode=None)
+@app.command()
+def one(x: int = 1): ...
+@app.command()
+def two(x: int = 1): ...
+app()
+"""
+ARMGPI = ("-m", "armgpi.cli")
+COMMANDS = {
+    "`import pinocchio`": ("-c", "import pinocchio"),
+    "`import xarray`": ("-c", "import xarray"),
+    "a bare Typer app, `--help`": ("-c", BARE, "--help"),
+    "`armgpi --help`": (*ARMGPI, "--help"),
+    "`armgpi robots`": (*ARMGPI, "robots"),
+    "`armgpi inspect ur5`": (*ARMGPI, "inspect", "ur5"),
+    "`armgpi run ur5`": (*ARMGPI, "run", "ur5"),
+}
+PINOCCHIO, BARE_HELP = "`import pinocchio`", "a bare Typer app, `--help`"
+#: What is timed -> what it is held against, and how many times as long it may take.
+GOALS = {
+    "`armgpi --help`": (BARE_HELP, 1.5),
+    "`armgpi inspect ur5`": (PINOCCHIO, 3.0),
+    "`armgpi run ur5`": (PINOCCHIO, 4.0),
+}
+#: Packages that have a row of their own in the split of a start; the smaller ones are added up.
+SHOWN = 8
+
+
+def main() -> None:
+    page = _page.begin(__file__, "Where a start goes")
+    rounds = 2 if page.quick else 7
+    _page.say(
+        f"Processor time of fresh processes [s], in turns, median (least..greatest) of {rounds}. Ratios are "
+        "of the least times: what else the machine does only adds."
+    )
+    times = _times(rounds)
+    page.figures["seconds"] = {name: column.tolist() for name, column in times.items()}
+    rows = []
+    for name, column in times.items():
+        rows.append([name, spread(column), _ratio(times, name, PINOCCHIO)])
+    print()
+    print(table(["", "s", "times `import pinocchio`"], rows))
+    print("\n## What was asked for\n")
+    rows = []
+    for name, (against, bound) in GOALS.items():
+        found = _ratio(times, name, against)
+        rows.append([name, against, f"{bound:g}", f"{found:.2f}", "yes" if found <= bound else "no"])
+    print(table(["", "against", "at most", "found", "kept"], rows))
+    print("\n## Where `armgpi run ur5` goes\n")
+    print(_split(COMMANDS["`armgpi run ur5`"], spread(times["`armgpi run ur5`"]), times))
+    page.write()
+
+
+def _ratio(times: dict[str, np.ndarray], name: str, against: str) -> float:
+    """Return how many times as long one takes as another."""
+    return round(float(times[name].min() / times[against].min()), 2)
+
+
+def _times(rounds: int) -> dict[str, np.ndarray]:
+    """Return the processor times of all commands, in turns, after a first round that fills the caches."""
+    taken: dict[str, list[float]] = {name: [] for name in COMMANDS}
+    for k in range(-1, rounds):
+        for name, words in COMMANDS.items():
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            _run(words)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            if k >= 0:
+                spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+                taken[name].append(spent)
+    return {name: np.array(column) for name, column in taken.items()}
+
+
+def _run(words: tuple[str, ...], *flags: str) -> str:
+    """Run Python with some words, and return what it says on standard error."""
+    # With its bytecode kept, as everywhere; some containers forbid that.
+    env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    return subprocess.run([sys.executable, *flags, *words], env=env, capture_output=True, text=True).stderr
+
+
+def _split(words: tuple[str, ...], whole: Spread, times: dict[str, np.ndarray]) -> str:
+    """Return a table of the time that each package's modules take to import, and of the rest."""
+    found: Counter[str] = Counter()
+    for self_time, name in re.findall(
+        r"import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", _run(words, "-X", "importtime")
+    ):
+        package = name.partition(".")[0]
+        found["Python's own" if package in sys.stdlib_module_names else package] += int(self_time) * 1e-6
+    first = float(times[PINOCCHIO].min())
+    rows = [[name, f"{t:.3f}", f"{t / first:.2f}"] for name, t in found.most_common(SHOWN)]
+    others = sum(found.values()) - sum(t for _, t in found.most_common(SHOWN))
+    rest = max(0.0, whole.median - sum(found.values()))
+    for name, t in (("other imports", others), ("the run itself: robot, loop, metrics, table", rest)):
+        rows.append([name, f"{t:.3f}", f"{t / first:.2f}"])
+    return table(["", "s", "times `import pinocchio`"], rows)
+
+
+if __name__ == "__main__":
+    main()
