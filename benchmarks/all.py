@@ -24,6 +24,7 @@ SCRIPTS = {
     "first_result": True,
     "prepared": True,
     "start": True,
+    "sweep": True,
     "export": True,
     "supervisor": True,
     "inverse_kinematics": True,

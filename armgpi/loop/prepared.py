@@ -31,9 +31,9 @@ _MOST_STEPS = 1e15
 #: How many configurations of the reference are checked against the joint limits before the run.
 _MOST_CHECKS = 2001
 #: How many they are at least, where the reference of a large batch ...
-_FEWEST_CHECKS = 65
+_FEWEST_CHECKS = 17
 #: ... has more numbers in all than this.
-_CHECKED_NUMBERS = 1 << 20
+_CHECKED_NUMBERS = 1 << 18
 #: Seconds after which a run gets a progress bar.
 _LONG = 2.0
 #: What takes the samples of a run.

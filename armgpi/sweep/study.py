@@ -183,14 +183,18 @@ class Study:
         found = self._ran(drawn, seeds)
         return {name: found[name].values for name in (*self.metrics, "status")}
 
-    def _ran(self, drawn: Array, seeds: Any) -> Any:
-        """Return rollouts with these numbers, (rows, width), and seeds."""
+    def values(self, drawn: Array) -> dict[str, Any]:
+        """Return what was drawn, (rows, width), as a prepared loop takes it."""
         values, place = dict(self._fixed()), 0
         for name, each in self.varied.items():
             part = drawn[:, place : place + each.joints]
             values[name] = part if each.joints > 1 else part[:, 0]
             place += each.joints
-        return _compiled(self._loop(), values, seeds)
+        return values
+
+    def _ran(self, drawn: Array, seeds: Any) -> Any:
+        """Return rollouts with these numbers, (rows, width), and seeds."""
+        return _compiled(self._loop(), self.values(drawn), seeds)
 
     def config_of(
         self, row: Mapping[str, float], index: int = 0, seed: int | None = None

@@ -1,0 +1,155 @@
+"""Sweeps: a million rollouts beside the bare loop, and two Dask workers beside one.
+
+python benchmarks/sweep.py [--quick]
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import logging
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import _page
+import numpy as np
+from _timing import Spread, spread, table
+from dask.distributed import Client, LocalCluster
+
+import armgpi
+from armgpi.config import parse
+from armgpi.sweep import workers
+from armgpi.sweep.study import Study, chunk_file, save
+
+#: The paper's arm with networks, all that is common varied.
+STUDY = """
+robot: {{name: anthropomorphic3}}
+plant: {{encoder_bits: 16, delay: 1, loads: [{{type: step, amplitude: 0.1, onset: 0.1}}]}}
+controllers: [{{type: network}}]
+reference: {{points: [[0, 0.4, -0.4], [0.2, 0.6, -0.2]], durations: 0.5, holds: [0.1, {hold}]}}
+t_final: {t_final}
+vary:
+  plant.payload: {{uniform: [0.0, 0.2]}}
+  plant.delay: {{choices: [0, 1, 2]}}
+  plant.loads.0.onset: {{uniform: [0.0, 0.5]}}
+  plant.loads.0.amplitude: {{normal: [0.0, 0.1], each: joint}}
+  controller.leak: {{uniform: [1.0, 5.0]}}
+  controller.inertia_scale: {{log_uniform: [0.8, 1.25]}}
+  reference.durations.0: {{uniform: [0.3, 0.8]}}
+"""
+DT = 1e-3
+
+
+def main() -> None:
+    page = _page.begin(__file__, "Sweeps")
+    rollouts, seconds, rounds = (1 << 14, 4.0, 1) if page.quick else (10**6, 40.0, 3)
+    with tempfile.TemporaryDirectory() as folder:
+        wall, processor = _million(Path(folder, "million"), rollouts)
+        bare = {varied: _bare(Path(folder, "million"), varied) for varied in (True, False)}
+        ratio, chunk = _workers(Path(folder), seconds, rounds)
+    _page.say(
+        f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask, which "
+        f"have started, the numbers of the study varied and every metric kept: {wall:.0f} s on the wall, "
+        f"{processor:.0f} s of processor time, drawing and writing chunks included. The bare loop keeps the "
+        f"first and the last sample alone; it takes {1e6 * bare[True]:.4f} µs a rollout-step with the same "
+        f"numbers varied, and {1e6 * bare[False]:.4f} µs with nothing varied (4096 rollouts on one thread, "
+        "without their start, processor time, median of 5). Two workers and one take turns with eight chunks "
+        f"of {chunk:.0f} s, in {rounds} rounds, by the wall."
+    )
+    taken = np.array([processor / (rollouts * 2000)])
+    goals = [
+        ("processor time over the bare loop's for as many steps", 1.3, spread(taken / bare[True])),
+        ("the same, nothing varied in the bare loop", 1.3, spread(taken / bare[False])),
+        ("one Dask worker's time over that of two", 1.9, ratio),
+    ]
+    rows = []
+    for what, bound, found in goals:
+        kept = found.median >= bound if bound == 1.9 else found.median <= bound
+        rows.append(
+            [what, f"at {'least' if bound == 1.9 else 'most'} {bound}", found, "yes" if kept else "no"]
+        )
+    print()
+    print(table(["", "goal", "found", "kept"], rows))
+    page.figures.update({"wall": wall, "bare": list(bare.values()), "workers": ratio._asdict()})
+    page.write()
+
+
+def _study(folder: Path, t_final: float) -> Study:
+    """Return a study in its folder."""
+    found = Study.of(*parse(STUDY.format(hold=t_final - 0.6, t_final=t_final), "study.yaml"))
+    save(found, folder)
+    return found
+
+
+def _million(folder: Path, rollouts: int) -> tuple[float, float]:
+    """Run a sweep by two workers; return its time on the wall, and the processor time of both [s]."""
+    study = _study(folder, 2.0)
+    chunks = [(i, study.rows(i, rollouts)) for i in range(-(-rollouts // study.size))]
+    with _cluster(2) as cluster, Client(cluster) as client:
+        for part in ([(len(chunks), 8), (len(chunks) + 1, 8)], chunks):  # the first one has them started
+            begun, before = time.perf_counter(), sum(client.run(time.process_time).values())
+            if broken := workers.run(folder, part, lambda rows: None, cluster=cluster.scheduler_address):
+                sys.exit(f"a chunk is broken: {broken}")
+        spent = sum(client.run(time.process_time).values()) - before
+        return time.perf_counter() - begun, spent
+
+
+def _bare(folder: Path, varied: bool) -> float:
+    """Return what the loop takes for a step of a rollout, on one thread [s]."""
+    study, steps = _study(folder, 2.0), 2000
+    drawn, values, q0 = study.numbers(0, study.size), {}, None
+    if varied:
+        values = study.values(drawn)
+    else:
+        q0 = np.tile(study.experiment.reference.at(0.0).q, (study.size, 1))
+    parts = (
+        study.experiment.plant,
+        next(iter(study.experiment.controllers.values())),
+        study.experiment.reference,
+    )
+    times = {}
+    for count in (1, steps):
+        loop = armgpi.prepare(*parts, count * DT, record_every=count, backend="compiled")
+        loop.run(values, q0=q0)
+        taken = []
+        for _ in range(5):
+            begun = time.process_time()
+            loop.run(values, q0=q0)
+            taken.append(time.process_time() - begun)
+        times[count] = float(np.median(taken))
+    return (times[steps] - times[1]) / (study.size * (steps - 1))
+
+
+def _workers(folder: Path, seconds: float, rounds: int) -> tuple[Spread, float]:
+    """Return how many times as fast two workers are, and what a chunk takes [s]."""
+    study = _study(folder / "long", seconds)
+    chunk, ratios, alone = 0, [], 1.0
+    with _cluster(2) as two, _cluster(1) as one:
+        for number in range(rounds + 1):  # the first one warms up
+            taken = []
+            for cluster in (two, one):
+                chunks = [(chunk + i, study.size if number else 8) for i in range(8)]
+                chunk += 8
+                begun = time.perf_counter()
+                if workers.run(folder / "long", chunks, lambda rows: None, cluster=cluster.scheduler_address):
+                    sys.exit("a chunk is broken")
+                taken.append(time.perf_counter() - begun)
+            if number:
+                ratios.append(taken[1] / taken[0])
+                alone = taken[1] / 8.0
+    assert chunk_file(folder / "long", chunk - 1, study.size).is_file()
+    return spread(np.array(ratios)), alone
+
+
+def _cluster(count: int) -> LocalCluster:
+    """Return workers with a thread each."""
+    options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    return LocalCluster(n_workers=count, **options)
+
+
+if __name__ == "__main__":
+    main()
