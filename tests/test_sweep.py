@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from armgpi import files
 from armgpi.cli import main
 from armgpi.codegen import build
 from armgpi.config import build as build_experiment
@@ -353,6 +354,12 @@ def test_bad_studies_are_refused(text: str, said: str) -> None:
 def test_a_folder_of_another_study_is_refused(done: Path) -> None:
     with pytest.raises(RolloutError, match="another study"):
         study.save(made(TEXT.replace("0.05", "0.07")), done)
+    for name in (study.EXPERIMENT, "study.yaml"):  # of a run, of a search
+        (done / "other").mkdir(exist_ok=True)
+        (done / "other" / name).write_text("robot: {name: ur5}")
+        with pytest.raises(RolloutError, match="something else"):
+            study.save(made(), done / "other")
+        (done / "other" / name).unlink()
     damaged = done / study.CHUNKS / "000000-16.npy"
     before = damaged.read_bytes()
     damaged.write_bytes(b"x")
@@ -372,6 +379,28 @@ def test_a_broken_chunk_is_named_and_not_fatal(tmp_path: Path, monkeypatch: pyte
     assert list(broken) == [0]
     assert "no disk" in broken[0]
     assert counted == []
+
+
+def test_a_disk_that_fills_up_ends_the_sweep_and_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    file.write_text(TEXT)
+    write = files.write
+
+    def full(path: Path, content: Any) -> Path:
+        if path.name.startswith("000001"):
+            raise RolloutError(f"{path}: cannot be written: No space left on device")
+        return write(path, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "write", full)
+        assert called("sweep", str(file), "--rollouts", "40", "--out", str(out)) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "000001-16.npy: cannot be written: No space left" in said
+    assert [path.name for path in (out / study.CHUNKS).iterdir()] == ["000000-16.npy"]
+    assert not called("sweep", str(file), "--rollouts", "40", "--out", str(out))
 
 
 def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

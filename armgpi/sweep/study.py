@@ -294,6 +294,10 @@ def _compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds
             raise BackendError(f"a sweep needs generated code: {reason}") from None
 
 
+class NoRoom(RolloutError):
+    """A chunk cannot be written, and so none can."""
+
+
 #: The prepared loop of this process's study.
 _loops: dict[str, PreparedLoop] = {}
 
@@ -314,12 +318,24 @@ def save(study: Study, folder: Path) -> None:
         if known != study.digest:
             raise RolloutError(f"{folder}: holds another study; choose another folder")
         return
+    text = dump(study.config)
+    # Of a run, of a search; that of a sweep which was killed between its two files goes on.
+    if _other(folder / "study.yaml", "") or _other(folder / EXPERIMENT, text):
+        raise RolloutError(f"{folder}: holds something else; choose another folder")
     try:
         (folder / CHUNKS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
-    files.write(folder / EXPERIMENT, dump(study.config))
+    files.write(folder / EXPERIMENT, text)
     files.write(place, json.dumps(settings, indent=2) + "\n")
+
+
+def _other(place: Path, text: str) -> bool:
+    """Tell whether there is a file with another text."""
+    try:
+        return place.exists() and place.read_text(encoding="utf-8") != text
+    except (OSError, ValueError):
+        return True
 
 
 @lru_cache(maxsize=4)
@@ -346,13 +362,21 @@ def chunk_file(folder: Path, chunk: int, rows: int) -> Path:
 
 
 def run_chunk(folder: Path, chunk: int, rows: int) -> Path:
-    """Run a chunk, where it is not there already, and write it whole before returning."""
+    """Run a chunk, where it is not there already, and write it whole before returning.
+
+    Raises:
+        ArmgpiError: when it cannot be run.
+        NoRoom: when it cannot be written.
+    """
     place = chunk_file(folder, chunk, rows)
     if place.is_file():
         return place
     content = io.BytesIO()
     np.save(content, load(folder).run(chunk, rows))
-    return files.write(place, content.getvalue())
+    try:
+        return files.write(place, content.getvalue())
+    except RolloutError as error:
+        raise NoRoom(str(error)) from None
 
 
 def with_value(study: Study, name: str, value: Any) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from armgpi.errors import ArmgpiError, BackendError
-from armgpi.sweep.study import run_chunk
+from armgpi.sweep.study import NoRoom, run_chunk
 
 #: How long to wait for a cluster [s].
 _PATIENCE = 10.0
@@ -37,6 +37,7 @@ def run(
 
     Raises:
         BackendError: when Dask is not installed or the cluster does not answer.
+        NoRoom: when a chunk cannot be written; those before it are there.
     """
     if workers == 1 and cluster is None:
         return _here(folder, chunks, done)
@@ -55,10 +56,17 @@ def run(
         # A chunk is on the disk before its future is done: a lost worker loses nothing that was finished.
         for future in distributed.as_completed(list(rows)):
             chunk, count = rows[future]
-            if future.status == "finished" and (reason := future.result()) == "":
-                done(count)
+            if future.status != "finished":
+                broken[chunk] = _said(future.exception())
+                continue
+            reason, room = future.result()
+            if not room:
+                client.cancel(list(rows))
+                raise NoRoom(reason)
+            if reason:
+                broken[chunk] = reason
             else:
-                broken[chunk] = reason if future.status == "finished" else _said(future.exception())
+                done(count)
     return broken
 
 
@@ -69,19 +77,25 @@ def _here(folder: Path, chunks: Sequence[tuple[int, int]], done: Callable[[int],
         try:
             run_chunk(folder, chunk, count)
             done(count)
+        except NoRoom:
+            raise
         except ArmgpiError as error:
             broken[chunk] = str(error)
     return broken
 
 
-def _task(folder: str, chunk: int, rows: int) -> str:
-    """Run a chunk in a worker, which has one core; return why it could not be run, empty when it was."""
+def _task(folder: str, chunk: int, rows: int) -> tuple[str, bool]:
+    """Run a chunk in a worker, which has one core.
+
+    Returns:
+        Why it could not be run, empty when it was, and whether it could be written.
+    """
     os.environ["OMP_NUM_THREADS"] = "1"
     try:
         run_chunk(Path(folder), chunk, rows)
     except ArmgpiError as error:  # the same wherever it runs: no use in trying again
-        return str(error)
-    return ""
+        return str(error), not isinstance(error, NoRoom)
+    return "", True
 
 
 def _said(error: BaseException | None) -> str:
