@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -101,6 +102,37 @@ def test_a_run_imports_neither_dask_nor_what_it_does_not_use() -> None:
         "assert importlib.util.find_spec('dask') is not None"
     )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_every_command_that_reports_has_json_and_a_page() -> None:
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    flags = {
+        name: {flag for each in command.params for flag in each.opts} for name, command in commands.items()
+    }
+    for name in ("run", "compare", "sweep", "zoo", "tune", "contend", "inspect", "validate", "loop"):
+        assert {"--json", "--report"} <= flags[name], name
+    # Whatever loads a URDF by way of the command line is told where its meshes are.
+    assert all("--package-dir" in each for each in flags.values() if "--lock" in each)
+    assert all({"--controller", "--controllers"} <= each for each in flags.values() if "--controller" in each)
+
+
+def test_what_is_inspected_and_the_zoo_are_pages_too(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    for name, words in {"inspect": (ARM,), "zoo": (ARM,), "validate": ("paper", "--robot", ARM)}.items():
+        page = tmp_path / f"{name}.html"
+        assert cli(name, *words, "--report", page).code == 0
+        text = page.read_text()
+        assert "<table class=data" in text
+        assert str(ROOT) not in text
+        assert cli(name, *words, "--report", tmp_path).code == 2  # a folder
+
+
+def test_doctor_names_every_extra() -> None:
+    from armgpi.cli.doctor import _EXTRAS
+
+    declared = (ROOT / "pyproject.toml").read_text().partition("[project.optional-dependencies]")[2]
+    extras = set(re.findall(r"^(\w+) = \[", declared.partition("[project.scripts]")[0], re.M))
+    # `robots` has a line of its own; these are for who works on armgpi.
+    assert set(_EXTRAS) == extras - {"robots", "all", "docs", "dev", "peers"}
 
 
 def test_help_names_every_command_and_option_and_fits_80_columns(

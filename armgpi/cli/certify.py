@@ -106,6 +106,7 @@ def certify(
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
     repair: opt.Repair = None,
+    package_dir: opt.PackageDir = None,
     effort: opt.Effort = None,
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,

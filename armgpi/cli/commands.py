@@ -80,7 +80,7 @@ ENTRIES = {
     "view": Entry(
         "Robots",
         "view",
-        "Show a robot, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.",
+        "Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.",
     ),
     "report": Entry(
         "Results",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,8 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, split, stoppable
 from armgpi.cli.terminal import say
+from armgpi.cli.tune import page
+from armgpi.escape import json_data
 
 
 @stoppable
@@ -28,13 +31,17 @@ def contend(
     ] = Path("contest"),
     laws: Annotated[
         list[str] | None,
-        typer.Option("--law", metavar="NAME", help="One contender; may be repeated. All by default."),
+        typer.Option(
+            *("--controllers", "--law"), metavar="NAMES", help="Which ones; may be repeated. All by default."
+        ),
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Candidates for each law, arm and seed.")] = 241,
     seeds: Annotated[int, typer.Option(help="Searches of each law and arm.")] = 2,
     quick: Annotated[
         bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
     ] = False,
+    report: opt.ReportPage = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Tune every law alike, for several budgets of torque variation, and judge them on what none has seen.
 
@@ -62,10 +69,15 @@ def contend(
     if found := contests.transferred(entries, setting):
         tables.append(contests.transfer_table(found))
     paths = [files.write(out / "contest.md", "\n".join(tables))]
+    picture = b""
     if find_spec("matplotlib") is not None:
         from armgpi.search.pictures import contest_picture
 
-        paths.append(files.write(out / "contest.png", contest_picture(entries)))
-    say("\n".join(tables), lines=True)
+        picture = contest_picture(entries)
+        paths.append(files.write(out / "contest.png", picture))
+    text = "\n".join(tables)
+    say(json.dumps(json_data([entry._asdict() for entry in entries])) if as_json else text, lines=True)
+    if report is not None:
+        paths.append(files.write(report, page("Contest of the laws", text, picture)))
     for path in paths:
         say(f"wrote {path}", err=True)

@@ -41,6 +41,7 @@ def derive(
     numbers: Numbers = False,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    package_dir: opt.PackageDir = None,
     out: Out = None,
 ) -> None:
     """Derive D, C and G of an arm of up to four joints in closed form.

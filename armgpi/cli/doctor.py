@@ -17,11 +17,22 @@ from armgpi.cli.terminal import say
 
 #: Extra -> the packages that it brings, by distribution and module.
 _EXTRAS = {
-    "viz": (("matplotlib", "matplotlib"), ("meshcat", "meshcat")),
+    "viz": (
+        *(("matplotlib", "matplotlib"), ("meshcat", "meshcat"), ("plotly", "plotly")),
+        *(("trimesh", "trimesh"), ("pycollada", "collada")),
+    ),
     "check": (("yourdfpy", "yourdfpy"),),
     "mujoco": (("mujoco", "mujoco"),),
+    "derive": (("sympy", "sympy"),),
     "compiled": (("casadi", "casadi"),),
+    "tune": (("cma", "cma"),),
+    "optuna": (("optuna", "optuna"),),
+    "cluster": (("dask", "dask"), ("distributed", "distributed")),
+    "certify": (("clarabel", "clarabel"),),
     "play": (("ziglang", "ziglang"),),
+    "envs": (("gymnasium", "gymnasium"),),
+    "mcap": (("mcap", "mcap"), ("mcap-ros2-support", "mcap_ros2")),
+    "rerun": (("rerun-sdk", "rerun"),),
 }
 _NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "pydantic", "typer", "rich", "PyYAML")
 _OLDEST_PIN, _OLDEST_DATA = 4, 6

@@ -6,7 +6,8 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -55,6 +56,7 @@ def inspect(
     dt: opt.SampleTime = None,
     payload: _Payload = 0.5,
     cross_check: _CrossCheck = False,
+    page: opt.ReportPage = None,
     as_json: opt.Json = False,
 ) -> None:
     """Report what a robot's model is, what will bite, and what a controller will do with it.
@@ -63,8 +65,11 @@ def inspect(
     armgpi inspect ur5
     armgpi inspect my_arm.urdf --lock gripper --cross-check
     """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.cli.pictures import check_file
     from armgpi.health import report as health
 
+    if page is not None:
+        check_file(page, "--report")
     report = health.inspect(
         robot,
         locks(lock or []),  # type: ignore[arg-type]  # a joint without a value is locked as by name alone
@@ -90,68 +95,102 @@ def inspect(
         say(json.dumps(data))
     else:
         _show(report)
+    if page is not None:
+        from armgpi.viz import meshcat
+
+        say(f"wrote {meshcat.write(_page(report), page)}", err=True)
     if report.has_errors:
         sys.exit(FAILED)
 
 
 def _show(report: HealthReport) -> None:
     """Print the report: facts, joints, findings."""
-    facts = report.facts
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
     console = console_of(width, soft_wrap=True)
-    console.print(
-        f"{shown(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
-        f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
-        f"from {facts['base']!r} to {facts['tip']!r}"
-    )
-    console.print(f"file: {shown(facts['source'])}")
-    if facts["locked"]:
-        locked = (f"{shown(name)} at {x:g}" for name, x in facts["locked"].items())
-        console.print("locked: " + ", ".join(locked))
-    _show_joints(console, facts["joints"])
-    control = facts["control"]
-    console.print(
-        f"over {facts['configurations']} configurations: D(q) has eigenvalues from "
-        f"{facts['least_eigenvalue']:.3g} and condition up to {facts['condition']:.3g}"
-    )
-    console.print(
-        f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
-        f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column"
-    )
-    if (law := facts["untuned"]) is not None:
-        _show_untuned(console, law, [joint["name"] for joint in facts["joints"]])
-    load = facts["payload"]
-    less, more = load["delta_unknown"][0], load["delta_nominal"][1]
-    console.print(
-        f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
-        f"true one; with it, and the load gone, 1 to {more:.3g}"
-    )
-    console.print(
-        f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
-        f"{load['largest_nominal']:.3g} kg as --payload-range at the default bandwidth, "
-        f"{load['largest_held']:.3g} kg by effort"
-    )
-    if "cross_check" in facts and not facts["cross_check"]["differences"]:
-        check = facts["cross_check"]
-        console.print(
-            f"cross-check: yourdfpy reads the same axes, limits and poses of {check['links']} links at "
-            f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
-        )
+    for sentence in _what_it_is(report.facts):
+        console.print(sentence)
+    _show_joints(console, report.facts["joints"])
+    for sentence in _what_follows(report.facts):
+        console.print(sentence)
     _show_findings(console, report.findings)
 
 
-def _show_untuned(console: Any, law: dict[str, Any], names: list[str]) -> None:
-    """Print what GPI takes for the arm when nobody tunes it."""
+def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
+    """Return in sentences what the model is."""
+    said = [
+        f"{shown(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
+        f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
+        f"from {facts['base']!r} to {facts['tip']!r}",
+        f"file: {shown(facts['source'])}",
+    ]
+    if facts["locked"]:
+        said.append("locked: " + ", ".join(f"{shown(name)} at {x:g}" for name, x in facts["locked"].items()))
+    return said
+
+
+def _what_follows(facts: Mapping[str, Any]) -> list[str]:
+    """Return in sentences what a controller will do with it."""
+    control, load = facts["control"], facts["payload"]
+    less, more = load["delta_unknown"][0], load["delta_nominal"][1]
+    said = [
+        f"over {facts['configurations']} configurations: D(q) has eigenvalues from "
+        f"{facts['least_eigenvalue']:.3g} and condition up to {facts['condition']:.3g}",
+        f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
+        f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column",
+        *_untuned(facts),
+        f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
+        f"true one; with it, and the load gone, 1 to {more:.3g}",
+        f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
+        f"{load['largest_nominal']:.3g} kg as --payload-range at the default bandwidth, "
+        f"{load['largest_held']:.3g} kg by effort",
+    ]
+    if "cross_check" in facts and not facts["cross_check"]["differences"]:
+        check = facts["cross_check"]
+        said.append(
+            f"cross-check: yourdfpy reads the same axes, limits and poses of {check['links']} links at "
+            f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
+        )
+    return said
+
+
+def _untuned(facts: Mapping[str, Any]) -> list[str]:
+    """Return what GPI takes for the arm when nobody tunes it."""
+    if (law := facts["untuned"]) is None:
+        return []
+    name = [joint["name"] for joint in facts["joints"]]
     slowest, fastest = min(law["omega_c"]), max(law["omega_c"])
     shares = law["count_share"]
     j = shares.index(max(shares))
     phase, delay, (low, high) = law["phase_margin"], law["delay_margin"], law["delta"]
-    console.print(
+    return [
         f"untuned: {law['integrators']} integrator, roll-off {law['rolloff']}, omega_c = {slowest:.3g} to "
         f"{fastest:.3g} rad/s; phase margin {math.degrees(phase):.3g} deg, stable for delta {low:.2g} to "
-        f"{high:.2g}, delay margin {1e3 * delay:.3g} ms; one count moves the torque of {shown(names[j])} by "
+        f"{high:.2g}, delay margin {1e3 * delay:.3g} ms; one count moves the torque of {shown(name[j])} by "
         f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort"
-    )
+    ]
+
+
+def _page(report: HealthReport) -> str:
+    """Return the report as a page: the verdict, what was found, the joints, what a controller will do."""
+    from armgpi.viz import page
+
+    facts = report.facts
+    joints = [[joint["name"], *(column.text(joint) for column in _COLUMNS)] for joint in facts["joints"]]
+    found = [[each.level, each.where, each.message, each.repair or _option(each)] for each in report.findings]
+    kind = "bad" if report.has_errors else "good"
+    sections = {
+        "Findings": page.table(
+            ["level", "where", "finding", "what to do"], found, label="findings", words=(1, 2, 3)
+        )
+        if found
+        else "<p>None.</p>",
+        "Joints": page.table(["joint", *(column.heading for column in _COLUMNS)], joints, label="joints"),
+        "What a controller will do with it": page.bullets(_what_follows(facts)),
+    }
+    verdict = f"<p class={kind}>{page.text(_counted(report.findings))}</p>"
+    # Of the file its name alone: a page is passed on.
+    said = page.bullets(_what_it_is({**facts, "source": Path(facts["source"]).name}))
+    return page.document(facts["name"], verdict + said, sections)
 
 
 def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
@@ -190,8 +229,13 @@ def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
         option = _option(finding)
         remedy = f"{'; ' if finding.repair else ' -> '}{option}" if option else ""
         console.print(f"{finding.level}: {shown(f'{finding}{remedy}')}", style=styles[finding.level])
-    count = {level: sum(f.level == level for f in findings) for level in styles}
-    console.print(f"{count['error']} errors, {count['warning']} warnings, {count['info']} infos")
+    console.print(_counted(findings))
+
+
+def _counted(findings: tuple[Finding, ...]) -> str:
+    """Return how many findings there are."""
+    levels = [finding.level for finding in findings]
+    return f"{levels.count('error')} errors, {levels.count('warning')} warnings, {levels.count('info')} infos"
 
 
 def _option(finding: Finding) -> str:

@@ -85,6 +85,7 @@ def loop(
     view: View = False,
     out: opt.Out = None,
     force: opt.Force = False,
+    report: opt.Report = None,
     **options: Any,
 ) -> None:
     """Run arm and controller as two processes over UDP, in wall-clock time, with faults.
@@ -94,6 +95,7 @@ def loop(
     armgpi loop panda --kill 2 --policy fifo --out results
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config as configuration
+    from armgpi.cli import pictures
     from armgpi.cli.experiment import check_out, note_differences
     from armgpi.cli.settings import settings
     from armgpi.config import experiment as experiments
@@ -109,6 +111,7 @@ def loop(
     }
     experiment = configuration.build(*settings({**options, **chosen}, compare=False))
     check_out({**options, **chosen}, experiment)
+    pictures.check({"plot": None, "view": view, "html": None, "report": report})
     note_differences(experiment)
     label, *others = experiment.runs
     if others:
@@ -133,6 +136,13 @@ def loop(
     files = {"loop.json": json.dumps(found, indent=2) + "\n"}
     for path in experiments.save(outcome.rollout, experiment, out, files) if out is not None else ():
         say(f"wrote {path}", err=True)
+    if report is not None:
+        from armgpi.viz import report as reports
+
+        page = reports.build(
+            outcome.rollout, experiment.robot, configuration=configuration.dump(experiment.config)
+        )
+        say(f"wrote {reports.write(page, report)}", err=True)
     say(json.dumps(found)) if as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
 

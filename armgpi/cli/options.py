@@ -42,6 +42,7 @@ ConfigFile = Annotated[
 Controller = Annotated[
     str | None,
     typer.Option(
+        *("--controller", "--controllers"),
         metavar="NAME",
         help="{controllers}; or a label of the file. Default: gpi, or untuned with an encoder or delay.",
     ),
@@ -49,6 +50,7 @@ Controller = Annotated[
 Controllers = Annotated[
     str | None,
     typer.Option(
+        *("--controllers", "--controller"),
         metavar="NAMES",
         help="Which ones of {controllers}: 'gpi,pid' by default, 'untuned,pid' with an encoder or delay; or "
         "labels of the experiment file.",
@@ -275,6 +277,10 @@ Report = Annotated[
     typer.Option(
         "--report", metavar="FILE", help="Write tables, plots, animation and data as one HTML file."
     ),
+]
+ReportPage = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="FILE", help="Write it as one HTML file.", show_default=False),
 ]
 Interactive = Annotated[
     bool,

@@ -16,6 +16,7 @@ from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import console, say
+from armgpi.escape import json_data
 
 # What takes long to import is imported by the command, so that --help answers at once.
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ def sweep(
             show_default=False,
         ),
     ] = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Run an experiment many times with drawn numbers and say how often it fails, with intervals.
 
@@ -80,12 +82,14 @@ def sweep(
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
         for option in (name for name, given in others.items() if given):
             raise refusal(option, "--rare has its levels one after the other in this process, and no page")
-        _rare(study, out, count)
+        _rare(study, out, count, as_json)
         return
-    sys.exit(FAILED if _ran(study, out, count, workers, cluster, report) else OK)
+    sys.exit(FAILED if _ran(study, out, count, workers, cluster, report, as_json) else OK)
 
 
-def _ran(study: Study, out: Path, count: int, workers: int, cluster: str | None, report: Path | None) -> bool:
+def _ran(
+    study: Study, out: Path, count: int, workers: int, cluster: str | None, report: Path | None, as_json: bool
+) -> bool:
     """Run and print a sweep, and tell whether a chunk is broken."""
     from armgpi.sweep import results
     from armgpi.sweep import workers as running
@@ -102,7 +106,10 @@ def _ran(study: Study, out: Path, count: int, workers: int, cluster: str | None,
     found = results.collect(study, out, count)
     written = results.write(study, found, out)
     said = results.summary(study, found)
-    _print(study, said, results.sentences(said))
+    if as_json:
+        say(json.dumps(json_data(said)))
+    else:
+        _print(study, said, results.sentences(said))
     if report is not None:
         from armgpi.sweep import pictures
         from armgpi.viz.report import write
@@ -112,14 +119,14 @@ def _ran(study: Study, out: Path, count: int, workers: int, cluster: str | None,
     return bool(broken)
 
 
-def _rare(study: Study, out: Path, count: int) -> None:
+def _rare(study: Study, out: Path, count: int, as_json: bool) -> None:
     """Say how probable failures are that are too rare to be met at random."""
     from armgpi.sweep import rare
     from armgpi.sweep.results import write_worst
 
     found, last = rare.simulate(study, out, count, lambda rows: say(f"a level of {rows} rollouts", err=True))
     said = rare.summary(study, found, last)
-    for sentence in rare.sentences(said):
+    for sentence in [json.dumps(json_data(said))] if as_json else rare.sentences(said):
         say(sentence)
     written = [files.write(out / "rare.json", json.dumps(said, indent=2) + "\n")]
     written += write_worst(out / "rare", rare.worst(study, last))

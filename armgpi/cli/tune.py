@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from importlib.util import find_spec
@@ -10,9 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, known_backend, refusal, stoppable
 from armgpi.cli.terminal import say
+from armgpi.escape import json_data
 
 if TYPE_CHECKING:
     from armgpi.search.study import Study
@@ -34,6 +37,8 @@ def tune(
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="NUMBER", help="Of the search; the file's.")] = None,
     backend: Annotated[str, typer.Option(metavar="NAME", help="numpy, compiled or auto.")] = "compiled",
+    report: opt.ReportPage = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Search for the numbers of a controller, and validate what is found on scenarios that it never saw.
 
@@ -61,18 +66,32 @@ def tune(
     study.run(told, kept)
     found, default = study.validated(), study.given()
     paths = results.finish(out, wanted, study, found, default)
+    picture = b""
     if find_spec("matplotlib") is not None:
-        from armgpi import files
         from armgpi.search.pictures import study_picture
 
-        paths.append(files.write(out / "study.png", study_picture(study, found, default)))
+        picture = study_picture(study, found, default)
+        paths.append(files.write(out / "study.png", picture))
     else:
         say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
-    say(results.report(study, found, default), lines=True)
+    text = results.report(study, found, default)
+    say(json.dumps(json_data(results.as_data(study, found, default))) if as_json else text, lines=True)
+    if report is not None:
+        paths.append(files.write(report, page(f"Search on {file.name}", text, picture)))
     for path in paths:
         say(f"wrote {path}", err=True)
     if not found:
         sys.exit(FAILED)
+
+
+def page(title: str, markdown: str, picture: bytes) -> str:
+    """Return tables and a picture, if there is one, as a page."""
+    from armgpi.viz import page
+
+    sections = {"Result": page.from_markdown(markdown, "what was found")}
+    if picture:
+        sections["Pictures"] = page.picture(picture, title)
+    return page.document(title, "", sections)
 
 
 def _progress(study: Study, spent: float, kept: int) -> None:

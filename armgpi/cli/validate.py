@@ -51,7 +51,9 @@ TimeLimit = Annotated[
         help="How long one call of the model may take [s]; reading it, twelve times that.",
     ),
 ]
-Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write the report as a page.")]
+Html = Annotated[
+    Path | None, typer.Option("--report", "--html", metavar="FILE", help="Write the report as one HTML file.")
+]
 Suggest = Annotated[
     Path | None,
     typer.Option("--suggest-urdf", metavar="FILE", help="Write a URDF whose parameters fit the model best."),
@@ -83,6 +85,7 @@ def validate(
     robot: Reference = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
+    package_dir: opt.PackageDir = None,
     frame: FrameName = None,
     rtol: Tolerance = 1e-9,
     joints: Joints = None,
@@ -102,7 +105,7 @@ def validate(
 
     \b
     armgpi validate paper --robot anthropomorphic3
-    armgpi validate my_arm.py --robot my_arm.urdf --html report.html
+    armgpi validate my_arm.py --robot my_arm.urdf --report report.html
     armgpi validate my_arm.py --suggest-urdf my_arm.urdf
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.validation.check import validate as validated
@@ -146,4 +149,4 @@ def _write(report: DynamicsReport, files: Mapping[str, Path | None]) -> None:
     """Write a report in the forms that are asked for."""
     for form, path in files.items():
         if path is not None:
-            write(path, getattr(report, form)(), f"--{form}")
+            write(path, getattr(report, form)(), f"--{'report' if form == 'html' else form}")

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 #: Endings of logs, as :mod:`armgpi.loop.logs` writes them.
 LOGS = (".mcap", ".rrd")
-_Target = Annotated[
-    str,
+_Targets = Annotated[
+    list[str],
     typer.Argument(
-        metavar="ROBOT|FILE",
-        help="Name of a robot, path of a URDF file, or a rollout (.nc).",
+        metavar="ROBOT...|FILE",
+        help="Names of robots or paths of URDF files, shown side by side; or a rollout (.nc).",
         show_default=False,
     ),
 ]
@@ -47,7 +47,7 @@ _Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open it i
 
 @stoppable
 def view(
-    target: _Target,
+    targets: _Targets,
     html: opt.Html = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
@@ -59,17 +59,18 @@ def view(
     port: opt.Port = None,
     browser: _Open = False,
 ) -> None:
-    """Show a robot, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.
+    """Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.
 
     \b
     armgpi view panda
+    armgpi view ur5 panda kinova
     armgpi view results/rollout.nc --html arm.html
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
     from armgpi.viz import meshcat
 
     pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
-    page = _page(target, lock, keep, mimic, repair, robot, frame)
+    page = _page(targets, lock, keep, mimic, repair, robot, frame)
     if html is not None:
         say(f"wrote {meshcat.write(page, html)}", err=True)
     else:
@@ -124,7 +125,7 @@ def report(
 
 
 def _page(
-    target: str,
+    targets: list[str],
     lock: list[str] | None,
     keep: list[str] | None,
     mimic: Any,
@@ -133,27 +134,36 @@ def _page(
     frame: str | None,
 ) -> str:
     """Return the page of what shall be shown."""
-    from armgpi.cli.parsing import locks, split
     from armgpi.loop import rollout as rollouts
-    from armgpi.robot.robot import Robot
     from armgpi.viz import meshcat, scene
 
+    given = {"--lock": lock, "--keep": keep, "--mimic": mimic, "--repair": repair}
+    target = targets[0]
     if Path(target).suffix.lower() == ".nc":
-        for option, value in (
-            *(("--lock", lock), ("--keep", keep)),
-            *(("--mimic", mimic), ("--repair", repair)),
-        ):
-            if value:
-                raise refusal(option, "is for robots; a rollout has its joints locked already")
+        for option in (option for option, value in given.items() if value):
+            raise refusal(option, "is for robots; a rollout has its joints locked already")
+        if len(targets) > 1:
+            raise refusal("FILE", f"one rollout at a time, or `armgpi report {' '.join(targets)}`")
         result = rollouts.load(target)
         arm = scene.robot_of(result, Path(target).parent) if robot is None else _arm(robot, result)
         return meshcat.rollout_page(result, arm, frame=frame)
+    given = {"--lock": lock, "--keep": keep, "--frame": frame}
+    for option in (option for option, value in given.items() if value and len(targets) > 1):
+        raise refusal(option, "is for one robot at a time")
     if robot is not None:
         raise refusal("--robot", "requires a rollout")
+    return meshcat.robot_page(*(_robot(name, lock, keep, mimic, repair) for name in targets), frame=frame)
+
+
+def _robot(
+    name: str, lock: list[str] | None, keep: list[str] | None, mimic: Any, repair: list[str] | None
+) -> Robot:
+    """Load a robot that is looked at: joints that mimic another follow it, if nothing else is said."""
+    from armgpi.cli.parsing import locks, split
+    from armgpi.robot.robot import Robot
+
     locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
-    kept = split(keep) if keep else None
-    shown = Robot.load(target, locked, kept, mimic or "lock", split(repair or []))
-    return meshcat.robot_page(shown, frame=frame)
+    return Robot.load(name, locked, split(keep) if keep else None, mimic or "follow", split(repair or []))
 
 
 def _arm(name: str, result: xr.Dataset) -> Robot:

@@ -26,6 +26,7 @@ def zoo(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table to a Markdown file.")
     ] = None,
+    report: opt.ReportPage = None,
     as_json: opt.Json = False,
     reality: Annotated[
         str | None,
@@ -53,6 +54,8 @@ def zoo(
     shown = run(names or list(robots.names()))
     if out is not None:
         write(out, shown.table, "--out")
+    if report is not None:
+        write(report, _page(shown), "--report")
     if as_json:
         say(json.dumps(json_data([row._asdict() for row in shown.rows])))
     else:
@@ -61,6 +64,16 @@ def zoo(
         say(remark, err=True)
     if shown.bad:
         sys.exit(FAILED)
+
+
+def _page(shown: _Shown) -> str:
+    """Return the table as a page."""
+    from armgpi.viz import page
+
+    kind = "bad" if shown.bad else "good"
+    summary = f"<p class={kind}>{'Some have diverged.' if shown.bad else 'None has diverged.'}</p>"
+    arms = {"Arms": page.from_markdown(shown.table, "arms")}
+    return page.document("Every arm", summary + page.bullets(shown.remarks), arms)
 
 
 class _Shown(NamedTuple):

@@ -192,6 +192,19 @@ def report(study: Study, found: Sequence[Validated], given: Row) -> str:
     return f"{len(study.rows)} candidates.\n\n{table}\n{remark}"
 
 
+def as_data(study: Study, found: Sequence[Validated], given: Row) -> dict[str, Any]:
+    """Return the same as plain data: the default and what was found, searched on and held out."""
+
+    def told(row: Row) -> dict[str, Any]:
+        return {**row._asdict(), "x": row.x.tolist()}
+
+    rows = [
+        {"budget": each.budget, "searched": told(each.row), "held_out": told(each.held_out)} for each in found
+    ]
+    default = {"searched": told(study.rows[0]), "held_out": told(given)}
+    return {"candidates": len(study.rows), "default": default, "found": rows}
+
+
 def _cells(row: Row, held_out: Row, against: str) -> list[str]:
     """Return the values of a candidate on both sets of scenarios."""
     return [text for each in (row, held_out) for text in (_objective(each), _short(each.means[against]))]

@@ -48,18 +48,24 @@ class ServerError(ArmgpiError):
         super().__init__(f"port {port} of {LOOPBACK} cannot be used: {reason}; choose another port")
 
 
-def robot_page(robot: Robot, *, frame: str | None = None, live: bool = False) -> str:
-    """Return a page that shows a robot, with a slider for every joint.
+def robot_page(*robots: Robot, frame: str | None = None, live: bool = False) -> str:
+    """Return a page that shows a robot, or several side by side, with a slider for every joint.
 
     Args:
-        robot: the arm.
+        robots: the arms, at least one.
         frame: the tool; the tip when not given.
-        live: whether a :class:`Server` shall move it.
+        live: whether a :class:`Server` shall move the first one.
+
+    Raises:
+        ParameterError: without a robot, or when one is a batch.
     """
-    arm = scene.build(robot, frame)
+    if not robots:
+        raise ParameterError("robots", robots, "at least one Robot")
+    arms = [scene.build(robot, frame) for robot in robots]
     arrays = page.Arrays()
-    data = {"arm": page.arm_data(arm, arrays), "clip": None, "live": live, "autoplay": False}
-    return _filled(data, arrays, robot.name, arm.findings)
+    data = {"arm": page.beside(arms, arrays), "clip": None, "live": live, "autoplay": False}
+    findings = [finding for arm in arms for finding in arm.findings]
+    return _filled(data, arrays, ", ".join(robot.name for robot in robots), findings)
 
 
 def rollout_page(rollout: xr.Dataset, robot: Robot | None = None, *, frame: str | None = None) -> str:

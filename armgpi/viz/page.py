@@ -35,6 +35,9 @@ _TYPES = {"float32": "f32", "float64": "f64", "int8": "i8", "uint8": "u8", "uint
 #: Joints without limits get sliders over this range [rad or m].
 _UNLIMITED = math.pi
 
+#: Distance of arms side by side, as a share of how far both reach.
+_ROOM = 0.55
+
 #: Text as HTML that shows it to the letter.
 text = html_text
 
@@ -96,6 +99,29 @@ def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
         "size": scene.size,
         "configuration": robot.middle().tolist(),
     }
+
+
+def beside(scenes: Sequence[Scene], arrays: Arrays) -> dict[str, Any]:
+    """Return what the page knows of several arms side by side: one tree, with a base for each."""
+    whole = arm_data(scenes[0], arrays)
+    many, y = len(scenes) > 1, 0.0
+    for k, scene in enumerate(scenes):
+        arm = arm_data(scene, arrays) if k else whole
+        if many:
+            for joint in arm["joints"]:
+                joint["name"] = f"{scene.robot.name}: {joint['name']}"
+        if not k:
+            continue
+        bodies, joints = len(whole["bodies"]), len(whole["joints"])
+        y += _ROOM * (scenes[k - 1].size + scene.size)
+        for i, body in enumerate(arm["bodies"]):
+            body["coordinate"] += joints
+            body["parent"] = body["parent"] + bodies if i else 0
+        arm["bodies"][0]["placement"][13] += y  # column by column: the 14th is along y
+        for key in ("bodies", "joints", "configuration"):
+            whole[key] += arm[key]
+        whole["size"] = max(whole["size"], arm["size"])
+    return whole
 
 
 def clip_data(clip: Clip, arrays: Arrays) -> dict[str, Any]:
@@ -222,6 +248,32 @@ def table(
         f"<div class=scroll tabindex=0 role=region aria-label='{text(label)}'><table class=data>"
         f"<thead><tr>{''.join(headings)}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
+
+
+def from_markdown(markdown: str, label: str) -> str:
+    """Return paragraphs, headings and tables of Markdown as HTML; all else of it is plain text.
+
+    Args:
+        markdown: the text.
+        label: what its tables show, for those who cannot see them.
+    """
+    parts = []
+    for block in filter(None, (block.strip() for block in markdown.split("\n\n"))):
+        lines = block.splitlines()
+        if lines[0].startswith("|") and len(lines) > 1:
+            head, _, *rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in lines]
+            parts.append(table(head, rows, label=label))
+        elif lines[0].startswith("#"):
+            parts.append(f"<h3>{text(block.lstrip('# '))}</h3>")
+        else:
+            parts.append(f"<p>{text(block)}</p>")
+    return "".join(parts)
+
+
+def picture(content: bytes, words: str) -> str:
+    """Return a PNG as HTML, with what it shows for those who cannot see it."""
+    data = base64.b64encode(content).decode()
+    return f'<img class=picture alt="{text(words)}" src="data:image/png;base64,{data}">'
 
 
 def dot(color: str) -> str:

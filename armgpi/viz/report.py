@@ -65,7 +65,7 @@ def build(
         findings: what else is to be said of the robot or the run.
         frame: the tool; the tip when not given.
         folder: where the rollout's file lies, to look for its robot there.
-        before: HTML before the tables.
+        before: HTML before the verdict and the tables.
 
     Raises:
         RolloutError: when the rollout has no samples, or `robot` is another one.
@@ -84,8 +84,8 @@ def build(
     values = {
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
         "summary": _summary(rollout),
-        "verdict": _verdict(rollout, records),
-        "tables": before + _tables(rollout, records),
+        "verdict": before + _verdict(rollout, records),
+        "tables": _tables(rollout, records),
         "findings": _findings(findings, notes),
         "configuration": _configuration(rollout, configuration),
         "download": _download(content, every),

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import browser as browsers
 import numpy as np
+import pinocchio as pin
 import pytest
 import xarray as xr
 from pictured import HOSTILE, box_mesh, chain, compared, made_up, package, run
@@ -94,8 +95,6 @@ def test_links_are_where_pinocchio_puts_them(case: str, chromium: browsers.Brows
     for at in (0, len(time) // 3, len(time) - 1):
         # Between two frames of the clip too: time is what the page is asked for.
         found = shown.eval(f"(armgpi.scene.show({time[at]}), ({POSES})(0))")
-        import pinocchio as pin
-
         pin.forwardKinematics(model, data, rollout["q"].values[at])
         for elements, expected in zip(found, data.oMi, strict=True):
             pose = np.array(elements).reshape(4, 4).T
@@ -518,6 +517,30 @@ def test_a_spoiled_rollout_is_drawn_or_refused(what: str, draw: Callable[[xr.Dat
     # Any other exception than ours fails the test.
     with contextlib.suppress(armgpi.ArmgpiError):
         draw(SPOILED[what](PAIR))
+
+
+@pytest.mark.slow
+def test_robots_stand_side_by_side_and_move_by_themselves(chromium: browsers.Browser, tmp_path: Path) -> None:
+    robots = (ARM, chain(5, 3.0))
+    shown = opened(chromium, meshcat.robot_page(*robots), tmp_path)
+    quiet(shown)
+    q = np.concatenate([robot.random_positions(1, seed=3)[0] for robot in robots])
+    shown.eval(f"(armgpi.scene.configuration.set({q.tolist()}), armgpi.scene.show(0))")
+    found = [np.array(each).reshape(4, 4).T for each in shown.eval(f"({POSES})(0)")]
+    begin, at = 0, 0
+    for robot in robots:
+        model = robot.pinocchio_model()
+        data = model.createData()
+        pin.forwardKinematics(model, data, q[at : at + robot.n])
+        aside = found[begin][:3, 3]
+        for own, expected in zip(found[begin:], data.oMi, strict=False):
+            np.testing.assert_allclose(own[:3, :3], expected.rotation, atol=1e-5)
+            np.testing.assert_allclose(own[:3, 3] - aside, expected.translation, atol=1e-5)
+        begin, at = begin + model.njoints, at + robot.n
+    assert begin == len(found)
+    assert aside[1] > 1.0
+    names = [joint["name"] for joint in shown.eval("armgpi.scene.meta.arm.joints")]
+    assert names == [f"{robot.name}: {name}" for robot in robots for name in robot.joint_names]
 
 
 def test_a_report_begins_with_its_verdict_and_ends_with_where_it_came_from() -> None:
