@@ -145,10 +145,15 @@ def certify(
         jump=jump,
         prove=prove,
     )
+    sys.exit(_told(found, out, as_json))
+
+
+def _told(found: Certificate, out: Path | None, as_json: bool) -> int:
+    """Write and print a certificate, and return the exit code."""
     if out is not None:
         write(out, found.text, "--out")
     say(json.dumps(_plain(found)) if as_json else str(found), lines=True)
-    sys.exit(OK if found.certified else FAILED)
+    return OK if found.certified else FAILED
 
 
 def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:

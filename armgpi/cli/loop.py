@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -16,6 +17,8 @@ from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stop
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from armgpi.config import Experiment
     from armgpi.realtime import Outcome
 
@@ -102,15 +105,10 @@ def loop(
     from armgpi.realtime import Injected, Watchdog, run
 
     as_json = options.pop("as_json")
-    chosen = {
-        "robot": robot,
-        "controllers": controller,
-        "declared": given(context),
-        "out": out,
-        "force": force,
-    }
-    experiment = configuration.build(*settings({**options, **chosen}, compare=False))
-    check_out({**options, **chosen}, experiment)
+    options |= {"robot": robot, "controllers": controller, "declared": given(context)}
+    options |= {"out": out, "force": force}
+    experiment = configuration.build(*settings(options, compare=False))
+    check_out(options, experiment)
     pictures.check({"plot": None, "view": view, "html": None, "report": report})
     note_differences(experiment)
     label, *others = experiment.runs
@@ -133,18 +131,29 @@ def loop(
             watch=_watcher(experiment, stack) if view else None,
         )
     found = outcome.report(experiments.run(experiment, label, progress=False))
-    files = {"loop.json": json.dumps(found, indent=2) + "\n"}
-    for path in experiments.save(outcome.rollout, experiment, out, files) if out is not None else ():
+    for path in _written(experiment, outcome.rollout, found, out, report):
         say(f"wrote {path}", err=True)
+    say(json.dumps(found)) if as_json else _print(label, outcome, found)
+    sys.exit(_code(outcome))
+
+
+def _written(
+    experiment: Experiment, rollout: xr.Dataset, found: dict[str, Any], out: Path | None, report: Path | None
+) -> list[Path]:
+    """Write what was asked for, and return the files."""
+    from armgpi.config import dump
+    from armgpi.config import experiment as experiments
+
+    paths: list[Path] = []
+    if out is not None:
+        files = {"loop.json": json.dumps(found, indent=2) + "\n"}
+        paths += experiments.save(rollout, experiment, out, files)
     if report is not None:
         from armgpi.viz import report as reports
 
-        page = reports.build(
-            outcome.rollout, experiment.robot, configuration=configuration.dump(experiment.config)
-        )
-        say(f"wrote {reports.write(page, report)}", err=True)
-    say(json.dumps(found)) if as_json else _print(label, outcome, found)
-    sys.exit(_code(outcome))
+        page = reports.build(rollout, experiment.robot, configuration=dump(experiment.config))
+        paths.append(reports.write(page, report))
+    return paths
 
 
 def _code(outcome: Outcome) -> int:
