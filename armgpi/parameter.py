@@ -342,6 +342,18 @@ def parameter(text: str, *, default: Any = REQUIRED, kw_only: bool = False, **fa
     )
 
 
+def again(text: str | None = None, *, default: Any = REQUIRED, **facts: Any) -> Any:
+    """Declare a parameter that a base class declares, with some facts changed.
+
+    Args:
+        text: what it is, where it is not as before.
+        default: its default; it must be given when there is none.
+        **facts: attributes of :class:`Parameter` that are not as before.
+    """
+    changed = {**facts, "default": default} | ({} if text is None else {"text": text})
+    return field(default=MISSING if default is REQUIRED else default, metadata={"again": changed})
+
+
 def parameters(cls: type) -> Mapping[str, Parameter]:
     """Return the declared parameters of a class, name -> parameter."""
     found: Mapping[str, Parameter] = _parameters(cls)
@@ -350,14 +362,18 @@ def parameters(cls: type) -> Mapping[str, Parameter]:
 
 @lru_cache(maxsize=512)
 def _parameters(cls: type) -> Mapping[str, Parameter]:
-    declared = fields(cls) if is_dataclass(cls) else ()
-    return MappingProxyType(
-        {f.name: replace(f.metadata["parameter"], name=f.name) for f in declared if "parameter" in f.metadata}
-    )
+    found = {}
+    for f in fields(cls) if is_dataclass(cls) else ():
+        if "again" in f.metadata:
+            above = next(known for base in cls.__mro__[1:] if f.name in (known := parameters(base)))
+            found[f.name] = replace(above[f.name], **f.metadata["again"])
+        elif "parameter" in f.metadata:
+            found[f.name] = replace(f.metadata["parameter"], name=f.name)
+    return MappingProxyType(found)
 
 
 # Not frozen_default=True: mypy then takes an inherited per-joint field for what the constructor takes.
-@dataclass_transform(eq_default=False, field_specifiers=(parameter, field))
+@dataclass_transform(eq_default=False, field_specifiers=(parameter, again, field))
 def with_parameters(cls: _Class) -> _Class:
     """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
     dataclass(eq=False, repr=False)(cls)

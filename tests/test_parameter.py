@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import os
 import subprocess
@@ -19,7 +20,7 @@ from armgpi.cli import declared
 from armgpi.config import schema
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, ParameterError
-from armgpi.parameter import REQUIRED, Parameter, PerJoint, parameter, parameters, with_parameters
+from armgpi.parameter import REQUIRED, Parameter, PerJoint, again, parameter, parameters, with_parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import StatefulWrapper, Wrapper
 from armgpi.references.paths import Path as ToolPath
@@ -52,6 +53,25 @@ class Everything(armgpi.Controller):
     def step(self, measurement: Any, target: Any, state: None) -> armgpi.ControlStep:
         """Return no torque."""
         return armgpi.ControlStep(np.zeros_like(measurement.q), None)
+
+
+@with_parameters
+class Twice(Everything):
+    """A controller that declares two parameters again."""
+
+    gain: PerJoint = again(default=5.0, unit="1/ms")
+    mode: str = again("another mode", default="b", choices=("b", "c"))
+
+
+def test_what_is_declared_again_is_as_before_but_for_what_is_said() -> None:
+    before, after = parameters(Everything), parameters(Twice)
+    assert list(before) == list(after)
+    gain = before["gain"]
+    assert after["gain"] == dataclasses.replace(gain, default=5.0, unit="1/ms")
+    assert (after["mode"].text, after["mode"].default, after["mode"].kind) == ("another mode", "b", "choice")
+    assert Twice(ARM, 1e-3).describe()["gain"] == [5.0] * ARM.n
+    with pytest.raises(ParameterError, match="one of b, c"):
+        Twice(ARM, 1e-3, mode="a")
 
 
 # Checks.

@@ -42,17 +42,25 @@ LEARNING = Contender(
     {**CONTENDERS["GPI, network, roll-off"].free, "weights.omega": Range()},
     True,
 )
+_TRAINED = CONTENDERS["GPI, trained network, roll-off"]
+#: Weights that are searched, in the law without roll-off.
+TRAINED = Contender(
+    {key: value for key, value in _TRAINED.section.items() if key != "rolloff"},
+    {key: value for key, value in _TRAINED.free.items() if key != "rolloff_ratio"},
+    True,
+)
 LAWS = {
     **{
         name: each
         for name, each in CONTENDERS.items()
         if name
         in (
-            *("GPI, printed law", "GPI, schedule", "GPI, network", "GPI, trained network"),
+            *("GPI, printed law", "GPI, schedule", "GPI, network"),
             *("GPI, roll-off", "GPI, schedule, roll-off", "GPI, network, roll-off"),
             *("GPI, trained network, roll-off", "PID + inversion, positions"),
         )
     },
+    "GPI, trained network": TRAINED,
     "GPI, trained network that learns, roll-off": LEARNING,
 }
 

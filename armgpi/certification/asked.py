@@ -168,6 +168,9 @@ def _check_linear(controller: GPI) -> None:
             raise ParameterError(
                 name, getattr(controller, name), f"{value} where there is to be a certificate"
             )
+    if controller.feedforward == "computed":
+        expected = "none, gravity or model where there is to be a certificate: it is taken at the reference"
+        raise ParameterError("feedforward", controller.feedforward, expected)
     for name in ("rest_dead_zone", "rest_leak"):
         if getattr(controller, name).any():
             raise ParameterError(name, getattr(controller, name), "0 where there is to be a certificate")

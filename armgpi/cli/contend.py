@@ -35,7 +35,7 @@ def contend(
             *("--controllers", "--law"), metavar="NAMES", help="Which ones; may be repeated. All by default."
         ),
     ] = None,
-    evaluations: Annotated[int, typer.Option(help="Candidates for each law, arm and seed.")] = 241,
+    evaluations: Annotated[int, typer.Option(help="Candidates for each law, arm and seed.")] = 481,
     seeds: Annotated[int, typer.Option(help="Searches of each law and arm.")] = 2,
     quick: Annotated[
         bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
@@ -66,6 +66,7 @@ def contend(
     chosen = laws or list(contests.CONTENDERS)
     entries = contests.run(out, names, chosen, setting, lambda text: say(text, err=True))
     tables = [contests.markdown(entries), contests.verdict(entries)]
+    tables.append(contests.untuned_table([contests.untuned(out, name, setting) for name in names]))
     if found := contests.transferred(entries, setting):
         tables.append(contests.transfer_table(found))
     paths = [files.write(out / "contest.md", "\n".join(tables))]

@@ -24,6 +24,8 @@ from armgpi.cli.parsing import per_joint, refusal
 _META = "armgpi.declared"
 #: Where it keeps whether a declared option may be among its words.
 _WANTED = "armgpi.wanted"
+#: What declares a parameter, and what it says unasked: nothing of one that a base class declares.
+_DECLARING: dict[str, dict[str, Any]] = {"parameter": {"kind": "number"}, "again": {}}
 #: Kinds of parameters that have an option.
 _KINDS = ("number", "integer", "choice", "group")
 
@@ -186,9 +188,11 @@ def _declared(node: ast.ClassDef) -> Iterator[tuple[str, dict[str, Any]]]:
         name = target.id if isinstance(target, ast.Name) else ""
         if name == "config_name":
             yield name, {"default": _literal(each.value)}
-        elif isinstance(each.value, ast.Call) and getattr(each.value.func, "id", "") == "parameter":
+        elif isinstance(each.value, ast.Call) and (said := getattr(each.value.func, "id", "")) in _DECLARING:
             facts = {word.arg: _literal(word.value) for word in each.value.keywords if word.arg}
-            yield name, {"kind": "number", "text": _literal(each.value.args[0]), **facts}
+            if each.value.args:
+                facts["text"] = _literal(each.value.args[0])
+            yield name, {**_DECLARING[said], **facts}
 
 
 def _literal(node: ast.expr) -> Any:
@@ -205,8 +209,11 @@ def _fields(classes: dict[str, _Class], name: str) -> dict[str, dict[str, Any]]:
     """Return the parameters of a class with those of the classes that it comes from."""
     if name not in classes:
         return {}
-    inherited = [_fields(classes, base) for base in classes[name].bases]
-    return {key: facts for fields in (*inherited, classes[name].fields) for key, facts in fields.items()}
+    found: dict[str, dict[str, Any]] = {}
+    for fields in (*(_fields(classes, base) for base in reversed(classes[name].bases)), classes[name].fields):
+        for key, facts in fields.items():
+            found[key] = facts if "text" in facts and "kind" in facts else {**found[key], **facts}
+    return found
 
 
 def _is_a(classes: dict[str, _Class], name: str, base: str) -> bool:

@@ -163,9 +163,10 @@ def _untuned(facts: Mapping[str, Any]) -> list[str]:
     j = shares.index(max(shares))
     phase, delay, (low, high) = law["phase_margin"], law["delay_margin"], law["delta"]
     return [
-        f"untuned: {law['integrators']} integrator, roll-off {law['rolloff']}, omega_c = {slowest:.3g} to "
-        f"{fastest:.3g} rad/s; phase margin {math.degrees(phase):.3g} deg, stable for delta {low:.2g} to "
-        f"{high:.2g}, delay margin {1e3 * delay:.3g} ms; one count moves the torque of {shown(name[j])} by "
+        f"untuned: {law['integrators']} integrator, roll-off {law['rolloff']}, nominal load "
+        f"{law['nominal_load']:.2g} kg, omega_c = {slowest:.3g} to {fastest:.3g} rad/s; phase margin "
+        f"{math.degrees(phase):.3g} deg, stable for delta {low:.2g} to {high:.2g}, delay margin "
+        f"{1e3 * delay:.3g} ms; one count moves the torque of {shown(name[j])} by "
         f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort"
     ]
 

@@ -17,7 +17,7 @@ from armgpi.config.schema import KINDS, ExperimentConfig, PlantSection, Referenc
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, suited
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
-from armgpi.parameter import REQUIRED, Parameter, parameters
+from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.mujoco import MuJoCoPlant
 from armgpi.plants.plant import Plant, Wrapper
@@ -413,6 +413,8 @@ def _as_section(value: Any) -> Any:
         return {"lower": _as_section(value[0]), "upper": _as_section(value[1])}
     if isinstance(value, str | int):
         return value
+    if isinstance(value, Parametrised):
+        return value.values()
     array = np.asarray(value, dtype=np.float64)
     return float(array.flat[0]) if (array == array.flat[0]).all() else array.tolist()
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from armgpi.arrays import Array
 from armgpi.control.controller import common_batch
-from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
+from armgpi.parameter import Parametrised, PerJoint, again, parameter, with_parameters
 from armgpi.registry import Context
 
 
@@ -146,7 +146,53 @@ class Gains(Parametrised, ABC):
 
 
 @with_parameters
-class FixedGains(Gains):
+class Quadratics(Gains):
+    """Gains of which the natural frequency and the damping ratio are declared."""
+
+    omega_c: Any = parameter(
+        "natural frequency",
+        unit="rad/s",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="omega",
+        log=True,
+        search=(1.0, 200.0),
+        slider=(1.0, 100.0),
+    )
+    zeta_c: Any = parameter(
+        "damping ratio",
+        default=1.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="zeta",
+        log=True,
+        search=(0.3, 3.0),
+        slider=(0.3, 2.0),
+    )
+
+
+@with_parameters
+class Poles(Quadratics):
+    """Gains of which the real pole is declared as well."""
+
+    p_c: Any = parameter(
+        "real pole",
+        unit="rad/s",
+        default=None,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="p",
+        log=True,
+        search=(1.0, 200.0),
+        slider=(1.0, 100.0),
+    )
+
+
+@with_parameters
+class FixedGains(Poles):
     """Tuning parameters that do not change: numbers, or arrays of shape (n,) or (batch, n).
 
     Attributes:
@@ -158,43 +204,9 @@ class FixedGains(Gains):
     adaptive = False
     config_name: ClassVar[str | None] = "gpi"
 
-    omega_c: PerJoint = parameter(
-        "natural frequency",
-        unit="rad/s",
-        least=0.0,
-        above=True,
-        per_joint=True,
-        chosen="what sample time and delay allow",
-        key="omega",
-        log=True,
-        search=(1.0, 200.0),
-        slider=(1.0, 100.0),
-    )
-    zeta_c: PerJoint = parameter(
-        "damping ratio",
-        default=1.0,
-        least=0.0,
-        above=True,
-        per_joint=True,
-        key="zeta",
-        log=True,
-        search=(0.3, 3.0),
-        slider=(0.3, 2.0),
-    )
-    p_c: PerJoint = parameter(
-        "real pole",
-        unit="rad/s",
-        default=None,
-        none="omega",
-        follows="omega_c",
-        least=0.0,
-        above=True,
-        per_joint=True,
-        key="p",
-        log=True,
-        search=(1.0, 200.0),
-        slider=(1.0, 100.0),
-    )
+    omega_c: PerJoint = again(chosen="what sample time and delay allow")
+    zeta_c: PerJoint = again(default=1.0)
+    p_c: PerJoint = again(default=None, none="omega", follows="omega_c")
 
     def __post_init__(self) -> None:
         """Let the pole follow omega_c when it is not given."""

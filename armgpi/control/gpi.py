@@ -14,10 +14,9 @@ from armgpi.arrays import Array, ArrayLike, as_float_array, new
 from armgpi.control import untuned
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.family import Member
-from armgpi.control.gains import FixedGains, Gains, Tuning
+from armgpi.control.gains import FixedGains, Gains
 from armgpi.control.margins import (
     Margins,
-    count_noise,
     default_omega,
     delay_margins,
     slow_default,
@@ -34,6 +33,8 @@ from armgpi.robot.robot import Robot
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
+#: Feedforward -> what it needs of the nominal model.
+KNOWS = {"none": "inertia", "gravity": "gravity", "model": "model", "computed": "model"}
 
 
 class GPIState(NamedTuple):
@@ -66,8 +67,9 @@ class GPI(Controller):
         realisation: "bumpless" (three bounded states) or "paper" (as printed).
         start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero" with
             the integrators at zero.
-        feedforward: torque of the nominal model at the reference that is added: "none" (the paper), "gravity"
-            G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*).
+        feedforward: torque of the nominal model that is added: "none" (the paper); at the reference "gravity"
+            G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*); or "computed", at the measured position
+            D(q) a* + C(q, v*) v* + G(q).
         delay: transport delay in the loop [s], besides the sample and hold.
         payload: lightest and heaviest load [kg] that `robot` may carry, or a :class:`LoadRange`: the nominal
             model then has the heaviest, and the default gains suit the lightest
@@ -173,7 +175,7 @@ class GPI(Controller):
         "torque of the nominal model at the reference that is added; none is the paper",
         kind="choice",
         default="none",
-        choices=("none", "gravity", "model"),
+        choices=("none", "gravity", "model", "computed"),
         structural=True,
         short="torque of the nominal model at the reference that is added",
     )
@@ -227,8 +229,7 @@ class GPI(Controller):
             raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
         super().__post_init__()
-        known = {"none": "inertia"}.get(self.feedforward, self.feedforward)
-        self.knows = known  # type: ignore[misc]  # of this one, not of the class
+        self.knows = KNOWS[self.feedforward]  # type: ignore[misc]  # of this one, not of the class
         self._law = REALISATIONS[self.realisation]
         if self.realisation == "bumpless":
             self._law = Bumpless(member)
@@ -270,8 +271,12 @@ class GPI(Controller):
         if isinstance(loads := given.get("payload"), tuple | list):
             given["payload"] = _load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
         chosen = untuned.untuned(robot, dt, delay, bits, given)
+        if "payload" in chosen:  # which the feedforward knows nothing of
+            chosen["bias_robot"] = robot
         gains = FixedGains(chosen.pop("omega_c"))
-        return cls(robot, dt, delay=delay, **{"gains": gains, **chosen, **given})
+        made = cls(robot, dt, delay=delay, **{"gains": gains, **chosen, **given})
+        made._warn_of_counts(bits)
+        return made
 
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
@@ -288,7 +293,9 @@ class GPI(Controller):
         """Return the controller; see :meth:`Controller.configured`."""
         # A scaled inertia varies D alone, as in the paper: the feedforward is of the robot as it is known.
         known: Any = None if given.get("feedforward", "none") == "none" else context.robot
-        return cls(context.nominal, context.dt, delay=context.delay, bias_robot=known, **given)
+        made = cls(context.nominal, context.dt, delay=context.delay, bias_robot=known, **given)
+        made._warn_of_counts(context.bits)
+        return made
 
     def init(self, measurement: Measurement, target: Target) -> GPIState:
         """Return the state before the first sample; see :meth:`Controller.init`."""
@@ -299,7 +306,7 @@ class GPI(Controller):
             held = self.limited(self._bias.gravity(q))
             if self.feedforward != "none":
                 # All that it gives at rest: what it gives to accelerate is no part of holding.
-                held = held - self._bias.gravity(target.q + np.zeros_like(q))
+                held = held - self._bias.gravity(self._where(q, target.q + np.zeros_like(q)))
             hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
         return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
@@ -315,7 +322,7 @@ class GPI(Controller):
         v = self._law.output(e, state.law, coefficients)
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
         if self.feedforward != "none" or self.friction_feedforward:
-            asked = asked + self._ahead(target, np.zeros_like(q))
+            asked = asked + self._ahead(q, target)
         tau = self.limited(asked)
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
@@ -326,12 +333,16 @@ class GPI(Controller):
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
 
-    def _ahead(self, target: Target, zero: Array) -> Array:
-        """Return the torque of the nominal model at the reference, in the shape of `zero`."""
-        q, v, a = (part + zero for part in target)  # one reference may be for a whole batch
-        ahead = zero
+    def _where(self, measured: Array, wanted: Array) -> Array:
+        """Return the position that the feedforward is taken at."""
+        return measured if self.feedforward == "computed" else wanted
+
+    def _ahead(self, measured: Array, target: Target) -> Array:
+        """Return the torque of the nominal model on the way ahead, in the shape of the measured position."""
+        ahead = np.zeros_like(measured)
+        wanted, v, a = (part + ahead for part in target)  # one reference may be for a whole batch
         if self.feedforward != "none":
-            known = self._bias
+            known, q = self._bias, self._where(measured, wanted)
             ahead = known.gravity(q) if self.feedforward == "gravity" else known.inverse(q, v, a)
         if self.friction_feedforward:
             # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
@@ -362,16 +373,27 @@ class GPI(Controller):
         """
         if not isinstance(self.robot, Robot):
             raise ParameterError("robot", self.robot, "a single Robot")
-        every = np.zeros(self.robot.n)
-        ratios = [every + (np.nan if x is None else x) for x in untuned.member(vars(self)).ratios]
-        rows = np.stack([*(every + x for x in self.gains.nominal()), *ratios], axis=-1)
-        at_once = []
-        for omega_c, zeta_c, p_c, *own in rows:
-            given = [None if math.isnan(x) else x for x in own]
-            member = Member(self.integrators, self.rolloff, *given)  # type: ignore[arg-type]
-            at_once.append(count_noise(Tuning(omega_c, zeta_c, p_c), self.dt, member).at_once)
+        law = Bumpless(untuned.member(vars(self)))
+        c, zero = law.coefficients(self.gains.nominal(), self.dt), np.zeros(self.robot.n)
+        at_once = np.abs(law.output(zero + 1.0, law.init(zero, c), c))
         counts = self.robot.encoder_count(as_float_array(bits, "bits"))
         return np.asarray((untuned.most_inertia(self.robot) * (at_once * counts)).max(axis=1))
+
+    def _warn_of_counts(self, bits: Any) -> None:
+        """Warn where one count of an encoder moves a torque by too much of its effort."""
+        if bits is None or self.batch is not None or not isinstance(self.robot, Robot):
+            return
+        torque = self.count_torque(bits)
+        j = int(np.argmax(torque / self.effort))
+        if (share := torque[j] / self.effort[j]) > untuned.COUNT_SHARE:
+            warnings.warn(
+                f"one encoder count moves the torque of joint {self.robot.joint_names[j]!r} by "
+                f"{torque[j]:.2g}, {100.0 * share:.2g} % of its effort, and above "
+                f"{100.0 * untuned.COUNT_SHARE:g} % an arm shakes; a finer encoder, less bandwidth or a "
+                "roll-off would do",
+                ArmgpiWarning,
+                stacklevel=4,
+            )
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""

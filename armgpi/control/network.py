@@ -10,11 +10,11 @@ import numpy as np
 
 from armgpi.arrays import Array, PerJointInput, check_type
 from armgpi.control.controller import batches, common_batch
-from armgpi.control.gains import Gains, GainStep, Tuning
+from armgpi.control.gains import GainStep, Poles, Quadratics, Tuning
 from armgpi.control.splines import BSplineBasis
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
-from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.parameter import PerJoint, again, parameter, with_parameters
 from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
@@ -42,7 +42,21 @@ class NetworkState(NamedTuple):
 
 
 @with_parameters
-class BSplineNetwork(Gains):
+class Boxes(Quadratics):
+    """Gains of which the natural frequency moves in a box."""
+
+    omega_c: Box = again(
+        "natural frequency; the lower end is the nominal value",
+        kind="box",
+        default=(22.0, 60.0),
+        chosen="from 22/30 of the default bandwidth to twice it",
+        slider=(1.0, 200.0),
+    )
+    zeta_c: Any = again(default=0.75)
+
+
+@with_parameters
+class BSplineNetwork(Boxes, Poles):
     """One network per joint and tuning parameter: y = nominal + a w, w learned at every sample.
 
     The activations a are B-spline functions of the tracking error and of its filtered derivative, both
@@ -79,46 +93,8 @@ class BSplineNetwork(Gains):
         "_initial": "initial weights of the basis functions [rad/s or -]",
     }
 
-    omega_c: Box = parameter(
-        "natural frequency; the lower end is the nominal value",
-        unit="rad/s",
-        kind="box",
-        default=(22.0, 60.0),
-        least=0.0,
-        above=True,
-        per_joint=True,
-        chosen="from 22/30 of the default bandwidth to twice it",
-        key="omega",
-        log=True,
-        search=(1.0, 200.0),
-        slider=(1.0, 200.0),
-    )
-    zeta_c: Box = parameter(
-        "damping ratio",
-        kind="box",
-        default=0.75,
-        least=0.0,
-        above=True,
-        per_joint=True,
-        key="zeta",
-        log=True,
-        search=(0.3, 3.0),
-        slider=(0.3, 2.0),
-    )
-    p_c: Box | None = parameter(
-        "real pole",
-        unit="rad/s",
-        kind="box",
-        default=None,
-        none="follows omega",
-        least=0.0,
-        above=True,
-        per_joint=True,
-        key="p",
-        log=True,
-        search=(1.0, 200.0),
-        slider=(1.0, 200.0),
-    )
+    zeta_c: Box = again(kind="box", default=0.75)
+    p_c: Box | None = again(kind="box", default=None, none="follows omega", slider=(1.0, 200.0))
     learning: str = parameter(
         "rule of learning; signed is eq. 23 to the letter",
         kind="choice",

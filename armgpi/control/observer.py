@@ -218,3 +218,20 @@ class ObserverController(Controller):
     def signals(self, state: ObserverState) -> Mapping[str, Array]:
         """Return the estimates under their names."""
         return state.expected._asdict()
+
+
+@with_parameters
+class SmoothedController(ObserverController):
+    """An observer's controller with a sign that is smoothed: x / (abs(x) + layer)."""
+
+    layer: PerJoint = parameter(
+        "size of what stands below a sign at which the sign is smoothed",
+        unit="rad/s or m/s",
+        default=0.05,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(1e-3, 1.0),
+        kw_only=True,
+    )

@@ -13,6 +13,7 @@ the mobility of the point [1/kg], says what every mass does.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,10 +33,11 @@ LEAST_DELTA = 0.36
 #: delta omega_c (1.5 dt + delay) at the lightest load; the printed law tolerates 0.36 (delta = 1) to 0.40
 #: (more). Of what another member tolerates the same share is used.
 _PHASE = 0.3
+DELAY_SHARE = _PHASE / PRINTED_PHASE
 #: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
 _SLOWEST = 15.0
-#: A load that an arm is likely to carry, as a share of its mass.
-_PLAUSIBLE = 0.05
+#: A load that an arm is likely to carry, as a share of its mass, and the least delta that it should leave.
+_PLAUSIBLE, PLAUSIBLE_DELTA = 0.05, 0.5
 #: Configurations at which the mobility is evaluated.
 _CONFIGURATIONS = 512
 #: Configurations of the highest mobility around which others are tried.
@@ -73,7 +75,7 @@ class LoadRange(Parametrised):
 
     Attributes:
         lightest: lightest load [kg], zero for none.
-        heaviest: heaviest load [kg].
+        heaviest: heaviest load [kg]; (batch, 1) for one in each rollout.
         frame: frame that carries it; the robot's tip when not given.
         com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
     """
@@ -100,10 +102,12 @@ class LoadRange(Parametrised):
         Of a batch every robot is given its own bandwidth, and `delta` is the widest of all.
         """
         least = _SLOWEST if slowest is None else slowest
-        loads = (self.lightest, self.heaviest, self.frame, self.com)
+        robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+        heaviest = np.broadcast_to(np.ravel(self.heaviest), len(robots)).tolist()
+        place = (self.frame, self.com)
         each = [
-            payload_range(one, *loads, dt=dt, delay=delay, slowest=least, member=member)
-            for one in (robot.robots if isinstance(robot, RobotBatch) else (robot,))
+            payload_range(one, self.lightest, most, *place, dt=dt, delay=delay, slowest=least, member=member)
+            for one, most in zip(robots, heaviest, strict=True)
         ]
         if robot.batch is None:
             return each[0]
@@ -175,11 +179,12 @@ def payload_range(
     slowest = min(check_number(slowest, "slowest", "positive [rad/s]", open_=True), fastest)
     frame = robot.tip if frame is None else frame
     nominal = robot.with_payload(frame, heaviest, com)
-    mobility = _mobility(robot.with_payload(frame, lightest, com), frame, com)
+    lightly = robot if lightest == 0.0 else robot.with_payload(frame, lightest, com)
+    mobility = _mobility(lightly, frame, com)
     delta = 1.0 + (heaviest - lightest) * mobility
-    omega_c = _phase(member, delta) / _late(dt, delay)
+    omega_c = _phase(member, delta) / late(dt, delay)
     if omega_c < slowest:
-        most = _most_delta(member, slowest * _late(dt, delay))
+        most = most_delta(member, slowest * late(dt, delay))
         # Loaded, the mobility is w = mobility / delta, and the arm less x has delta = 1 / (1 - x w).
         heaviest_too = lightest + (most - 1.0) / mobility
         lightest_too = heaviest - (1.0 - 1.0 / most) * delta / mobility
@@ -215,7 +220,7 @@ def largest_payload(
     _check_robot(robot)
     frame = robot.tip if frame is None else frame
     mobility = _mobility(robot, frame, com)
-    most = _most_delta(member, default_omega(dt, delay, member=member) * _late(dt, delay))
+    most = most_delta(member, default_omega(dt, delay, member=member) * late(dt, delay))
     return LargestPayload(
         nominal=_over(most - 1.0, mobility),
         unknown=_over(1.0 / least_delta(member) - 1.0, mobility),
@@ -230,22 +235,51 @@ class PlausibleLoad(NamedTuple):
     Attributes:
         mass: 5 % of the arm's [kg].
         delta: least eigenvalue of D^-1 D^ with it, of a nominal model without.
+        mobility: largest eigenvalue of D^-1 B without load [1/kg].
     """
 
     mass: float
     delta: float
+    mobility: float
+
+    def with_nominal(self, mass: float) -> float:
+        """Return `delta` of a nominal model that carries a mass [kg]."""
+        return self.delta * (1.0 + mass * self.mobility)
+
+    def said(self, robot: Robot, nominal: float = 0.0) -> str:
+        """Return what to say to a controller whose nominal model carries a mass; empty for nothing.
+
+        Args:
+            robot: the arm without load.
+            nominal: mass at the tip of the nominal model [kg].
+        """
+        if (delta := self.with_nominal(nominal)) >= PLAUSIBLE_DELTA:
+            return ""
+        carries = f"with {nominal:.2g} kg there" if nominal else "without it"
+        return (
+            f"{self.mass:.2g} kg at {robot.tip!r}, 5 % of the arm's mass, makes a nominal D(q) {carries} "
+            f"{delta:.2g} of the true one, and below {PLAUSIBLE_DELTA:g} GPI loses arms"
+        )
 
 
-def plausible_load(robot: Robot, mobility: float | None = None) -> PlausibleLoad:
-    """Return the load that an arm is likely to carry at its tip, and what it does to the loop.
+def plausible_load(robot: Robot) -> PlausibleLoad:
+    """Return the load that an arm is likely to carry at its tip, and what it does to the loop."""
+    mass = _PLAUSIBLE * robot.total_mass
+    mobility = _mobility(robot, robot.tip)
+    return PlausibleLoad(mass, 1.0 / (1.0 + mass * mobility), mobility)
+
+
+def balanced_load(robot: Robot, most: float) -> float:
+    """Return the nominal load at the tip [kg] that puts delta as far above 1 empty as below it loaded.
+
+    Loaded is with :func:`plausible_load`.
 
     Args:
         robot: the arm without load.
-        mobility: of its tip [1/kg], if it is known.
+        most: largest delta that the loop tolerates, empty.
     """
-    mass = _PLAUSIBLE * robot.total_mass
-    mobility = _mobility(robot, robot.tip, np.zeros(3)) if mobility is None else mobility
-    return PlausibleLoad(mass, 1.0 / (1.0 + mass * mobility))
+    load = plausible_load(robot)
+    return _over(min(most, 1.0 / math.sqrt(load.delta)) - 1.0, load.mobility) if load.mobility > 0.0 else 0.0
 
 
 def _check_robot(robot: Robot) -> None:
@@ -266,13 +300,18 @@ def _phase(member: Member, delta: float) -> float:
     """Return omega_c (1.5 dt + delay) that may be used at the lightest load, which has `delta`."""
     if member.printed:
         return _PHASE / delta
-    return _PHASE / PRINTED_PHASE * tolerated_phase(member, delta)
+    return DELAY_SHARE * tolerated_phase(member, delta)
 
 
-def _most_delta(member: Member, phase: float) -> float:
-    """Return the largest delta at which :func:`_phase` is at least `phase`."""
+def most_delta(member: Member, phase: float) -> float:
+    """Return the largest delta at which a loop may spend `phase`, omega_c times its lateness [-]; at least 1.
+
+    It is what :func:`payload_range` allows: no more than a share of the member's delay margin at that delta.
+    """
     if member.printed:
-        return _PHASE / phase
+        return max(_PHASE / phase, 1.0)
+    if _phase(member, 1.0) <= phase:
+        return 1.0
     high = 2.0
     while _phase(member, high) > phase:
         high *= 2.0
@@ -281,14 +320,42 @@ def _most_delta(member: Member, phase: float) -> float:
     return float(brentq(lambda delta: _phase(member, delta) - phase, 1.0, high, xtol=1e-6))
 
 
-def _late(dt: float, delay: float) -> float:
+def late(dt: float, delay: float) -> float:
     """Return how late the torque acts [s]: hold, computation and transport."""
     return 1.5 * dt + delay
 
 
-def _mobility(robot: Robot, frame: str, com: ArrayLike) -> float:
+def _mobility(robot: Robot, frame: str, com: ArrayLike = (0.0, 0.0, 0.0)) -> float:
     """Return the largest eigenvalue of D^-1 B [1/kg] found inside the joint limits."""
-    loaded = robot.with_payload(frame, 1.0, com)
+    alike = _Alike(robot, frame, com)
+    return _largest_mobility(alike) / alike.size
+
+
+class _Alike:
+    """A robot and where it carries; equal to those whose inertia is another one by a factor.
+
+    The robots of a batch often are, and an arm's mobility is asked for more than once.
+    """
+
+    def __init__(self, robot: Robot, frame: str, com: ArrayLike) -> None:
+        self.robot, self.loaded = robot, robot.with_payload(frame, 1.0, com)
+        D = robot.mass_matrix(robot.middle())
+        self.size = float(np.trace(D))
+        B = self.loaded.mass_matrix(robot.middle()) - D
+        seen = np.round([*np.ravel(D / self.size), *np.ravel(B), *np.ravel(robot.limits[:2])], 9)
+        self._key = (robot.name, frame, seen.tobytes())
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Alike) and self._key == other._key
+
+
+@lru_cache(maxsize=64)
+def _largest_mobility(alike: _Alike) -> float:
+    """Return the largest eigenvalue of D^-1 B found, times the trace of D in the middle [kg m^2 / kg]."""
+    robot, loaded = alike.robot, alike.loaded
     q = random_configurations(robot, _CONFIGURATIONS, seed=0)
     width = np.ptp(q, axis=0)
     rng = np.random.default_rng(0)
@@ -301,7 +368,7 @@ def _mobility(robot: Robot, frame: str, com: ArrayLike) -> float:
         near = np.clip(near, *robot.limits[:2])
         q = np.concatenate([q, near])
         value = np.concatenate([value, _mobilities(robot, loaded, near)])
-    return float(value.max())
+    return float(value.max()) * alike.size
 
 
 def _mobilities(robot: Robot, loaded: Robot, q: Array) -> Array:

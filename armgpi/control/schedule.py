@@ -10,8 +10,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import batches, common_batch
-from armgpi.control.gains import Gains, GainStep, Tuning
-from armgpi.control.network import Box, BSplineNetwork
+from armgpi.control.gains import GainStep, Tuning
+from armgpi.control.network import Boxes, BSplineNetwork
 from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.registry import Context
@@ -28,7 +28,7 @@ class ScheduleState(NamedTuple):
 
 
 @with_parameters
-class GainSchedule(Gains):
+class GainSchedule(Boxes):
     """omega_c rises to the upper end of its box as the size of the error passes a dead zone, and leaks back.
 
     With w what it is above the lower end, and w* = (upper - lower) min(max(abs(e) - dead_zone, 0) /
@@ -48,31 +48,6 @@ class GainSchedule(Gains):
         "_leak": "share that leaks in a sample [-]",
     }
 
-    omega_c: Box = parameter(
-        "natural frequency; the lower end is the nominal value",
-        unit="rad/s",
-        kind="box",
-        default=(22.0, 60.0),
-        least=0.0,
-        above=True,
-        per_joint=True,
-        chosen="from 22/30 of the default bandwidth to twice it",
-        key="omega",
-        log=True,
-        search=(1.0, 200.0),
-        slider=(1.0, 200.0),
-    )
-    zeta_c: PerJoint = parameter(
-        "damping ratio",
-        default=0.75,
-        least=0.0,
-        above=True,
-        per_joint=True,
-        key="zeta",
-        log=True,
-        search=(0.3, 3.0),
-        slider=(0.3, 2.0),
-    )
     attack: PerJoint = parameter(
         "share of the way to its aim that omega goes in a sample",
         default=0.2,

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.observer import Estimate, ObserverController
+from armgpi.control.observer import Estimate, SmoothedController
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 
@@ -33,7 +33,7 @@ class Learned(NamedTuple):
 
 
 @with_parameters
-class SlotineLi(ObserverController):
+class SlotineLi(SmoothedController):
     """tau = D(q) (a_r - k s + Y theta) + C(q, v^) v^ + G(q), with theta' = -gamma Y s.
 
     a_r = a* - omega_c e', s = e' + omega_c e, k = 2 omega_c, gamma = omega_c^2 adaptation; e, e' and v^ are
@@ -65,17 +65,6 @@ class SlotineLi(ObserverController):
         default=1.0,
         least=0.0,
         search=(0.01, 10.0),
-        kw_only=True,
-    )
-    layer: PerJoint = parameter(
-        "speed below which Coulomb friction is smoothed",
-        unit="rad/s or m/s",
-        default=0.05,
-        least=0.0,
-        above=True,
-        per_joint=True,
-        log=True,
-        search=(1e-3, 1.0),
         kw_only=True,
     )
 

@@ -7,13 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.observer import Estimate, ObserverController
+from armgpi.control.observer import Estimate, SmoothedController
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 
 
 @with_parameters
-class SuperTwisting(ObserverController):
+class SuperTwisting(SmoothedController):
     """tau = D(q) (a* + v) + C(q, v^) v^ + G(q), with the super-twisting algorithm as v.
 
         v = -omega_c e' - k1 sqrt(abs(s)) sign(s) + w,    w' = -k2 sign(s)
@@ -38,17 +38,6 @@ class SuperTwisting(ObserverController):
         per_joint=True,
         log=True,
         search=(1.0, 1e4),
-        kw_only=True,
-    )
-    layer: PerJoint = parameter(
-        "sliding variable below which the sign is smoothed",
-        unit="rad/s or m/s",
-        default=0.05,
-        least=0.0,
-        above=True,
-        per_joint=True,
-        log=True,
-        search=(1e-3, 1.0),
         kw_only=True,
     )
 

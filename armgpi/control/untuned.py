@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,14 @@ from armgpi.control.margins import (
     loops,
     tolerated_phase,
 )
-from armgpi.control.payload import LoadRange, least_delta, plausible_load
+from armgpi.control.payload import (
+    DELAY_SHARE,
+    LoadRange,
+    balanced_load,
+    late,
+    most_delta,
+    plausible_load,
+)
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import with_parameters
 from armgpi.registry import Context
@@ -33,12 +40,11 @@ from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
-#: The member: one integrator, and one pole of roll-off so many times as fast as the others.
-INTEGRATORS, ROLLOFF, RATIO = 1, 1, 4.0
+#: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
+#: lateness limits the loop, which then has no count noise to spare it.
+INTEGRATORS, ROLLOFF, RATIO, LATE_RATIO = 1, 1, 4.0, 8.0
 #: Highest crossover frequency [rad/s]; that of the printed law at 30 rad/s is 56. Arms are not stiff beyond.
 CROSSOVER = 70.0
-#: Share of the delay margin that computation, hold and transport may take.
-DELAY_SHARE = 0.8
 #: Standard deviation of the torque's step between samples at rest, as a share of the effort.
 TORQUE_SHARE = 0.007
 #: Share of a joint's effort by which one count may move its torque at once, before it is warned of.
@@ -92,46 +98,68 @@ def untuned(
     }
     given = given or {}
     law = member({**chosen, **given})
-    omega: Array = _fastest(law, dt, delay) * np.ones(robot.n)
+    limits = _limits(law, dt, delay)
+    if limits.lateness < limits.stiffness:
+        chosen["rolloff_ratio"] = LATE_RATIO
+        law = member({**chosen, **given})
+        limits = _limits(law, dt, delay)
+    omega: Array = min(limits) * np.ones(robot.n)
     loads = given.get("payload")
     if isinstance(loads, LoadRange):
         omega = np.minimum(omega, loads.found(robot, dt, delay, member=law).omega_c)
+    elif "payload" not in given:
+        most = most_delta(law, float(omega[0]) * late(dt, delay))
+        chosen["payload"] = loads = _spare(robot, most)
     if bits is not None:
-        omega = omega * np.minimum(1.0, _quietness(robot, dt, law, omega, bits))
+        nominal = robot if loads is None else loads.found(robot, dt, delay, 1e-9, law).nominal
+        omega = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits))
     chosen["omega_c"] = omega
+    chosen = {name: value for name, value in chosen.items() if name not in given}
     if isinstance(robot, Robot):
-        _warn(robot, law, omega, loads)
-    return {name: value for name, value in chosen.items() if name not in given}
+        _warn(robot, None if "gains" in given else chosen.get("omega_c"), chosen.get("payload"))
+    return chosen
 
 
-def _warn(robot: Robot, law: Member, omega: Array, loads: Any) -> None:
-    """Warn of what will go wrong with an arm."""
-    j = int(np.argmin(omega))
-    if omega[j] < SLOWEST_DEFAULT:
+def _spare(robot: AnyRobot, most: float) -> LoadRange:
+    """Return the nominal load that the loop has delay margin to spare for: empty, delta is `most` at most."""
+    if isinstance(robot, RobotBatch):
+        each: Any = np.array([[balanced_load(one, most)] for one in robot.robots])
+        return LoadRange(heaviest=each)
+    return LoadRange(heaviest=balanced_load(robot, most))
+
+
+def _warn(robot: Robot, omega: Array | None, loads: LoadRange | None) -> None:
+    """Warn of what will go wrong with an arm under what the rule chose."""
+    if omega is not None and omega[j := int(np.argmin(omega))] < SLOWEST_DEFAULT:
         warnings.warn(
             f"sample time, delay and encoders leave joint {robot.joint_names[j]!r} {omega[j]:.3g} rad/s, "
             f"and below {SLOWEST_DEFAULT:g} an arm follows badly; sample faster, or finer",
             ArmgpiWarning,
             stacklevel=4,
         )
-    mass, delta = plausible_load(robot)
-    if loads is None and delta < least_delta(law):
+    if loads is not None and (said := plausible_load(robot).said(robot, loads.heaviest)):
         warnings.warn(
-            f"{mass:.2g} kg at {robot.tip!r}, 5 % of the arm's mass, would make the nominal inertia "
-            f"{delta:.2g} of the true one, and the loop is stable above {least_delta(law):.2g}; tell the "
-            "controller of the load (payload), or of the rotor inertia that URDFs leave out (with_armature)",
+            f"{said}; tell the controller of the load (payload), or of the rotor inertia that URDFs leave "
+            "out (with_armature)",
             ArmgpiWarning,
             stacklevel=4,
         )
 
 
-def _fastest(law: Member, dt: float, delay: float) -> float:
-    """Return the bandwidth that stiffness of the arm and lateness of the loop allow [rad/s]."""
+class _Limits(NamedTuple):
+    """Bandwidths that are allowed [rad/s]: by the stiffness of the arm, and by the lateness of the loop."""
+
+    stiffness: float
+    lateness: float
+
+
+def _limits(law: Member, dt: float, delay: float) -> _Limits:
+    """Return the bandwidths that a member of the family is allowed."""
     dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
     delay = check_number(delay, "delay", "zero or positive [s]")
     one = np.ones(1)
     crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(one, one, one), law))
-    return min(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / (1.5 * dt + delay))
+    return _Limits(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / late(dt, delay))
 
 
 def _quietness(robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any) -> Array:

@@ -164,7 +164,8 @@ CHECKS: list[Check] = [
     Check("payload", "the motors do not hold the load given with `--payload` everywhere", ("warning",)),
     Check(
         "payload",
-        "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5, or 0.36 (warning)",
+        "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5, with the nominal load of "
+        "`untuned` (warning) or without one (info)",
         ("warning", "info"),
     ),
     Check("cross-check", "yourdfpy reads another robot", ("error",)),

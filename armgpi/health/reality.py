@@ -24,6 +24,7 @@ from armgpi import config
 from armgpi.arrays import Array, check_whole
 from armgpi.config.schema import KINDS
 from armgpi.control.controller import Controller
+from armgpi.control.gpi import KNOWS
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.health.zoo import fingers
 from armgpi.loop import metrics
@@ -265,7 +266,7 @@ def known(law: Mapping[str, Any]) -> str:
     """Return in words what a law measures and knows, by its section of an experiment file."""
     kind = KINDS[law["type"]].law
     fed = "model" if law["type"] == "untuned" else law.get("feedforward", "none")
-    knows = kind.knows if fed == "none" else fed
+    knows = kind.knows if fed == "none" else KNOWS[fed]
     return describe_measurement(kind.measurement_type.__name__, knows)
 
 

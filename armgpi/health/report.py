@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.control.gpi import GPI
-from armgpi.control.payload import largest_payload, plausible_load
+from armgpi.control.payload import PLAUSIBLE_DELTA, largest_payload, plausible_load
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.escape import html_table, json_data
 from armgpi.health import checks_control, findings
@@ -27,10 +27,6 @@ from armgpi.robot import repairs, robots, urdf, urdf_model
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
-
-#: Delta that a load should leave that an arm is likely to carry, and the one below which the printed law is
-#: unstable.
-_LEAST_DELTA, _UNSTABLE_DELTA = 0.5, 0.36
 
 
 @dataclass(frozen=True)
@@ -160,15 +156,17 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
-    plausible, delta = plausible_load(report.robot, most.mobility)
-    if delta < _LEAST_DELTA:
-        message = (
-            f"{plausible:.2g} kg at {report.robot.tip!r}, 5 % of the arm's mass, makes a "
-            f"nominal D(q) without it {delta:.2g} of the true one; GPI is stable above 0.36"
-        )
-        repair = "tell the controller of the load (payload range), and of the rotor inertia"
-        level: Level = "warning" if delta < _UNSTABLE_DELTA else "info"
-        found.append(Finding(level, "robot", message, delta, _LEAST_DELTA, repair, (), "payload"))
+    plausible = plausible_load(report.robot)
+    law = report.facts["untuned"]
+    carried = law["nominal_load"] if law is not None else 0.0
+    # What the rule still cannot take is a warning, what the printed law cannot is worth knowing.
+    levels: tuple[tuple[Level, float], ...] = (("warning", carried), ("info", 0.0))
+    for level, nominal in levels:
+        if said := plausible.said(report.robot, nominal):
+            delta = plausible.with_nominal(nominal)
+            repair = "tell the controller of the load (payload range), and of the rotor inertia"
+            found.append(Finding(level, "robot", said, delta, PLAUSIBLE_DELTA, repair, (), "payload"))
+            break
     facts = {
         "mass": mass,
         "frame": report.robot.tip,
@@ -224,6 +222,7 @@ def _untuned(subject: Subject) -> dict[str, Any] | None:
     return {
         "integrators": law.integrators,
         "rolloff": law.rolloff,
+        "nominal_load": law.payload.heaviest,
         "omega_c": law.gains.nominal().omega_c.tolist(),
         "phase_margin": margins.phase,
         "delay_margin": margins.delay,

@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -34,9 +34,12 @@ _SMALL, _SMALL_SHARE = 3.0, 1.0 / 16.0
 #: Heaviest unknown load [kg], but no more than this share of the arm.
 _LOAD, _LOAD_SHARE = 0.5, 0.15
 #: Draws that are searched on and judged on; the latter begin far from the former.
-FIT, HELD_OUT, _APART = 6, 12, 1 << 20
+FIT, HELD_OUT, _APART = 8, 24, 1 << 20
 #: How many times the best one's error is as good.
 WITHIN = 1.1
+
+
+_Kept = TypeVar("_Kept")
 
 
 class Contender(NamedTuple):
@@ -64,6 +67,8 @@ _SCHEDULE = ("omega", "zeta", "attack", "error_range", "dead_zone")
 _NETWORK = ("omega", "zeta", "learning_rate", "error_range", "derivative_range", "dead_zone")
 _TRAINED = ("omega", "zeta", "error_range", "derivative_range", "weights.omega")
 _OBSERVER = ("omega_c", "omega_o")
+#: Poles as far apart as an observer's are from those of its controller, so that ADRC is among the members.
+_FAR = {"second_ratio": Range(0.2, 50.0), "rolloff_ratio": Range(1.0, 50.0)}
 #: Where the searches begin: the defaults at 1 ms and one sample of delay, all poles at 30 rad/s, or two
 #: at half of that and the others at twice, as an observer has; gains that adapt from 20 to 60 rad/s.
 _EQUAL = {"omega": 30.0, "zeta": 1.0, "p": 30.0}
@@ -75,15 +80,14 @@ _SPLIT = {"omega_c": 15.0, "omega_o": 60.0}
 CONTENDERS: dict[str, Contender] = {
     "GPI, printed law": _law({"type": "gpi", **_EQUAL}, *_POLES),
     "GPI, roll-off": _law({"type": "gpi", "rolloff": 1, **_EQUAL}, *_ROLLED),
-    "GPI, roll-off, two quadratics": _law({"type": "gpi", **_SPREAD}, *_ROLLED, "second_ratio"),
+    "GPI, roll-off, two quadratics": _law({"type": "gpi", **_SPREAD}, *_POLES, **_FAR),
     "GPI, roll-off, one integrator": _law(
-        {"type": "gpi", "integrators": 1, **_SPREAD}, "omega", "zeta", "second_ratio", "rolloff_ratio"
+        {"type": "gpi", "integrators": 1, **_SPREAD}, "omega", "zeta", **_FAR
     ),
     "GPI, schedule": _law({"type": "schedule", **_BOX}, *_SCHEDULE),
     "GPI, schedule, roll-off": _law({"type": "schedule", **_BOX, "rolloff": 1}, *_SCHEDULE, "rolloff_ratio"),
     "GPI, network": _law({"type": "network", **_BOX}, *_NETWORK),
     "GPI, network, roll-off": _law({"type": "network", **_BOX, "rolloff": 1}, *_NETWORK, "rolloff_ratio"),
-    "GPI, trained network": _law({"type": "network", **_BOX, "learning_rate": 0.0}, *_TRAINED),
     "GPI, trained network, roll-off": _law(
         {"type": "network", **_BOX, "learning_rate": 0.0, "rolloff": 1}, *_TRAINED, "rolloff_ratio"
     ),
@@ -93,9 +97,14 @@ CONTENDERS: dict[str, Contender] = {
         {"type": "gpi", "rolloff": 1, "feedforward": "gravity", **_EQUAL}, *_ROLLED
     ),
     "GPI, roll-off, model": _law({"type": "gpi", "rolloff": 1, "feedforward": "model", **_EQUAL}, *_ROLLED),
-    "GPI, roll-off, one integrator, model": _law(
-        {"type": "gpi", "integrators": 1, "feedforward": "model", **_SPREAD},
-        *("omega", "zeta", "second_ratio", "rolloff_ratio"),
+    "GPI, roll-off, two quadratics, computed": _law(
+        {"type": "gpi", "feedforward": "computed", **_SPREAD}, *_POLES, **_FAR
+    ),
+    "GPI, roll-off, one integrator, computed": _law(
+        {"type": "gpi", "integrators": 1, "feedforward": "computed", **_SPREAD}, "omega", "zeta", **_FAR
+    ),
+    "GPI, schedule, roll-off, computed": _law(
+        {"type": "schedule", "feedforward": "computed", **_BOX, "rolloff": 1}, *_SCHEDULE, "rolloff_ratio"
     ),
     "computed torque, observer": _law({"type": "ctdob", **_SPLIT}, *_OBSERVER),
     "PID + inversion, positions": _law({"type": "pid_positions"}, "kp", "ki", "kd", "filter"),
@@ -103,6 +112,10 @@ CONTENDERS: dict[str, Contender] = {
     "Slotine-Li": _law({"type": "slotineli", **_SPLIT}, *_OBSERVER, "adaptation", "layer"),
     "PID + inversion, exact velocities": _law({"type": "pid"}, "kp", "ki", "kd"),
 }
+
+
+#: What the rule for arms that nobody tuned is held against, tuned for the torque variation that it has.
+RIVALS = ("ADRC, order 3", "ADRC, order 4", "GPI, roll-off, one integrator, computed")
 
 
 class Setting(NamedTuple):
@@ -115,7 +128,7 @@ class Setting(NamedTuple):
         held_out: draws that are judged on.
     """
 
-    evaluations: int = 241
+    evaluations: int = 481
     seeds: int = 2
     fit: int = FIT
     held_out: int = HELD_OUT
@@ -211,10 +224,7 @@ def _entry(
     name = f"{arm} {law} {seed}".replace(" ", "_").replace(",", "").replace("+", "plus")
     done, table = folder / f"{name}.json", folder / f"{name}.csv"
     if done.exists():
-        try:
-            return Entry(**json.loads(done.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError) as error:
-            raise RolloutError(f"{done}: cannot be read: {error}; remove it") from None
+        return _read(done, Entry)
     study = Study(problem(arm, law, seed, setting))
     kept = rows_of(table.read_text(encoding="utf-8"), study.problem) if table.exists() else []
     study.run(lambda study: _keep(table, study), kept)
@@ -223,6 +233,18 @@ def _entry(
     best = [each["held_out"] for each in entry.budgets.values()]
     told(f"{arm}, {law}, seed {seed}: {' / '.join(f'{value:.3g}' for value in best) or 'nothing holds'}")
     return entry
+
+
+def _read(path: Path, kind: Callable[..., _Kept]) -> _Kept:
+    """Return what was kept in a file.
+
+    Raises:
+        RolloutError: when it cannot be read.
+    """
+    try:
+        return kind(**json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
+        raise RolloutError(f"{path}: cannot be read: {error}; remove it") from None
 
 
 def _keep(table: Path, study: Study) -> None:
@@ -248,6 +270,72 @@ def problem(arm: str, law: str, seed: int, setting: Setting) -> Problem:
     )
 
 
+class Untuned(NamedTuple):
+    """The rule for arms that nobody tuned on one arm, and rivals that are tuned for its torque variation.
+
+    Attributes:
+        arm: its name.
+        objective: of the rule on the held-out draws.
+        variation: of torque, likewise [N m].
+        rivals: law -> objective and variation on the held-out draws, median of the seeds; infinite where no
+            candidate holds.
+    """
+
+    arm: str
+    objective: float
+    variation: float
+    rivals: dict[str, list[float]]
+
+
+def untuned(folder: Path, arm: str, setting: Setting) -> Untuned:
+    """Return what the rule is on an arm, and what its rivals are; read from the folder where it is there.
+
+    Raises:
+        RolloutError: when the folder's file cannot be read or written.
+        ArmgpiError: when the arm cannot be loaded.
+    """
+    done = folder / f"{arm}_untuned_{setting.seeds}.json"
+    if done.exists():
+        return _read(done, Untuned)
+    robot = Robot.load(arm, fingers(arm))
+    section = {"type": "untuned"}
+    spent, judged = (
+        Evaluator(draws(robot, count, first), KEPT)(section, [{}])
+        for count, first in ((setting.fit, 0), (setting.held_out, _APART))
+    )
+    budget = float(spent.values["total_variation"].mean())
+    rivals = {law: _rival(arm, law, setting, budget) for law in RIVALS}
+    objective, variation = (float(judged.values[name].mean()) for name in ("itae", "total_variation"))
+    found = Untuned(arm, objective, variation, rivals)
+    files.write(done, json.dumps(found._asdict(), indent=1) + "\n")
+    return found
+
+
+def _rival(arm: str, law: str, setting: Setting, budget: float) -> list[float]:
+    """Return objective and variation of a law that is tuned for a budget, the median of the seeds."""
+    rows = []
+    for seed in range(setting.seeds):
+        whole = problem(arm, law, seed, setting)
+        # As many candidates as each budget of a contest has.
+        study = Study(whole._replace(budgets=(budget,), evaluations=setting.evaluations // len(BUDGETS) + 1))
+        study.run()
+        rows.append([(x.held_out.objective, x.held_out.means["total_variation"]) for x in study.validated()])
+    values = np.array([row[0] if row else (math.inf, math.inf) for row in rows])
+    return [float(x) for x in np.median(values, axis=0)]
+
+
+def untuned_table(found: Sequence[Untuned]) -> str:
+    """Return, as Markdown, the rule beside laws that are tuned for its variation, with quotients of error."""
+    head = ("error at torque variation [N m]", "untuned", *RIVALS, "untuned over the best ADRC")
+    lines = [head, ("---",) * len(head)]
+    for each in found:
+        best = min(each.rivals[law][0] for law in RIVALS if not CONTENDERS[law].gpi)
+        pairs = ([each.objective, each.variation], *(each.rivals[law] for law in RIVALS))
+        cells = [f"{error:.3g} at {spent:.3g}" for error, spent in pairs]
+        lines.append((each.arm, *cells, _ratio(each.objective, best)))
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
 def _judged(arm: str, law: str, seed: int, study: Study) -> Entry:
     """Return what a study found."""
     given = study.given()
@@ -262,13 +350,7 @@ def _judged(arm: str, law: str, seed: int, study: Study) -> Entry:
     }
     untuned = [given.objective, given.means["total_variation"]] if given.sound else None
     section = CONTENDERS[law].section
-    known = described(section)
-    if section.get("feedforward"):
-        known = known.replace(
-            "the inertia matrix",
-            {"gravity": "inertia and gravity"}.get(section["feedforward"], "the whole model"),
-        )
-    return Entry(arm, law, known, seed, untuned, found, study.problem.space.names)
+    return Entry(arm, law, described(section), seed, untuned, found, study.problem.space.names)
 
 
 def medians(entries: Iterable[Entry], arm: str) -> dict[str, dict[str, float]]:

@@ -161,7 +161,7 @@ def start_drop(model: Robot, start: str, **options: Any) -> Array:
     return np.abs(simulate(RigidBodyPlant(ARM), controller, Hold(BRAKES), 1.0)["q"].values).max(axis=0)[1:]
 
 
-FEEDFORWARD = pytest.mark.parametrize("feedforward", ["none", "gravity", "model"])
+FEEDFORWARD = pytest.mark.parametrize("feedforward", ["none", "gravity", "model", "computed"])
 WAY = Bezier([0.0, 0.1, 0.0], [0.8, 0.6, -0.5], duration=1.0, t_start=0.1)
 
 
@@ -181,6 +181,17 @@ def test_a_moving_reference_starts_with_the_torque_that_follows_it() -> None:
     controller = GPI(ARM, DT, feedforward="model")
     tau, _ = controller.step(Measurement(BRAKES), moving, controller.init(Measurement(BRAKES), moving))
     np.testing.assert_allclose(tau, ARM.inverse_dynamics(*moving), rtol=0, atol=1e-14)
+
+
+def test_computed_torque_is_that_of_the_model_where_the_arm_is() -> None:
+    moving = Target(BRAKES, np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0]))
+    q = BRAKES + 1e-3
+    law = GPI(ARM, DT, FixedGains(20.0), feedforward="computed", start="zero")
+    tau, _ = law.step(Measurement(q), moving, law.init(Measurement(q), moving))
+    bare = GPI(ARM, DT, FixedGains(20.0), start="zero")
+    asked, _ = bare.step(Measurement(q), moving, bare.init(Measurement(q), moving))
+    ahead = ARM.inverse_dynamics(q, moving.v, moving.a)
+    np.testing.assert_allclose(tau, asked + ahead, rtol=0, atol=1e-13)
 
 
 def test_with_the_exact_model_only_the_hold_of_the_torque_is_left_of_the_error() -> None:
@@ -423,7 +434,8 @@ def test_a_scaled_inertia_leaves_the_feedforward_as_the_robot_is_known() -> None
 
 
 @pytest.mark.parametrize(
-    ("feedforward", "knows"), [("none", "inertia"), ("gravity", "gravity"), ("model", "model")]
+    ("feedforward", "knows"),
+    [("none", "inertia"), ("gravity", "gravity"), ("model", "model"), ("computed", "model")],
 )
 def test_what_it_knows_follows_its_feedforward(feedforward: str, knows: str) -> None:
     rollout = simulate(RigidBodyPlant(ARM), GPI(ARM, DT, feedforward=feedforward), Hold(np.zeros(3)), 0.01)

@@ -25,7 +25,9 @@ from armgpi.control import untuned
 from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import count_noise, crossovers, delay_margin, open_loop
+from armgpi.control.payload import DELAY_SHARE, plausible_load
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, PayloadError
+from armgpi.registry import Context
 
 ARM = Robot.load("anthropomorphic3")
 MEMBER = Member(untuned.INTEGRATORS, untuned.ROLLOFF, untuned.RATIO)
@@ -39,10 +41,12 @@ def tuning(omega: float) -> Tuning:
 def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay: float) -> None:
     law = GPI.untuned(ARM, dt, delay=delay)
     (omega,) = set(law.gains.nominal().omega_c)
-    loop = open_loop(tuning(omega), MEMBER)
+    late = dt == 4e-3  # then lateness limits, and the roll-off is farther out
+    assert set(law.rolloff_ratio) == {untuned.LATE_RATIO if late else untuned.RATIO}
+    loop = open_loop(tuning(omega), Member(1, 1, law.rolloff_ratio[0]))
     used = (
         crossovers(loop).max() / untuned.CROSSOVER,
-        (1.5 * dt + delay) / delay_margin(loop) / untuned.DELAY_SHARE,
+        (1.5 * dt + delay) / delay_margin(loop) / DELAY_SHARE,
     )
     assert max(used) == pytest.approx(1.0)
     assert law.margins().delay == pytest.approx(delay_margin(loop))
@@ -106,9 +110,37 @@ def test_one_count_moves_the_torque_by_what_is_said() -> None:
     torque = law.count_torque(16)
     omega = law.gains.nominal().omega_c
     own = [count_noise(tuning(w), 1e-3, MEMBER).at_once * 2.0 * math.pi / 2**16 for w in omega]
-    np.testing.assert_allclose(torque, (untuned.most_inertia(ARM) * own).max(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(torque, (untuned.most_inertia(law.robot) * own).max(axis=1), rtol=1e-12)
     with pytest.raises(ParameterError, match="a single Robot"):
         GPI.untuned(RobotBatch([ARM, ARM]), 1e-3).count_torque(16)
+
+
+@pytest.mark.filterwarnings("ignore:.*5 % of the arm's mass")
+@pytest.mark.parametrize("late", [1e-3, 12e-3])
+def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: float) -> None:
+    arm = Robot.load("kinova")
+    law = GPI.untuned(arm, 1e-3, delay=late, bits=16)
+    load = plausible_load(arm)
+    empty = law.payload.delta[1]
+    if late == 1e-3:  # as far above 1 empty as below it with the load that is likely
+        assert empty * load.with_nominal(law.payload.heaviest) == pytest.approx(1.0)
+    else:  # there is nothing to spare
+        assert law.payload.heaviest == pytest.approx(0.0, abs=1e-9)
+    assert 1.0 <= empty <= 1.0 / math.sqrt(load.delta) + 1e-12
+    tunings = [tuning(omega) for omega in law.gains.nominal().omega_c]
+    own = Member(1, 1, law.rolloff_ratio[0])
+    assert all(delay_margin(open_loop(each, own, empty)) > 1.5e-3 + late for each in tunings)
+    assert law.bias_robot is arm  # the feedforward knows of no load
+    arms = RobotBatch([arm, arm.scaled_inertia(2.0)])
+    both = GPI.untuned(arms, 1e-3, delay=late, bits=16)
+    one = GPI.untuned(arms.robots[1], 1e-3, delay=late, bits=16)
+    q = arm.middle()
+    np.testing.assert_allclose(
+        both.robot.robots[1].mass_matrix(q),  # type: ignore[union-attr]
+        one.robot.mass_matrix(q),
+        rtol=1e-9,
+        atol=1e-12,
+    )
 
 
 def test_what_will_go_wrong_is_said() -> None:
@@ -118,6 +150,13 @@ def test_what_will_go_wrong_is_said() -> None:
     with pytest.warns(ArmgpiWarning, match="5 % of the arm's mass"):
         GPI.untuned(light, 1e-3)
     GPI.untuned(light, 1e-3, payload=(0.0, 0.0))  # tests fail on warnings
+    fast = {"gains": FixedGains(30.0), "rolloff": 0}
+    with pytest.warns(ArmgpiWarning, match="one encoder count moves the torque of joint 'q2' by .* % of its"):
+        GPI.untuned(ARM.with_limits(effort=1.0), 1e-3, bits=10, **fast)
+    section = {"type": "gpi", "omega": 30.0}
+    context = Context(ARM.with_limits(effort=1.0), 1e-3, bits=np.full(3, 10.0), nominal=ARM)
+    with pytest.warns(ArmgpiWarning, match="one encoder count"):
+        config.controller(section, context._replace(nominal=context.robot))
 
 
 @pytest.mark.parametrize(
