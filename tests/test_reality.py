@@ -99,7 +99,6 @@ def test_changing_one_distribution_leaves_the_others_as_they_were_drawn() -> Non
             np.testing.assert_array_equal(value, getattr(heavy, name))
 
 
-@pytest.mark.filterwarnings("ignore:one encoder count")
 def test_draws_of_a_block_run_as_one_batch_and_are_what_they_are_alone() -> None:
     reality = Reality.geared(seed=2, block=4, t_final=3.0)
     draws = [reality.draw(ARM, index) for index in range(8)]
@@ -205,7 +204,6 @@ controllers: [{type: gpi}, {type: pid}]
 """
 
 
-@pytest.mark.filterwarnings("ignore:one encoder count")
 def test_a_draw_goes_through_an_experiment_file_and_back() -> None:
     first = config.build(*config.parse(FILE, "x"))
     draw = Reality.geared(3, payload=(0.01, 0.02)).draw(ARM, 7)
