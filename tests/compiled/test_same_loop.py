@@ -143,6 +143,7 @@ CONTROLLERS: dict[str, Callable[[], Any]] = {
         RobotBatch([ARM, HEAVY, ARM.scaled_inertia(0.8), ARM, HEAVY]), feedforward="model"
     ),
     "model ahead, network, roll-off": lambda: gpi(gains=BSplineNetwork(), rolloff=1, feedforward="model"),
+    "computed torque": lambda: gpi(rolloff=1, feedforward="computed"),
     "friction ahead": lambda: gpi(ARM.with_friction(0.1, EACH), friction_feedforward=True),
     "quiet at rest, network": lambda: gpi(
         gains=BSplineNetwork(), rolloff=1, rest_dead_zone=1e-4 * OWN, rest_leak=50.0 * EACH

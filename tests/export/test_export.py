@@ -134,6 +134,7 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     ),
     "gravity ahead": lambda: GPI(paper_arm(), 1e-3, feedforward="gravity"),
     "model ahead, network": lambda: GPI(paper_arm(), 1e-3, network(), feedforward="model"),
+    "computed torque": lambda: GPI(paper_arm(), 1e-3, feedforward="computed"),
     "friction ahead": lambda: GPI(paper_arm().with_friction(0.1, 0.2), 1e-3, friction_feedforward=True),
     "quiet at rest": lambda: GPI(paper_arm(), 1e-3, rolloff=1, rest_dead_zone=1e-4, rest_leak=50.0),
     "from zero": lambda: GPI(paper_arm(), 1e-3, start="zero"),
