@@ -181,7 +181,8 @@ def test_every_declared_parameter_is_in_a_table_with_its_sentence() -> None:
     declared_ones = [each for kind in schema.KINDS.values() for each in kind.parameters.values()]
     for base in (Load, Wrapper, ToolPath):
         for cls in registered(base).values():
-            declared_ones += [each for each in parameters(cls).values() if each.in_file]
+            if cls.__module__.startswith("armgpi."):  # not what a page declared before, in this process
+                declared_ones += [each for each in parameters(cls).values() if each.in_file]
     assert len(declared_ones) > 40
     for each in declared_ones:
         assert f"| {each.text}" in text, each.text
