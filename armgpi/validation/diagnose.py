@@ -82,6 +82,7 @@ class Cause(NamedTuple):
         evidence: what was seen, one line each.
         structural: whether the formulas are wrong, and not the value of a parameter.
         line: of the model's source, where the mistake is and a repair is proved; None without one.
+        formulas: what stands in the model and what has to, each with its label, as expressions of Python.
     """
 
     kind: str
@@ -94,6 +95,7 @@ class Cause(NamedTuple):
     evidence: tuple[str, ...] = ()
     structural: bool = True
     line: int | None = None
+    formulas: tuple[tuple[str, str], ...] = ()
 
 
 class Vary(NamedTuple):
@@ -487,6 +489,7 @@ class _Search:
         # A reader who sees at once that the first is not it wants to see the others.
         near = [c.text for c in found if not named or c.bits <= max(first.bits, _FREE) + _NEAR]
         other = tuple(text for text in dict.fromkeys(near) if text != first.text)
+        evidence, formulas = self.evidence(mask) if scope == "elements" or not named else ((), ())
         return Cause(
             first.kind,
             first.text,
@@ -495,29 +498,38 @@ class _Search:
             first.value,
             first.expected,
             other[:ALTERNATIVES],
-            tuple(self.evidence(mask)) if scope == "elements" or not named else (),
+            evidence,
             first.structural,
+            formulas=formulas,
         )
 
-    def evidence(self, mask: Mask) -> Iterator[str]:
-        """Yield what elements are as functions of the configuration, the model's beside the robot's."""
+    def evidence(self, mask: Mask) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
+        """Return what elements are as functions of the configuration, as lines and as formulas."""
         p = self.problem
+        lines: list[str] = []
+        formulas: list[tuple[str, str]] = []
         for column in np.flatnonzero(mask)[:SHOWN]:
-            element = p.elements[column]
+            label = p.elements[column].label
             sums = [
                 harmonics.expand(p.q, values[:, column], p.tree.prismatic, float(p.tolerance[column]))
                 for values in (p.user, p.reference, p.user - p.reference)
             ]
             mine, theirs, rest = ("?" if s is None else harmonics.formula(s) for s in sums)
-            if mine != "?" and theirs != "?":
-                yield f"{element.label}: the model has {mine}, the robot {theirs}"
+            told = (
+                {"model": mine, "robot": theirs} if "?" not in (mine, theirs) else {"model less robot": rest}
+            )
+            if "robot" in told:
+                lines.append(f"{label}: the model has {mine}, the robot {theirs}")
             elif rest != "?":
-                yield f"{element.label}: model less robot is {rest}"
+                lines.append(f"{label}: model less robot is {rest}")
             else:
                 worst = int(np.argmax(np.abs(p.user[:, column] - p.reference[:, column])))
                 configuration = ", ".join(f"{x:.4g}" for x in p.q[worst])
                 values = f"{p.user[worst, column]:.6g}, the robot {p.reference[worst, column]:.6g}"
-                yield f"{element.label}: the model has {values} at q = ({configuration})"
+                lines.append(f"{label}: the model has {values} at q = ({configuration})")
+                continue
+            formulas += [(f"{label}, {whose}", harmonics.code(text)) for whose, text in told.items()]
+        return tuple(lines), tuple(formulas)
 
 
 class _Fitted:
@@ -684,6 +696,10 @@ def _joined(causes: Iterator[Cause]) -> list[Cause]:
         if key in found:
             before = found[key]
             evidence = tuple(dict.fromkeys(before.evidence + cause.evidence))[:SHOWN]
-            cause = before._replace(elements=before.elements + cause.elements, evidence=evidence)
+            cause = before._replace(
+                elements=before.elements + cause.elements,
+                evidence=evidence,
+                formulas=(before.formulas + cause.formulas)[: 2 * SHOWN],
+            )
         found[key] = cause
     return list(found.values())

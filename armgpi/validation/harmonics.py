@@ -8,6 +8,7 @@ Few of its terms are there, so matching pursuit finds them from some dozens of c
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -147,6 +148,11 @@ def formula(terms: list[Harmonic]) -> str:
         else:
             text += f" {sign} {body}"
     return text
+
+
+def code(text: str) -> str:
+    """Return what :func:`formula` gave as an expression of Python."""
+    return re.sub(r"(?<=[\w)]) (?=\w)", "*", text.replace("²", "**2"))
 
 
 def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array]:

@@ -113,6 +113,17 @@ def causes(repair: Repair, source: str, problem: Problem) -> Iterator[Cause]:
             else "with all changes the model agrees"
         )
         structural = change.kind not in ("unit", "value")
+        formulas = (("stands", change.old), ("belongs", change.new)) if structural else ()
         yield Cause(
-            change.kind, text, scope, elements, value, expected, (), (*evidence, proof), structural, first
+            change.kind,
+            text,
+            scope,
+            elements,
+            value,
+            expected,
+            (),
+            (*evidence, proof),
+            structural,
+            first,
+            formulas,
         )

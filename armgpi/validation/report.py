@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from armgpi.escape import html_table
+from armgpi.validation import typeset
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
@@ -196,11 +197,7 @@ class DynamicsReport:
             columns = ("function", "", "largest error", "relative", "where", "worst at")
             sections["Functions"] = _html_table("functions", columns, rows, words=(1, 4, 5))
         if self.causes:
-            told = [_lines_of(cause) for cause in self.causes]
-            sections["What is wrong"] = "".join(
-                f"<p>{page.text(first.removeprefix('- '))}</p>{page.bullets(line.strip() for line in rest)}"
-                for first, *rest in told
-            )
+            sections["What is wrong"] = "".join(_html_cause(cause) for cause in self.causes)
         if self.laws:
             laws = ("law", "", "error", "")
             sections["Laws"] = _html_table("laws", laws, self._checked_laws(), words=(1, 3))
@@ -224,6 +221,7 @@ class DynamicsReport:
         for cause in self.causes:
             first, *rest = _lines_of(cause)
             lines += ["", first, *(f"  - {line.strip()}" for line in rest)]
+            lines += [f"  - {label}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
         if self.laws:
             lines += ["", "| law | | error | |", "|---|---|---|---|"]
             lines += [f"| {' | '.join(row)} |" for row in self._checked_laws()]
@@ -235,7 +233,7 @@ class DynamicsReport:
         lines = [rf"\paragraph{{{_tex(self.model)}}} {_tex(self.verdict())}."]
         lines += [r"\begin{tabular}{lllll}", *rows, r"\end{tabular}"] if rows else []
         if self.causes:
-            told = [r"\item " + r" \\ ".join(_tex(x.strip()) for x in _lines_of(c)) for c in self.causes]
+            told = [r"\item " + r" \\ ".join(_tex_lines(cause)) for cause in self.causes]
             lines += [r"\begin{itemize}", *told, r"\end{itemize}"]
         return "\n".join(lines) + "\n"
 
@@ -277,6 +275,30 @@ def _lines_of(cause: Cause) -> list[str]:
     return lines
 
 
+def _formulas(cause: Cause, form: Callable[[str], str | None]) -> list[tuple[str, str]]:
+    """Return the formulas of a cause that can be set in a form, with their labels."""
+    found = ((label, form(code)) for label, code in cause.formulas)
+    return [(label, math) for label, math in found if math is not None]
+
+
+def _html_cause(cause: Cause) -> str:
+    """Return a cause as HTML, its formulas set."""
+    from armgpi.viz import page
+
+    first, *rest = _lines_of(cause)
+    parts = [f"<p>{page.text(first.removeprefix('- '))}</p>"]
+    if formulas := _formulas(cause, typeset.mathml):
+        lines = (f"<p>{page.text(label)}: &nbsp; {math}</p>" for label, math in formulas)
+        parts.append(f"<div class=scroll tabindex=0 role=region aria-label=formulas>{''.join(lines)}</div>")
+    return "".join([*parts, page.bullets(line.strip() for line in rest)])
+
+
+def _tex_lines(cause: Cause) -> list[str]:
+    """Return a cause as lines of LaTeX."""
+    told = [_tex(line.strip().removeprefix("- ")) for line in _lines_of(cause)]
+    return told + [rf"{_tex(label)}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
+
+
 def _where(cause: Cause) -> str:
     """Return where a cause is at work."""
     functions = list(dict.fromkeys(element.function for element in cause.elements))
@@ -307,6 +329,7 @@ def _plain(cause: Cause) -> dict[str, Any]:
         "expected": None if cause.expected is None else _finite(cause.expected),
         "alternatives": list(cause.alternatives),
         "evidence": list(cause.evidence),
+        "formulas": [list(pair) for pair in cause.formulas],
     }
 
 

@@ -32,6 +32,13 @@ CASES = {
     "ω × I ω forgotten": ("ne3_base", " + np.cross(w3, I3 @ w3)", ""),
     "a cross product forgotten": ("ne3_base", "p2 + np.cross(b2, s2) +", "p2 +"),
     "a rotation transposed": ("ne4", "w = R[i].T @ (w", "w = R[i] @ (w"),
+    "a factor of two products": ("ppp_gantry", "0.5 * m2 * (x", "(x"),
+    "ω × I ω forgotten in a loop": (
+        "ne4",
+        "\n            + np.cross(speeds[i], INERTIAS[i] @ speeds[i])",
+        "",
+    ),
+    "an acceleration forgotten in a loop": ("ne4", "dw + a[i] * AXIS +", "dw +"),
     "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
 }
 
@@ -178,6 +185,30 @@ def test_the_report_is_markdown_and_latex() -> None:
     assert "| gravity | DIFFERS |" in report.markdown()
     assert r"\begin{itemize}" in report.latex()
     assert "dict" in report.latex()
+
+
+def test_formulas_are_set_in_reports(tmp_path: Path) -> None:
+    right = textbooks.text("rr_textbook")
+    old = "m2 * lc2**2"
+    assert old in right
+    report = validate(
+        written(tmp_path, right.replace(old, "m2 * lc2", 1)), textbooks.robot("rr_textbook", right)
+    )
+    assert dict(report.causes[0].formulas) == {"stands": "lc2", "belongs": "lc2 ** 2"}
+    assert r"belongs: ${l_{c2}}^{2}$" in report.latex()
+    assert r"belongs: ${l_{c2}}^{2}$" in report.markdown()
+    assert (
+        "<msup><mrow><msub><mi>l</mi><mn>c2</mn></msub></mrow><mrow><mn>2</mn></mrow></msup>" in report.html()
+    )
+
+
+def test_a_mistake_that_only_shows_beyond_degree_two_is_repaired(tmp_path: Path) -> None:
+    right = textbooks.text("ppp_gantry")
+    wrong = right.replace("(x**2 + y**2) +", "(x**2 + y) +", 1)
+    assert wrong != right
+    report = validate(written(tmp_path, wrong), textbooks.robot("ppp_gantry", right))
+    assert report.repaired is not None
+    assert same(report.repaired, right, 99)
 
 
 # The parts.

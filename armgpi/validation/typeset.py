@@ -1,0 +1,247 @@
+"""Expressions of Python set as formulas: MathML for pages, which browsers draw without a script, and LaTeX.
+
+What stands in a model's source is set as it stands there, so that a reader finds it again: nothing is
+simplified. Joints count from 1, as in formulas: ``q[0]`` is q₁.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Sequence
+from html import escape
+
+#: Names of Greek letters, which are set as such.
+_GREEK = {
+    "alpha": "α",
+    "beta": "β",
+    "gamma": "γ",
+    "delta": "δ",
+    "theta": "θ",
+    "lambda": "λ",
+    "mu": "μ",
+    "rho": "ρ",
+    "sigma": "σ",
+    "tau": "τ",
+    "phi": "φ",
+    "psi": "ψ",
+    "omega": "ω",
+}
+_FUNCTIONS = ("sin", "cos", "tan", "exp", "log")
+#: How strongly an operation binds: what binds less stands in brackets.
+_SUM, _PRODUCT, _SIGN, _POWER, _WHOLE = range(5)
+_TOO_LONG = 600
+
+
+class _Html:
+    """MathML, part by part."""
+
+    times, cross, dot = "<mspace width='.17em'></mspace>", "<mo>×</mo>", "<mo>·</mo>"
+    transposed = "<mi>T</mi>"
+
+    def row(self, *parts: str) -> str:
+        return f"<mrow>{''.join(parts)}</mrow>"
+
+    def number(self, text: str) -> str:
+        return f"<mn>{escape(text)}</mn>"
+
+    def symbol(self, text: str) -> str:
+        return f"<mi>{_GREEK.get(text, escape(text))}</mi>"
+
+    def sign(self, text: str) -> str:
+        return f"<mo>{'−' if text == '-' else escape(text)}</mo>"
+
+    def brackets(self, inner: str) -> str:
+        return self.row(self.sign("("), inner, self.sign(")"))
+
+    def under(self, base: str, index: str) -> str:
+        return f"<msub>{base}{index}</msub>"
+
+    def over(self, base: str, exponent: str) -> str:
+        return f"<msup>{base}{exponent}</msup>"
+
+    def fraction(self, above: str, below: str) -> str:
+        return f"<mfrac>{above}{below}</mfrac>"
+
+    def root(self, inner: str) -> str:
+        return f"<msqrt>{inner}</msqrt>"
+
+    def matrix(self, rows: Sequence[Sequence[str]]) -> str:
+        cells = ("".join(f"<mtd>{cell}</mtd>" for cell in row) for row in rows)
+        table = "".join(f"<mtr>{row}</mtr>" for row in cells)
+        return self.row(self.sign("["), f"<mtable>{table}</mtable>", self.sign("]"))
+
+
+class _Tex(_Html):
+    """LaTeX, part by part."""
+
+    times, cross, dot = r"\,", r"\times ", r"\cdot "
+    transposed = "T"
+
+    def row(self, *parts: str) -> str:
+        return "".join(parts)
+
+    def number(self, text: str) -> str:
+        return text
+
+    def symbol(self, text: str) -> str:
+        if text in _GREEK or text in _FUNCTIONS:
+            return rf"\{text} "
+        escaped = text.replace("_", r"\_")
+        return escaped if len(text) == 1 else rf"\mathrm{{{escaped}}}"
+
+    def sign(self, text: str) -> str:
+        return text
+
+    def brackets(self, inner: str) -> str:
+        return rf"\left({inner}\right)"
+
+    def under(self, base: str, index: str) -> str:
+        return f"{base}_{{{index}}}"
+
+    def over(self, base: str, exponent: str) -> str:
+        return f"{{{base}}}^{{{exponent}}}"
+
+    def fraction(self, above: str, below: str) -> str:
+        return rf"\frac{{{above}}}{{{below}}}"
+
+    def root(self, inner: str) -> str:
+        return rf"\sqrt{{{inner}}}"
+
+    def matrix(self, rows: Sequence[Sequence[str]]) -> str:
+        lines = r" \\ ".join(" & ".join(row) for row in rows)
+        return rf"\begin{{bmatrix}}{lines}\end{{bmatrix}}"
+
+
+class _Unset(Exception):
+    """Something that has no usual form as a formula."""
+
+
+def mathml(code: str) -> str | None:
+    """Return an expression as MathML, None when it has no usual form as a formula."""
+    inner = _set(code, _Html())
+    return None if inner is None else f"<math>{inner}</math>"
+
+
+def tex(code: str) -> str | None:
+    """Return an expression as LaTeX for math mode, None when it has no usual form as a formula."""
+    return _set(code, _Tex())
+
+
+def _set(code: str, form: _Html) -> str | None:
+    try:
+        return (
+            _Setter(form).of(ast.parse(code.strip(), mode="eval").body)[0] if len(code) < _TOO_LONG else None
+        )
+    except (SyntaxError, ValueError, _Unset):
+        return None
+
+
+class _Setter:
+    """Sets a syntax tree in one form."""
+
+    def __init__(self, form: _Html) -> None:
+        self.form = form
+
+    def of(self, node: ast.expr) -> tuple[str, int]:
+        """Return an expression set, and how strongly it binds.
+
+        Raises:
+            _Unset: when it has no usual form.
+        """
+        match node:
+            case ast.Constant(value=int() | float() as x):
+                return self.form.number(f"{x:g}" if len(repr(x)) > 8 else repr(x)), _WHOLE
+            case ast.Name(id=name):
+                return self.name(name), _WHOLE
+            case ast.UnaryOp(op=ast.USub(), operand=inner):
+                return self.form.row(self.form.sign("-"), self.least(inner, _PRODUCT)), _SIGN
+            case ast.BinOp():
+                return self.operation(node)
+            case ast.Call():
+                return self.call(node)
+            case ast.Attribute():
+                return self.attribute(node)
+            case ast.Subscript():
+                return self.entry(node), _WHOLE
+            case ast.List(elts=items) | ast.Tuple(elts=items):
+                return self.form.matrix(self.rows(items)), _WHOLE
+        raise _Unset
+
+    def attribute(self, node: ast.Attribute) -> tuple[str, int]:
+        """Return a matrix transposed, or what is called so of an object or a module."""
+        if node.attr == "T":
+            return self.form.over(self.least(node.value, _WHOLE), self.form.transposed), _POWER
+        return self.name(node.attr), _WHOLE
+
+    def least(self, node: ast.expr, strength: int) -> str:
+        """Return an expression set, in brackets where it binds less than it has to."""
+        inner, own = self.of(node)
+        return inner if own >= strength else self.form.brackets(inner)
+
+    def operation(self, node: ast.BinOp) -> tuple[str, int]:
+        """Return a sum, a product, a fraction or a power."""
+        form, left, right = self.form, node.left, node.right
+        signed = self.of(right)[1] == _SIGN
+        match node.op:
+            case ast.Add():
+                return form.row(self.of(left)[0], form.sign("+"), self.least(right, _POWER * signed)), _SUM
+            case ast.Sub():
+                after = self.least(right, _POWER if signed else _PRODUCT)
+                return form.row(self.of(left)[0], form.sign("-"), after), _SUM
+            case ast.Mult() | ast.MatMult():
+                between = form.dot if _starts_with_number(right) else form.times
+                after = self.least(right, _POWER if signed else _PRODUCT)
+                return form.row(self.least(left, _PRODUCT), between, after), _PRODUCT
+            case ast.Div():
+                return form.fraction(self.of(left)[0], self.of(right)[0]), _PRODUCT
+            case ast.Pow():
+                return form.over(form.row(self.least(left, _WHOLE)), form.row(self.of(right)[0])), _POWER
+        raise _Unset
+
+    def call(self, node: ast.Call) -> tuple[str, int]:
+        """Return a sine, a root, a cross product, or what is made an array."""
+        args = node.args
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name in ("array", "Matrix", "asarray") and len(args) == 1:
+            return self.of(args[0])
+        if name == "sqrt" and len(args) == 1:
+            return self.form.root(self.of(args[0])[0]), _WHOLE
+        if name == "cross" and len(args) == 2:
+            sides = [self.least(x, _POWER) for x in args]
+            return self.form.row(sides[0], self.form.cross, sides[1]), _PRODUCT
+        if name not in _FUNCTIONS or len(args) != 1:
+            raise _Unset
+        return self.form.row(self.form.symbol(name), self.form.brackets(self.of(args[0])[0])), _WHOLE
+
+    def entry(self, node: ast.Subscript) -> str:
+        """Return one entry of an array: its numbers count from 1; one of a dictionary is its name."""
+        items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if len(items) == 1 and isinstance(items[0], ast.Constant) and isinstance(items[0].value, str):
+            return self.name(items[0].value)
+        told = []
+        for item in items:
+            if isinstance(item, ast.Constant) and isinstance(item.value, int):
+                told.append(self.form.number(str(item.value + 1) if item.value >= 0 else str(item.value)))
+            else:
+                told.append(self.of(item)[0])
+        return self.form.under(self.of(node.value)[0], self.form.row(*told))
+
+    def rows(self, items: Sequence[ast.expr]) -> list[list[str]]:
+        """Return the entries of a matrix; a plain list is a column."""
+        rows = [x.elts if isinstance(x, ast.List | ast.Tuple) else [x] for x in items]
+        return [[self.of(cell)[0] for cell in row] for row in rows]
+
+    def name(self, name: str) -> str:
+        """Return a name with what follows its first letter as an index: l_c2 for lc2."""
+        match = re.fullmatch(r"([A-Za-z]|" + "|".join(_GREEK) + r")_?(c?\d+[a-z]*)", name)
+        if match is None:
+            return self.form.symbol(name)
+        base, index = match.groups()
+        return self.form.under(self.form.symbol(base), self.form.number(index))
+
+
+def _starts_with_number(node: ast.expr) -> bool:
+    while isinstance(node, ast.BinOp):
+        node = node.left
+    return isinstance(node, ast.Constant)
