@@ -77,7 +77,8 @@ def summary(found: list[Outcome]) -> str:
 
 if __name__ == "__main__":
     which, count, seed, mistakes = sys.argv[1], *map(int, sys.argv[2:5])
-    arms = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN}.get(which, (which,))
+    groups = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN, "fresh": textbooks.FRESH}
+    arms = groups.get(which, tuple(which.split(",")))
     done = []
     for arm in arms:
         for one in outcomes([arm], count, seed, mistakes):

@@ -43,6 +43,8 @@ UNSEEN = (
     "prr_jacobian",
     "ne4",
 )
+#: Written after the last change of the diagnosis, to judge it once more.
+FRESH = ("rr_recursive", "rrr_numeric", "scara_tau", "rrp_points", "cart_hanging")
 
 Numbers = Mapping[str, float]
 Vector = tuple[float, float, float]
@@ -222,6 +224,11 @@ ARMS: dict[str, tuple[Callable[[Numbers], list[Joint]], Callable[[Numbers], Vect
     "rr_sympy": (_lifting, lambda _: NONE),
     "rpr_inverse": (_rpr_inverse, lambda _: NONE),
     "rrr_planar": (_rrr_planar, lambda _: NONE),
+    "rr_recursive": (_lifting, lambda _: NONE),
+    "rrr_numeric": (_rrr_planar, lambda _: NONE),
+    "scara_tau": (_scara, lambda _: NONE),
+    "rrp_points": (_rrp_sympy, lambda _: NONE),
+    "cart_hanging": (_cart_pole, lambda _: NONE),
 }
 
 
