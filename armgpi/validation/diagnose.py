@@ -400,9 +400,14 @@ class _Search:
     def entry(self, column: int) -> list[_Candidate]:
         """Return the mistakes that explain one element; none when none does."""
         p = self.problem
+        # What is wrong with an arm hardly shows in one entry alone, and a wrong formula not at all.
+        rare = math.log2(len(self.discrete))
         found = [
-            _Candidate(bits, h.kind, h.text) for h, fits, bits in [*self.discrete, *self.maps] if fits[column]
+            _Candidate(rare, h.kind, h.text)
+            for h, fits, _ in self.discrete
+            if fits[column] and h.post is None
         ]
+        found += [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.maps if fits[column]]
         found += [self.of_fit(fit) for fit in terms.fits(p, self.summands, column)]
         found += [*self.factor(column), *self.copied(column), *self.slips(column)]
         return found
@@ -474,7 +479,8 @@ class _Search:
         given = (p.tree.prismatic, float(p.tolerance[column]))
         told = harmonics.trigonometry(p.q, mine - theirs, *given)
         if not told and (text := harmonics.slip(p.q, mine, theirs, *given)) is not None:
-            return [_Candidate(_FREE, "term", text)]
+            # Two coefficients beside each other are evidence and no name.
+            return [_Candidate(_FREE, "term", text, plausible=not text.endswith(tuple("0123456789")))]
         return [_Candidate(_MEANT, "trigonometry", text) for text in told]
 
     def elements(self, mask: Mask) -> tuple[Element, ...]:

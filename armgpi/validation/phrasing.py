@@ -68,7 +68,7 @@ def of_factor(factor: float, known: list[tuple[float, str]]) -> str:
 def _power(factor: float, known: list[tuple[float, str]]) -> str:
     """Return which length, or gravity, stands in a term once too often or once too rarely."""
     for value, name in known:
-        if "mass of" in name or "inertia" in name:  # terms are linear in these
+        if name.startswith(("the mass of", "the inertia of")):  # terms are linear in these
             continue
         if _same(factor, 1.0 / value):
             return f" (1/{value:.6g}: {name} is not there, or not squared)"
@@ -80,7 +80,7 @@ def _power(factor: float, known: list[tuple[float, str]]) -> str:
 def _replaced(factor: float, known: list[tuple[float, str]]) -> str:
     """Return which mass or length stands for another one of its kind."""
     # A distance of a centre of mass is a length too: lc for l is the most common of these.
-    for kinds in (("mass of",), ("length to", "centre of mass"), ("centre of mass",)):
+    for kinds in (("the mass of",), ("length to", "centre of mass"), ("centre of mass",)):
         alike = [(value, name) for kind in kinds for value, name in known if kind in name]
         for (a, one), (b, other) in itertools.permutations(alike, 2):
             if one == other or _same(b, a):

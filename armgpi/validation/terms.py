@@ -143,6 +143,7 @@ def _terms(problem: Problem) -> Iterator[Term]:
             yield Term(f"the inertia about the centre of mass of {link}", "", columns(spin))
         if body.mass == 0.0:
             continue  # no parts in the position of its centre of mass
+        yield Term(f"all that is linear in the mass of {link}", f"the weight of {link}", columns(alone))
         parts = _by_degree(_of_scale(alone, k, columns))
         for labels, part in zip(_DEGREES, parts, strict=True):
             inertial, weight = (label.format(link) for label in labels)

@@ -157,6 +157,55 @@ def test_a_number_that_is_right_is_not_blamed() -> None:
     assert told == "the terms m l² of link 2 is missing"
 
 
+def test_two_terms_that_are_missing_in_one_entry_are_both_named() -> None:
+    robot, model = planar(1)
+    numbers = _numbers()
+    m2, l1, lc2 = numbers[1], numbers[2], numbers[4]
+
+    def mass_matrix(q: Array) -> Array:
+        return model["mass_matrix"](q) - np.diag([m2 * l1**2 + 2 * m2 * l1 * lc2 * np.cos(q[1]), 0.0])
+
+    told = first({**model, "mass_matrix": mass_matrix}, robot)
+    assert told == "the terms m l² of link 2 is missing and the terms m l lc of link 2 is missing"
+
+
+def test_a_length_that_a_term_lacks_is_named() -> None:
+    robot, model = planar(1)
+    numbers = _numbers()
+    m2, l1, lc2 = numbers[1], numbers[2], numbers[4]
+
+    def mass_matrix(q: Array) -> Array:
+        return model["mass_matrix"](q) + np.diag([2 * m2 * l1 * (1.0 - lc2) * np.cos(q[1]), 0.0])
+
+    told = first({**model, "mass_matrix": mass_matrix}, robot)
+    assert f"1/{lc2:.6g}: the distance of the centre of mass of link 2 is not there" in told
+
+
+def test_different_causes_for_neighbouring_entries_are_not_named() -> None:
+    robot, model = spatial(1)
+
+    def mass_matrix(q: Array) -> Array:
+        D = model["mass_matrix"](q)
+        return D + np.array(
+            [[D[0, 0], 0.0, 0.0], [0.0, -2.0 * D[1, 1], -0.5 * D[1, 2]], [0.0, -0.5 * D[1, 2], 0.0]]
+        )
+
+    (cause,) = validate({**model, "mass_matrix": mass_matrix}, robot).causes
+    assert cause.kind == "unknown"
+    assert len(cause.alternatives) == 3
+    assert cause.evidence
+
+
+def test_a_negative_inertia_is_not_named() -> None:
+    robot, model = planar(1)
+    I1 = _numbers()[5]
+    wrong = {**model, "mass_matrix": lambda q: model["mass_matrix"](q) - np.diag([3.3 * I1, 0.0])}
+    (cause,) = validate(wrong, robot).causes
+    assert cause.kind == "unknown"
+    assert any("inertia" in text and " -" in text for text in cause.alternatives)
+    assert cause.evidence
+
+
 def _numbers() -> list[float]:
 
     m, lengths, lc, moments = _draw(1, 2)
