@@ -27,6 +27,8 @@ _TURNS = {"sin": "cos", "cos": "sin"}
 #: Vectors that are combined to cross products, at most: their squares are tried; fewer where every product is
 #: compiled, in loops.
 _VECTORS, _IN_LOOPS = 24, 12
+#: Terms of a vector's equation that are compiled in loops, the short ones.
+_TERMS = 300
 
 
 class Scope(NamedTuple):
@@ -188,7 +190,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
     if _is_term(node, parent):
         yield from _of_term(node, scope)
     if scope.loops and _is_equation(node, parent):
-        for term in vector_terms(scope):
+        for term in itertools.islice(vector_terms(scope), _TERMS):
             yield "term", ast.BinOp(node, ast.Add(), term)
             yield "term", ast.BinOp(node, ast.Sub(), term)
 

@@ -108,6 +108,8 @@ _STEPS = 24
 _REFINED = 3
 #: A root of a square is neared to a quarter of the way at each step; what is left of more has no root.
 _SLOW = 0.7
+#: What no model gives [N m].
+_HUGE = 1e12
 #: Factors between units: of masses and lengths, and of angles.
 #: What gravity is usually taken for [m/s²].
 _GRAVITY = (9.81, 9.8, 9.80665, 9.806, 10.0)
@@ -456,7 +458,7 @@ class Editor:
                 if maker is not None and maker.__code__.co_filename == self._path:
                     self._makers.add(maker)
                     todo.append(maker)
-                for other in code.co_names:
+                for other in _names_of(code):
                     todo += [
                         x
                         for x in (function.__globals__.get(other), getattr(owner, other, None))
@@ -907,7 +909,10 @@ class Editor:
         if start is None or len(tried) < 2:
             return ()
         (name,) = {n for one in tried for n in one.effects} & set(self._differing(_FEW)) or {""}
-        tried = [one for one in tried if name in one.effects and np.abs(one.effects[name]).max() > 0.0]
+        # Beyond these it is a change that divides by next to nothing.
+        tried = [
+            one for one in tried if name in one.effects and 0.0 < np.abs(one.effects[name]).max() < _HUGE
+        ]
         if len(tried) < 2:
             return ()
         tolerance = self._targets[name].tolerance
@@ -1025,6 +1030,12 @@ def _plain(function: Any) -> FunctionType | None:
     function = getattr(function, "__wrapped__", function)  # by a convention
     function = getattr(function, "__func__", function)
     return function if isinstance(function, FunctionType) else None
+
+
+def _names_of(code: CodeType) -> set[str]:
+    """Return the names that a function looks up, also in its comprehensions."""
+    inner = (part for part in code.co_consts if isinstance(part, CodeType))
+    return set(code.co_names).union(*map(_names_of, inner))
 
 
 def _first_line(node: ast.FunctionDef) -> int:

@@ -107,7 +107,7 @@ def _joints(source: str) -> int:
     """Return how many positions a source takes."""
     if "sympy" in source:  # q1, q2, ...
         return max(int(k) for k in re.findall(r"\bq(\d)\b", source))
-    indices = [int(k) for k in re.findall(r"\bq\[(\d)\]", source)]
+    indices = [int(k) for k in re.findall(r"\b[qva]\[(\d)\]", source)]
     if "TABLE = [" in source:
         return source.split("TABLE = ")[1].split("\n")[0].count("(")
     return max(indices) + 1

@@ -39,6 +39,7 @@ CASES = {
         "",
     ),
     "an acceleration forgotten in a loop": ("ne4", "dw + a[i] * AXIS +", "dw +"),
+    "a factor forgotten in a function of a comprehension": ("ne4", "st * sa]", "st]"),
     "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
 }
 
