@@ -121,6 +121,14 @@ def _registered(base):
     return {name: cls for name, cls in found if cls.__module__.startswith("armgpi.")}
 
 
+def playground_list():
+    """Return links to the pages to play with that `make playground` has made, or how to make them."""
+    shown = {"anthropomorphic3": "The paper's arm", "ur5": "UR5", "panda": "Panda"}
+    names = [name for name in shown if (_playground / f"{name}.html").is_file()]
+    how = "`make playground` makes pages of the paper's arm, UR5 and Panda ([Playing](play.md))."
+    return " · ".join(f'<a href="{name}.html">{shown[name]}</a>' for name in names) or how
+
+
 _HEADS = [("key", "meaning", "values", "default"), ("---",) * 4]
 
 
@@ -167,6 +175,7 @@ def options_table():
 myst_substitutions = {
     "findings_table": _findings.table(),
     "modules_list": modules_list(),
+    "playground_list": playground_list(),
     "metrics_table": metrics_table(),
     "options_table": options_table(),
     "plant_table": plant_table(),

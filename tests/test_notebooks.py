@@ -1,8 +1,12 @@
-"""What notebooks show: tables of what there is, in which no text of a file is HTML."""
+"""What notebooks show: tables of what there is, in which no text of a file is HTML; and ours run."""
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -71,3 +75,44 @@ def test_a_rollout_is_a_pandas_frame() -> None:
     assert isinstance(frame, pandas.DataFrame)
     assert len(frame) == 11 * 3
     assert frame.loc[(0.0, "q2"), "q"] == ARM.middle()[1]
+
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "examples" / "notebooks").glob("*.ipynb"))
+#: Runs the cells of a notebook as a kernel does, and prints the kinds of what each shows.
+RUNS = """
+import json, sys
+from IPython.core.interactiveshell import InteractiveShell
+shell = InteractiveShell.instance()
+for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
+    if cell["cell_type"] == "code":
+        done = shell.run_cell("".join(cell["source"]))
+        done.raise_error()
+        shown = {} if done.result is None else shell.display_formatter.format(done.result)[0]
+        print("SHOWN", *shown)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "shows"),
+    [
+        ("1_from_urdf_to_controller", ["text/html", "text/html", "image/png", "text/html", "text/html"]),
+        ("2_the_papers_tables", ["text/markdown", "image/png"]),
+        ("3_validate_a_model", ["text/html", "text/html"]),
+    ],
+)
+def test_a_notebook_runs_and_shows_what_it_makes(name: str, shows: list[str], tmp_path: Path) -> None:
+    pytest.importorskip("IPython")
+    path = next(path for path in NOTEBOOKS if path.stem == name)
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        assert not cell.get("outputs")  # they would get old
+    command = [sys.executable, "-c", RUNS, str(path)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    kinds = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("SHOWN")]
+    best = [next((kind for kind in each if kind != "text/plain"), "") for each in kinds]
+    assert [kind for kind in best if kind] == shows
+
+
+def test_there_are_three_notebooks() -> None:
+    assert len(NOTEBOOKS) == 3

@@ -53,7 +53,7 @@ MOVING, STAYS = (16.0, 28.0, 0.3), 90
 def main() -> None:
     """Run the experiments, draw them, and take the stills."""
     IMAGES.mkdir(exist_ok=True)
-    wanted = set(sys.argv[1:]) or {*STILLS, "readme", "moving", "figures", "report"}
+    wanted = set(sys.argv[1:]) or {*STILLS, "readme", "moving", "figures", "report", "play"}
     running = browsers.Browser((960, 640))
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -73,6 +73,10 @@ def main() -> None:
                 _moving(running, folder / "laser.html", IMAGES / "laser.webp")
             if "figures" in wanted:
                 _figures(armgpi.load(folder / "laser" / "rollout.nc"))
+            if "play" in wanted:
+                command = [sys.executable, "-m", "armgpi.cli", "play", "anthropomorphic3"]
+                subprocess.run([*command, "-o", str(folder / "play.html")], check=True)
+                _still(running, folder / "play.html", 1.6, IMAGES / "play.png", (1280, 800))
             if "report" in wanted:
                 command = [sys.executable, "-m", "armgpi.cli", "report", str(folder / "laser" / "rollout.nc")]
                 subprocess.run([*command, "-o", str(folder / "report.html")], check=True)

@@ -41,9 +41,9 @@ def check(options: dict[str, Any]) -> None:
     if options.get("interactive"):
         if options["report"] is None:
             raise refusal("--interactive", "requires --report FILE")
-        from armgpi.play import check as check_play
+        from armgpi.play import compiler
 
-        check_play()
+        compiler()
     for name in ("plot", "html", "report"):
         if options[name] is not None:
             check_file(options[name], f"--{name}")

@@ -99,7 +99,9 @@ def loops(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> list[
         delta: factor by which the nominal inertia is too large [-].
     """
     rows = _coefficients(tuning, member)
-    return [_loop(row, member, delta) for row in np.unique(rows.reshape(-1, rows.shape[-1]), axis=0)]
+    # Not np.unique: it imports masked arrays, which takes as long as Pinocchio.
+    distinct = sorted(set(map(tuple, rows.reshape(-1, rows.shape[-1]).tolist())))
+    return [_loop(np.array(row), member, delta) for row in distinct]
 
 
 def crossovers(loop: Loop) -> Array:

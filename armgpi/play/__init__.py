@@ -11,7 +11,7 @@ samples kept, measurements lost with probability 0. So what a page shows, run as
 generated code, has the same bits.
 """
 
-from armgpi.play.module import check
+from armgpi.play.module import compiler
 from armgpi.play.page import build
 
-__all__ = ["build", "check"]
+__all__ = ["build", "compiler"]

@@ -7,6 +7,7 @@ another load is another pointer, and every load has the very C that a run with i
 from __future__ import annotations
 
 import re
+import shutil
 import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -60,17 +61,21 @@ def _by_pointer(call: re.Match[str]) -> str:
     return f"chosen[{call[1]}](x_{call[1]}, o, y{call[1]})"
 
 
-def check() -> None:
-    """Refuse to go on without a compiler.
+def compiler() -> tuple[str, ...]:
+    """Return how the compiler for WebAssembly is called: Zig's, or a Clang that can link it.
 
     Raises:
-        BackendError: when Zig is not installed.
+        BackendError: when there is neither.
     """
-    if find_spec("ziglang") is None:
-        raise BackendError(
-            "WebAssembly needs the compiler of the package 'ziglang', which is not installed: "
-            "pip install 'armgpi[play]'"
-        )
+    if find_spec("ziglang") is not None:
+        return build.ZIG
+    clang = shutil.which("clang")
+    if clang is not None and shutil.which("wasm-ld") is not None:
+        return (clang,)
+    raise BackendError(
+        "WebAssembly needs the compiler of the package 'ziglang', which is not installed: pip install "
+        "'armgpi[play]'; or Clang with lld, wasi-libc and compiler-rt for wasm32"
+    )
 
 
 def compiled(code: str, exports: Sequence[str]) -> bytes:
@@ -81,12 +86,12 @@ def compiled(code: str, exports: Sequence[str]) -> bytes:
         exports: functions that the page calls.
 
     Raises:
-        BackendError: when Zig is not installed, or fails.
+        BackendError: when there is no compiler, or it fails.
     """
-    check()
+    called = compiler()
     with tempfile.TemporaryDirectory(prefix="armgpi-") as folder:
         before, after = Path(folder, "loop.c"), Path(folder, "loop.wasm")
         before.write_text(code, encoding="utf-8")
         exported = (f"-Wl,--export={name}" for name in exports)
-        build.translated(build.ZIG, [*_FLAGS, *exported, "-o", str(after), str(before)], after, _PATIENCE)
+        build.translated(called, [*_FLAGS, *exported, "-o", str(after), str(before)], after, _PATIENCE)
         return after.read_bytes()

@@ -167,7 +167,7 @@ def made(experiment: Experiment, label: str, progress: Progress = lambda *_: Non
     Raises:
         BackendError: when Zig is not installed, or a loop has no generated code.
     """
-    module.check()
+    module.compiler()
     for key in ("reality", "supervisor"):
         if getattr(experiment.config, key) is not None:
             raise ParameterError("experiment", f"one with a {key}", f"one without a {key}: a page has none")

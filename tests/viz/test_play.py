@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shutil
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -214,6 +215,7 @@ def test_without_the_compiler_the_extra_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setattr(module, "find_spec", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(BackendError, match=r"pip install 'armgpi\[play\]'"):
         play.build(experiment(PLAYED))
     monkeypatch.setattr("sys.argv", ["armgpi", "play", "anthropomorphic3", "-o", str(tmp_path / "a.html")])
@@ -224,6 +226,27 @@ def test_without_the_compiler_the_extra_is_named(
     assert "armgpi[play]" in said
     assert "Traceback" not in said
     assert not (tmp_path / "a.html").exists()
+
+
+@pytest.mark.slow
+def test_clang_makes_a_page_with_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    if browsers.program() is None or not Path("/usr/include/wasm32-wasi").is_dir():
+        pytest.skip("no browser, or no Clang for WebAssembly (Debian: clang lld wasi-libc)")
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    if not all(map(shutil.which, ("clang", "wasm-ld"))):
+        pytest.skip("no Clang that links WebAssembly")
+    assert "clang" in module.compiler()[0]
+    monkeypatch.setattr(controls, "_FORMS", {})
+    monkeypatch.setattr(controls, "_ROTORS", (0.0,))
+    monkeypatch.setattr(controls, "_LOADS", 1)
+    html = play.build(experiment(PLAYED))
+    running = browsers.Browser()
+    try:
+        shown = running.open(meshcat.write(html, tmp_path / "page.html"), READY)
+        assert shown.eval("armgpi.error") is None
+        assert_same_bits(shown)
+    finally:
+        running.close()
 
 
 def test_what_has_no_page_is_refused() -> None:
