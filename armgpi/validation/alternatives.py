@@ -86,7 +86,7 @@ def scope_of(
                 seen.scalars[ast.unparse(node)] = node
     seen.visit(tree)
     for name, kind in kinds.items():
-        if kind == (3,):
+        if kind in ((2,), (3,)):
             seen.vectors[name] = ast.Name(name, ast.Load())
         if kind == (3, 3):
             seen.matrices[name] = ast.Name(name, ast.Load())
@@ -258,26 +258,28 @@ def vector_terms(scope: Scope) -> Iterator[ast.expr]:
 
     They are products that stand elsewhere, and cross products.
     """
-    cross = scope.cross
-    if cross is None:
-        return
     found: dict[str, ast.expr] = {ast.unparse(x): x for x in (*scope.products, *scope.vectors)}
-    vectors = scope.vectors[: _IN_LOOPS if scope.loops else None]
-    for a in vectors:
-        for b in (*vectors, *(x for x in scope.products if isinstance(x, ast.BinOp))):
-            if a is not b:
-                one = ast.Call(cross, [a, b], [])
-                found[ast.unparse(one)] = one
-    found |= {ast.unparse(x): x for x in _turned(scope, cross)}
-    simple = [x for x in found.values() if isinstance(x, ast.Call) and not _nested(x)]
-    for call in simple:
-        two = ast.Call(cross, [call.args[0], call], [])
-        found[ast.unparse(two)] = two
+    simple = list(_crosses(scope, scope.cross)) if scope.cross is not None else []
+    found |= {ast.unparse(x): x for x in simple}
+    simple = [x for x in simple if isinstance(x, ast.Call) and not _nested(x)]
     for scalar in (x for x in scope.scalars if isinstance(x, ast.Subscript)):
         for x in (*(simple if scope.loops else ()), *scope.vectors):
             scaled = _times(scalar, x)
             found[ast.unparse(scaled)] = scaled
     yield from sorted(found.values(), key=_length)
+
+
+def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
+    """Yield cross products of two vectors, those of a vector with these, and I ω and ω × I ω."""
+    vectors = scope.vectors[: _IN_LOOPS if scope.loops else None]
+    plain = [x for x in scope.products if isinstance(x, ast.BinOp)]
+    pairs = ((a, b) for a in vectors for b in (*vectors, *plain) if a is not b)
+    for a, b in pairs:
+        one = ast.Call(cross, [a, b], [])
+        yield one
+        if not _nested(one):
+            yield ast.Call(cross, [a, one], [])
+    yield from _turned(scope, cross)
 
 
 def _length(node: ast.expr) -> tuple[int, int]:
@@ -341,7 +343,11 @@ def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
             yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Sub(), other)], [])
         for factor in (2, 0.5):
             yield "angle", ast.Call(node.func, [_times(ast.Constant(factor), angle)], [])
-    if name == "cross" and len(node.args) == 2:
+    if name == "range":
+        *before, end = node.args
+        for step in (1, -1):
+            yield "index", ast.Call(node.func, [*before, ast.BinOp(end, ast.Add(), ast.Constant(step))], [])
+    elif name == "cross" and len(node.args) == 2:
         yield "cross", ast.Call(node.func, node.args[::-1], [])
         yield "cross", node.args[1]
     elif len(node.args) > 1:

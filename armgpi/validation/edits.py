@@ -114,8 +114,8 @@ _HUGE = 1e12
 #: What gravity is usually taken for [m/s²].
 _GRAVITY = (9.81, 9.8, 9.80665, 9.806, 10.0)
 _UNITS = (1000.0, 0.001, 100.0, 0.01, 1e6, 1e-6, np.pi / 180.0, 180.0 / np.pi)
-#: A digit of a number costs so many bits, and a change of one that is right.
-_DIGIT_BITS, _RIGHT_BITS = 3.32, 20.0
+#: A digit of a number costs so many bits.
+_DIGIT_BITS = 3.32
 #: Fields whose expressions stay as they are.
 _KEPT = {
     "func",
@@ -125,13 +125,12 @@ _KEPT = {
     "decorator_list",
     "annotation",
     "returns",
-    "iter",
     "generators",
 }
 
 
 class Target(NamedTuple):
-    """What a function of the model should give.
+    """What a function of the model should give; a forward dynamics as :func:`apart` has it.
 
     Attributes:
         states: arguments, arrays (rows, n).
@@ -310,7 +309,7 @@ class _Block:
         for term in vector_terms(self.scope):
             text = ast.unparse(term)
             values = self.values(text)
-            if values is not None and values.shape == (len(self.calls), 3) and np.abs(values).max() > 0.0:
+            if values is not None and values.ndim == 2 and np.abs(values).max() > 0.0:
                 found[text] = values
         return found
 
@@ -424,6 +423,8 @@ class Editor:
         self._symbolic = not any(
             (function := _plain(f)) and function.__code__.co_filename == path for f in self._calls.values()
         )
+        if self._symbolic and "forward_dynamics" in targets:
+            raise ValueError  # a forward dynamics of SymPy is not taken apart
         found = {} if self._symbolic else self._reached()
         self._trace(found)
         self._blocks = [self._installed(function, block) for function, block in found.items()]
@@ -599,7 +600,8 @@ class Editor:
             for (number, site), term in self._terms.items():
                 if not self._is_constant(number, site):
                     self._blocks[number].terms[site] = term[k]
-            values.append(calls[name](*(x[k].copy() for x in self._targets[name].states)))
+            state = [x[k].copy() for x in self._targets[name].states]
+            values.append(apart(calls[name], *state) if name == "forward_dynamics" else calls[name](*state))
         return self._stacked(name, values)
 
     def _stacked(self, name: str, values: list[Any]) -> Array:
@@ -765,24 +767,24 @@ class Editor:
                 continue
             terms = block.vectors()
             for k, site in enumerate(block.sites):
-                if block.switch[k]:
+                if block.switch[k] or self._is_right(site):
                     continue
                 kinds = [kind for kind, _ in site.choices]
                 for c, kind in enumerate(kinds[: len(kinds) - site.fitted]):
                     # Terms come in the order of their length.
                     rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
-                    bits = np.log2(all_sites * _KINDS * rank) + self._doubt(site)
+                    bits = np.log2(all_sites * _KINDS * rank)
                     found.append(_Pick(block, k, c, float(bits), None, kind))
                 if terms and site.whole:
                     found += self._vector_picks(block, k, terms, differing)
         return sorted(found, key=lambda pick: pick.bits)
 
-    def _doubt(self, site: _Site) -> float:
-        """Return what it costs more to change a number that the robot has too [bits]."""
+    def _is_right(self, site: _Site) -> bool:
+        """Tell whether a number with a name is one that the robot has too: hardly the wrong one."""
         if not (site.literal and isinstance(site.node, ast.Constant)):
-            return 0.0
+            return False
         value = abs(float(site.node.value))  # type: ignore[arg-type]
-        return _RIGHT_BITS if (np.abs(self._known - value) <= 1e-7 * value).any() else 0.0
+        return bool((np.abs(self._known - value) <= 1e-7 * value).any())
 
     def _vector_picks(
         self, block: _Block, k: int, terms: Mapping[str, Array], differing: set[str]
@@ -791,26 +793,28 @@ class Editor:
         old = ast.unparse(block.sites[k].node)
         now = block.values(old)
         names = differing & block.reaches
-        if now is None or now.shape[1:] != (3,) or not names:
+        if now is None or now.shape[1:] not in ((2,), (3,)) or not names:
             return
+        size = now.shape[1]
+        terms = {text: values for text, values in terms.items() if values.shape == now.shape}
         name = min(names)
-        bits = float(np.log2(sum(len(b.sites) for b in self._blocks) * _KINDS * 2 * len(terms)))
+        bits = float(np.log2(sum(len(b.sites) for b in self._blocks) * _KINDS * (2 * len(terms) + 1)))
         choice = len(block.sites[k].choices) - 1
         effects = []
-        for step in (np.zeros(3), *np.eye(3), np.ones(3)):
+        for step in (np.zeros(size), *np.eye(size), np.ones(size)):
             with self._with(_Pick(block, k, choice, 0.0, np.tile(step, (ROWS, 1)))):
                 outputs = self.outputs({name}, 1)
             if outputs is None:
                 return
             effects.append(outputs[name][0])
-        start, *axes, all_three = effects
+        start, *axes, together = effects
         slope = np.stack(axes) - start
-        size = 1e-6 * (1.0 + np.abs(all_three).max())
-        linear = np.abs(all_three - start - slope.sum(axis=0)).max() <= size
+        rest = 1e-6 * (1.0 + np.abs(together).max())
+        linear = np.abs(together - start - slope.sum(axis=0)).max() <= rest
         lacking = self._targets[name].values[0] - start
         for text, values in terms.items():
             for sign in (1.0, -1.0):
-                if not linear or np.abs(sign * values[0] @ slope - lacking).max() <= size:
+                if not linear or np.abs(sign * values[0] @ slope - lacking).max() <= rest:
                     new = f"{old} {'+' if sign > 0.0 else '-'} {text}"
                     yield _Pick(block, k, choice, bits, sign * values, "term", new, bool(linear))
 
@@ -820,11 +824,12 @@ class Editor:
             if not block.once or len(block.calls) < ROWS:
                 continue
             for k, site in enumerate(block.sites):
-                if not site.fitted or block.switch[k] or time.process_time() > self._until:
+                done = block.switch[k] or time.process_time() > self._until
+                if not site.fitted or done or self._is_right(site):
                     continue
                 for values in self._solved(block, k, wrong):
                     for text, bits in _written(block, site, values):
-                        bits += np.log2(len(block.sites) * _KINDS) + self._doubt(site)
+                        bits += np.log2(len(block.sites) * _KINDS)
                         kind = "value" if site.literal else "term"
                         yield _Pick(block, k, len(site.choices) - 1, bits, values, kind, text)
 
@@ -1040,6 +1045,14 @@ def _names_of(code: CodeType) -> set[str]:
 
 def _first_line(node: ast.FunctionDef) -> int:
     return min([node.lineno, *(d.lineno for d in node.decorator_list)])
+
+
+def apart(forward_dynamics: Callable[..., Any], q: Array, v: Array, _: Array) -> Array:
+    """Return D and C v + G of a forward dynamics, flat: two mistakes in it add up in these."""
+    still = np.asarray(forward_dynamics(q.copy(), v.copy(), 0.0 * q), dtype=np.float64).ravel()
+    moved = [forward_dynamics(q.copy(), v.copy(), e) for e in np.eye(len(q))]
+    D = np.linalg.inv(np.stack([np.asarray(a, dtype=np.float64).ravel() - still for a in moved], axis=-1))
+    return np.concatenate([D.ravel(), -D @ still])
 
 
 def flat(name: str, value: Any, target: Target, row: int) -> Array:

@@ -42,6 +42,8 @@ def search(
     for name, values in references.items():
         arguments = tuple(getattr(few, letter) for letter in ARGUMENTS[name])
         flat = np.asarray(values[: len(few.q)], dtype=np.float64).reshape(len(few.q), -1)
+        if name == "forward_dynamics":
+            flat = _taken_apart(problem, few, flat)
         size = float(np.abs(flat).max())
         best = None
         if name == "coriolis_matrix":
@@ -55,6 +57,13 @@ def search(
         return None, changes is not None
     repair = Repair(changes, patched(worker.source, changes))
     return (repair if agrees(model, worker, repair.source, states, problem) else None), True
+
+
+def _taken_apart(problem: Problem, s: States, accelerations: Array) -> Array:
+    """Return D and C v + G, flat, where the robot has some accelerations."""
+    D = evaluate(problem.tree, s.q, ["D"])["D"]
+    bias = s.tau - np.einsum("Nij,Nj->Ni", D, accelerations)
+    return np.concatenate([D.reshape(len(D), -1), bias], axis=1)
 
 
 def agrees(model: Any, worker: Worker, source: str, states: States, problem: Problem) -> bool:
