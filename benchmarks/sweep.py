@@ -46,7 +46,7 @@ DT = 1e-3
 
 def main() -> None:
     page = _page.begin(__file__, "Sweeps")
-    rollouts, seconds, rounds = (1 << 14, 4.0, 1) if page.quick else (10**6, 40.0, 3)
+    rollouts, seconds, rounds = (1 << 14, 4.0, 1) if page.quick else (10**6, 40.0, 2)
     with tempfile.TemporaryDirectory() as folder:
         wall, processor = _million(Path(folder, "million"), rollouts)
         bare = {varied: _bare(Path(folder, "million"), varied) for varied in (True, False)}
@@ -57,7 +57,7 @@ def main() -> None:
         f"{processor:.0f} s of processor time, drawing and writing chunks included. The bare loop keeps the "
         f"first and the last sample alone; it takes {1e6 * bare[True]:.4f} µs a rollout-step with the same "
         f"numbers varied, and {1e6 * bare[False]:.4f} µs with nothing varied (4096 rollouts on one thread, "
-        "without their start, processor time, median of 5). Two workers and one take turns with eight chunks "
+        "without their start, processor time, median of 5). Two workers and one take turns with four chunks "
         f"of {chunk:.0f} s, in {rounds} rounds, by the wall."
     )
     taken = np.array([processor / (rollouts * 2000)])
@@ -132,15 +132,15 @@ def _workers(folder: Path, seconds: float, rounds: int) -> tuple[Spread, float]:
         for number in range(rounds + 1):  # the first one warms up
             taken = []
             for cluster in (two, one):
-                chunks = [(chunk + i, study.size if number else 8) for i in range(8)]
-                chunk += 8
+                chunks = [(chunk + i, study.size if number else 8) for i in range(4)]
+                chunk += 4
                 begun = time.perf_counter()
                 if workers.run(folder / "long", chunks, lambda rows: None, cluster=cluster.scheduler_address):
                     sys.exit("a chunk is broken")
                 taken.append(time.perf_counter() - begun)
             if number:
                 ratios.append(taken[1] / taken[0])
-                alone = taken[1] / 8.0
+                alone = taken[1] / 4.0
     assert chunk_file(folder / "long", chunk - 1, study.size).is_file()
     return spread(np.array(ratios)), alone
 
