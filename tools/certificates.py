@@ -1,0 +1,135 @@
+"""Certify every arm of the zoo, print a table, and hold each certificate against many rollouts.
+
+Usage:
+    python tools/certificates.py
+    python tools/certificates.py --arms ur5 panda --inertia 0.1 --rollouts 100000
+    python tools/certificates.py --rollouts 60000 --out certificates.md
+
+For each arm the first of the loads and bandwidths that is certified is taken: `--loads` in their order, each
+at the default bandwidth and then at others. The numbers are searched; the time is that of one certificate.
+`ratio` is certified over worst found in the frozen arm, joint by joint; `observed` the worst of random and
+adversarial rollouts of the whole arm over what is certified, and never above 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import ArmgpiWarning, FixedGains, Robot
+from armgpi.certification.adversary import worst
+from armgpi.certification.asked import Asked, ask
+from armgpi.certification.certificate import Certificate, certificate
+from armgpi.certification.quantities import searched
+from armgpi.certification.soundness import observe
+from armgpi.errors import ArmgpiError
+from armgpi.health.zoo import fingers
+from armgpi.robot import robots
+
+#: Bandwidths that are tried after the default one [rad/s].
+OMEGAS = (None, 20.0, 45.0, 15.0)
+HEAD = ("arm", "rotor inertia added", "load", "speed", "omega", "largest delta", "certified", "ratio", "time")
+
+
+class Attempt(NamedTuple):
+    """What was asked for, what came of it, and how long it took [s]."""
+
+    asked: Asked
+    made: Certificate
+    seconds: float
+
+
+def attempt(robot: Robot, loads: list[float], speed: float) -> Attempt | str:
+    """Return the first certificate of some loads and bandwidths, or what is in the way of the last load."""
+    said = ""
+    for load in loads:
+        options: dict[str, Any] = {"payload": (0.0, load), "speed": speed}
+        found, spent = None, 0.0
+        for omega in OMEGAS:
+            begin = time.perf_counter()
+            try:
+                gains = {} if omega is None else {"gains": FixedGains(omega)}
+                asked = ask(robot, 1e-3, **options, **gains)
+            except ArmgpiError as error:
+                said = str(error)
+                continue
+            found = searched(asked.setting) if found is None else found
+            made = certificate(asked, found)
+            spent += time.perf_counter() - begin
+            if made.certified:
+                return Attempt(asked, made, spent)
+            said = next((x for x in made.reasons if x.startswith("in the way")), made.reasons[0])
+    return said
+
+
+def row(name: str, inertia: float, given: argparse.Namespace) -> tuple[list[str], int]:
+    """Return a row of the table, and how many rollouts were made for it."""
+    robot = Robot.load(name, lock=fingers(name))
+    robot = robot.with_armature(robot.armature + inertia)
+    found = attempt(robot, given.loads, given.speed)
+    cells = [name, f"{inertia:g}"]
+    if isinstance(found, str):
+        return [
+            *cells,
+            f"0 to {given.loads[-1]:g}",
+            f"{given.speed:g}",
+            "-",
+            "-",
+            f"no: {found}",
+            "-",
+            "-",
+        ], 0
+    asked, made, seconds = found
+    cells += [f"0 to {asked.loads[1]:g}", f"{given.speed:g}", f"{float(made.data['law']['omega'][0]):.3g}"]
+    ratios = made.per_torque / [case.error for case in worst(asked, count=given.worst)]
+    cells += [f"{float(made.data['numbers']['delta_high']):.3g}", "yes"]
+    cells += [f"{ratios.min():.2f} to {ratios.max():.2f}", f"{seconds:.0f} s"]
+    if not given.rollouts:
+        return cells, 0
+    seen = observe(asked, made, given.rollouts)
+    return [*cells, f"{np.nanmax(seen.gain):.3f}"], seen.rollouts
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the table; 1 when a rollout exceeded a certificate."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--arms", nargs="+", help="names of arms; all that can be loaded by default")
+    parser.add_argument("--inertia", nargs="+", type=float, default=[0.0, 0.1], help="rotor inertia added")
+    parser.add_argument("--loads", nargs="+", type=float, default=[0.5, 0.1], help="heaviest loads [kg]")
+    parser.add_argument("--speed", type=float, default=0.2, help="of every joint [rad/s or m/s]")
+    parser.add_argument("--worst", type=int, default=20, help="configurations of the frozen adversary")
+    parser.add_argument("--rollouts", type=int, default=0, help="for each certificate")
+    parser.add_argument("--out", type=Path, help="write the table as Markdown")
+    given = parser.parse_args(arguments)
+    head = [*HEAD, *(["observed"] if given.rollouts else [])]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    print("\n".join(lines))
+    total, largest = 0, 0.0
+    for name in given.arms or robots.names():
+        for inertia in given.inertia:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ArmgpiWarning)
+                try:
+                    cells, rollouts = row(name, inertia, given)
+                except ArmgpiError as error:
+                    print(f"not run: {name}: {error}", file=sys.stderr)
+                    break
+            lines.append("| " + " | ".join(cells) + " |")
+            print(lines[-1], flush=True)
+            total += rollouts
+            largest = max(largest, float(cells[-1])) if rollouts else largest
+            if given.out:
+                given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if given.rollouts:
+        print(f"{total} rollouts; largest observed over certified {largest:.3f}")
+    return int(largest > 1.0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
