@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +11,10 @@ from armgpi.arrays import Array, check_whole, not_negative, positive, quantity
 from armgpi.certification.box import Box, box_of
 from armgpi.certification.law import coefficients
 from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
+from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI
+from armgpi.control.network import BSplineNetwork
 from armgpi.errors import ParameterError
 from armgpi.robot.robot import Robot
 
@@ -110,9 +113,12 @@ def law_of(asked: Asked) -> dict[str, Any]:
         ParameterError: when tuning or poles differ between the joints, or move.
     """
     controller = asked.controller
-    if not isinstance(controller.gains, FixedGains):
-        raise ParameterError("gains", type(controller.gains).__name__, "FixedGains")
-    tuning = controller.gains.nominal()
+    gains: Any = controller.gains
+    moves = isinstance(gains, BSplineNetwork) and gains.common
+    if not moves and not isinstance(gains, FixedGains):
+        expected = "FixedGains, or a BSplineNetwork with one common omega"
+        raise ParameterError("gains", type(gains).__name__, expected)
+    tuning = gains.nominal()
     omega, zeta, p = (_common(x, name) for x, name in zip(tuning, ("omega", "zeta", "p"), strict=True))
     second = 1.0 if controller.second_ratio is None else _common(controller.second_ratio, "second_ratio")
     damping = zeta if controller.second_zeta is None else _common(controller.second_zeta, "second_zeta")
@@ -121,7 +127,8 @@ def law_of(asked: Asked) -> dict[str, Any]:
         "rolloff": controller.rolloff,
         "delay": asked.delay,
         "sample_time": repr(float(controller.dt)),
-        "omega": [repr(omega)],
+        "omega": [repr(float(x)) for x in gains.bandwidths()] if moves else [repr(omega)],
+        "rate": repr(float(gains.rate[0])) if moves else "0",
         "zeta": repr(zeta),
         "pole_ratio": repr(p / omega),
         "rolloff_ratio": repr(_common(controller.rolloff_ratio, "rolloff_ratio")),
@@ -131,10 +138,16 @@ def law_of(asked: Asked) -> dict[str, Any]:
     return {**law, "coefficients": coefficients(law)}
 
 
+def member_of(law: Mapping[str, Any]) -> Member:
+    """Return which member of the family a law is."""
+    ratios = (float(law[name]) for name in ("rolloff_ratio", "second_ratio", "second_zeta"))
+    return Member(law["integrators"], law["rolloff"], *ratios)
+
+
 def numbers_of(asked: Asked, found: Numbers) -> dict[str, Any]:
     """Return the numbers of the arm, and of the torques that it needs, as texts; rounded to be larger."""
     numbers: dict[str, Any] = {"delta_low": _text(found.delta_low.value, up=False)}
-    for name in Numbers._fields[1:14]:
+    for name in Numbers._fields[1 : Numbers._fields.index("torque")]:
         value = getattr(found, name)
         joints = name in PER_JOINT
         numbers[name] = [_text(each.value) for each in value] if joints else _text(value.value)

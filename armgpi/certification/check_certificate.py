@@ -50,9 +50,9 @@ def sample(c):
     return f, rest, (low, high), gains, (size, size * most * h / 2, turn, c["count"]), w, noise
 
 
-def inequality(c, omega, turn, delta, s):
+def inequality(c, known, omega, turn, delta, s):
     """Return the matrix that has to be positive definite, affine in P, t, a; turn: omega over the next."""
-    (f, rest, _, gains, sizes, *_), (units, A, K, late) = sample(c), loop(c, omega)
+    (f, rest, _, gains, sizes, *_), (units, A, K, late) = known, loop(c, omega)
     m, n, order, theta, P = c["integrators"], len(A), len(A) - c["delay"], omega * c["sample_time"], s["P"]
     rows = K, units[1], units[late], [x - y for x, y in zip(units[0], units[late])]
     scaled = [x / rest / min(c["omega"]) ** p for x, p in zip(gains, (0, 1, 2, 2))]
@@ -77,9 +77,8 @@ def inequality(c, omega, turn, delta, s):
 
 
 def pivots(M):
-    """Return the pivots (L D L^T) of M rounded down to 2^-128, until one is not positive."""
-    down = [[2 * len(M) * (row is other) for other in M] for row in M]  # more than rounding adds (Gershgorin)
-    M = [[Fraction(int(x * 2**128) - y, 2**128) for x, y in zip(*rows)] for rows in zip(M, down)]
+    """Return the pivots (L D L^T) of M until one is not positive; M rounded and made less (Gershgorin)."""
+    M = [[Fraction(int(x * 2**128) - 2 * len(M) * (row is y), 2**128) for x, y in zip(row, M)] for row in M]
     found = [M[0][0]]
     while found[-1] > 0 and len(M) > 1:
         M = [[x - row[0] * y / found[-1] for x, y in zip(row[1:], M[0][1:])] for row in M[1:]]
@@ -89,11 +88,12 @@ def pivots(M):
 
 def holds(c, s):
     """Tell whether the matrix inequality holds; omega is one of a list, and goes to a neighbour at most."""
-    (f, rest, ends, *_), omegas, P, order = sample(c), c["omega"], s["P"], len(loop(c, c["omega"][0])[1])
+    known, omegas, P, order = sample(c), c["omega"], s["P"], len(loop(c, c["omega"][0])[1])
+    f, rest, ends, *_ = known
     sound = f >= 1 and 0 < rest <= 1 and s["alpha"] > 0 and len(s["t"]) == 5 and len(s["a"]) == 4
     sound = sound and len(P) == order and [list(row) for row in zip(*P)] == P and min(pivots(P)) > 0
     steps = [(x, x / y) for i, x in enumerate(omegas) for y in omegas[max(i - 1, 0) : i + 2]]
-    matrices = (inequality(c, *step, delta, s) for step in steps for delta in ends)
+    matrices = (inequality(c, known, *step, delta, s) for step in steps for delta in ends)
     return sound and all(min(pivots(X)) > 0 for X in matrices)
 
 

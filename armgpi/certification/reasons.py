@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.certification.asked import Asked
+from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.solve import solvable
-from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import open_loop, sector
 
@@ -94,14 +93,7 @@ def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any]) ->
     """Return what the law takes beside what is asked."""
     low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
     omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
-    member = Member(
-        law["integrators"],
-        law["rolloff"],
-        float(law["rolloff_ratio"]),
-        float(law["second_ratio"]),
-        float(law["second_zeta"]),
-    )
-    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member)
+    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
     most = sector(loop, low, sigma).upper
     return (
         f"no certificate: delta goes from {low:.3g} to {high:.3g}, and moves at sigma = {sigma:.3g} 1/s; "

@@ -111,14 +111,16 @@ class _Problem:
     @classmethod
     def made(cls, facts: Any) -> _Problem | None:
         """Return the problem; None where a sample adds too much for any solution."""
-        f, rest, ends, gains, sizes, *_ = checker.sample(facts)
+        known = checker.sample(facts)
+        f, rest, ends, gains, sizes, *_ = known
         if not (f >= 1.0 and 0.0 < rest <= 1.0):
             return None
         omegas, h = facts["omega"], facts["sample_time"]
         n = len(checker.loop(facts, omegas[0])[1])
         used = _Used([i for i, gain in enumerate(gains) if gain] + [4], [i for i, x in enumerate(sizes) if x])
         steps = []
-        for i in sorted({0, len(omegas) // 2, len(omegas) - 1}):
+        last = len(omegas) - 1
+        for i in sorted({0, min(1, last), last // 2, max(last - 1, 0), last}):
             near = {omegas[max(i - 1, 0)], omegas[i], omegas[min(i + 1, len(omegas) - 1)]}
             steps += [(omegas[i], omegas[i] / after) for after in sorted(near)]
         basis = []
@@ -127,7 +129,7 @@ class _Problem:
             solution = {"P": P, "alpha": 0.0, "t": t, "a": a}
             basis.append(
                 [
-                    np.array(checker.inequality(facts, *step, delta, solution)) / (step[0] * h)
+                    np.array(checker.inequality(facts, known, *step, delta, solution)) / (step[0] * h)
                     for step in steps
                     for delta in ends
                 ]

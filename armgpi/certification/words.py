@@ -20,6 +20,15 @@ NUMBERS = {
 }
 
 
+#: Numbers that the table leaves out, each the largest of all joints.
+OTHERS = {
+    "inverse": ("diagonal of D^-1", "1/(kg m^2) or 1/kg"),
+    "jump": ("what a jump of the load changes", ""),
+    "hold": ("torque that holds the arm at the reference", "N m or N"),
+    "reach": ("torque for what the law asks for, of length 1", ""),
+}
+
+
 def table(made: Any) -> list[str]:
     """Return the lines that are printed of an :class:`armgpi.Certificate`."""
     data = made.data
@@ -28,7 +37,7 @@ def table(made: Any) -> list[str]:
     slow, fast = (f"{end(float(x) for x in limits['speed']):g}" for end in (min, max))
     lines = [
         f"{robot['name']}: loads {light:g} to {heavy:g} kg, reference up to {fast} rad/s or m/s"
-        f"{'' if slow == fast else f' (slowest {slow})'}, omega {float(law['omega'][0]):g} rad/s, "
+        f"{'' if slow == fast else f' (slowest {slow})'}, omega {_omega(law)} rad/s, "
         f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
         f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late"
     ]
@@ -45,6 +54,14 @@ def table(made: Any) -> list[str]:
             "certified for the numbers above; they are the largest that a search found, and 3 % more"
         )
     return lines + list(made.reasons)
+
+
+def _omega(law: Any) -> str:
+    """Return the bandwidth, or between which ones it moves, and how fast."""
+    first, last = float(law["omega"][0]), float(law["omega"][-1])
+    return (
+        f"{first:g}" if first == last else f"{first:g} to {last:.4g} at a rate up to {float(law['rate']):.3g}"
+    )
 
 
 def _joints(made: Any) -> list[str]:

@@ -50,7 +50,18 @@ _Torque = Annotated[
     str | None, typer.Option(metavar="NUMBERS", help="Disturbance torque, of any course [N m or N].")
 ]
 _Omega = Annotated[
-    float | None, typer.Option(metavar="NUMBER", help="Natural frequency [rad/s]; as armgpi run takes it.")
+    str | None,
+    typer.Option(
+        metavar="NUMBER",
+        help="Natural frequency [rad/s]; as armgpi run takes it. '22:40' for one that moves.",
+    ),
+]
+_Rate = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBER",
+        help="rho of abs(d omega/dt) <= rho omega^2, one for all joints; 'auto' for the largest found.",
+    ),
 ]
 _Zeta = Annotated[float, typer.Option(metavar="NUMBER", help="Damping ratio.")]
 _Pole = Annotated[float | None, typer.Option("--p", metavar="NUMBER", help="Real pole [rad/s]; omega.")]
@@ -76,6 +87,13 @@ _Prove = Annotated[
 _Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
 ]
+_Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with pictures (HTML).")]
+_Refute = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Try to refute the numbers of this certificate by 20,000 configurations instead."
+    ),
+]
 _Samples = Annotated[
     int, typer.Option("--delay", metavar="SAMPLES", help="By how much measurements are late.")
 ]
@@ -91,6 +109,7 @@ def certify(
     torque: _Torque = None,
     radius: _Radius = "0.02",
     omega: _Omega = None,
+    rate: _Rate = None,
     zeta: _Zeta = 1.0,
     pole: _Pole = None,
     integrators: _Integrators = 2,
@@ -112,6 +131,8 @@ def certify(
     drives: opt.Drives = None,
     prove: _Prove = False,
     out: _Out = None,
+    report: _Report = None,
+    refute: _Refute = None,
     as_json: opt.Json = False,
 ) -> None:
     """Bound the whole arm's error under GPI, so that another program can check it exactly.
@@ -121,10 +142,13 @@ def certify(
     armgpi certify ur5 --payload 0:3 --speed 0.5 --box task.yaml --out ur5.json
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.box import read_box
+    from armgpi.certification.certificate import Certificate
     from armgpi.certification.certificate import certify as certified
 
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = _arm(robot, how, rotor_inertia, drives)
+    if refute is not None:
+        _refuted(Certificate.load(refute), arm)
     found = certified(
         arm,
         1e-3 if dt is None else dt,
@@ -134,7 +158,8 @@ def certify(
         acceleration=None if acceleration is None else _numbers(arm, acceleration, "--acceleration"),
         torque=0.0 if torque is None else _numbers(arm, torque, "--torque"),
         radius=_numbers(arm, radius, "--radius"),
-        gains=_gains(omega, zeta, pole),
+        gains=_gains(omega, zeta, pole, rate),
+        rate="auto" if rate == "auto" else None,
         integrators=integrators,
         rolloff=rolloff,
         rolloff_ratio=rolloff_ratio,
@@ -152,8 +177,29 @@ def _told(found: Certificate, out: Path | None, as_json: bool) -> int:
     """Write and print a certificate, and return the exit code."""
     if out is not None:
         write(out, found.text, "--out")
+    if report is not None:
+        from armgpi.certification.refute import again
+        from armgpi.certification.report import html
+
+        write(report, html(again(found, arm), found), "--report")
     say(json.dumps(_plain(found)) if as_json else str(found), lines=True)
     return OK if found.certified else FAILED
+
+
+def _refuted(certificate: Certificate, arm: Any) -> None:
+    """Say which numbers of a certificate drawn configurations exceed, and end."""
+    from armgpi.certification.refute import refute
+
+    wrong = certificate.check()
+    said = [f"the file does not hold: {x}" for x in wrong]
+    for name, claimed, found, q in [] if wrong else refute(certificate, arm):
+        where = ", ".join(f"{x:.4g}" for x in q)
+        said.append(f"refuted: {name} is {found:.6g}, not {claimed:.6g}, at q = ({where})")
+    say(
+        "\n".join(said) or "the file holds, and no configuration exceeds its numbers: that is no proof",
+        lines=True,
+    )
+    sys.exit(FAILED if said else OK)
 
 
 def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
@@ -173,12 +219,24 @@ def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path
     return config.robot(config.check({"robot": section}, origin), origin)
 
 
-def _gains(omega: float | None, zeta: float, pole: float | None) -> Any:
+def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None) -> Any:
     """Return the gains, None for the default ones."""
     from armgpi.control.gains import FixedGains
+    from armgpi.control.network import BSplineNetwork
 
-    if omega is not None:
-        return FixedGains(omega, zeta, omega if pole is None else pole)
+    ends = [] if omega is None else [_number(part, "--omega") for part in omega.split(":")]
+    if len(ends) > 2:
+        raise refusal("--omega", f"expected one number, or two such as '22:40', got {omega!r}")
+    if (rate is not None) != (len(ends) == 2):
+        raise refusal("--rate", "requires two ends of --omega such as '22:40', and they require it")
+    if len(ends) == 2:
+        if pole is not None:
+            raise refusal("--p", "follows an omega that moves")
+        # One that is looked for has to be something first.
+        moves = 0.05 if rate == "auto" else _number(str(rate), "--rate")
+        return BSplineNetwork(omega_c=(ends[0], ends[1]), zeta_c=zeta, common=True, rate=moves)
+    if ends:
+        return FixedGains(ends[0], zeta, ends[0] if pole is None else pole)
     if zeta != 1.0 or pole is not None:
         raise refusal("--zeta" if pole is None else "--p", "requires --omega")
     return None
@@ -192,6 +250,14 @@ def _numbers(arm: Any, text: str, option: str) -> Any:
         if missing:
             raise refusal(option, f"needs a value for {', '.join(missing)} as well")
     return value
+
+
+def _number(text: str, option: str) -> float:
+    """Return a number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise refusal(option, f"expected a number, got {text!r}") from None
 
 
 def _loads(text: str | None) -> tuple[float, float] | None:

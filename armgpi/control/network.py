@@ -14,7 +14,7 @@ from armgpi.control.gains import GainStep, Poles, Quadratics, Tuning
 from armgpi.control.splines import BSplineBasis
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
-from armgpi.parameter import PerJoint, again, parameter, with_parameters
+from armgpi.parameter import PerJoint, again, parameter, plain, with_parameters
 from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
@@ -154,6 +154,12 @@ class BSplineNetwork(Boxes, Poles):
         log=True,
         search=(0.01, 10.0),
     )
+    common: bool = parameter(
+        "one omega for all joints, whose rate can be certified: that of the joint that asks for most",
+        kind="flag",
+        default=False,
+        structural=True,
+    )
     bandwidth: float = parameter(
         "bandwidth of the derivative's filter",
         unit="rad/s",
@@ -252,6 +258,8 @@ class BSplineNetwork(Boxes, Poles):
             if _adapts(*boxes[name]) and not (name == "p_c" and self.p_c is None)
         )
         self._per_error, self._per_derivative = 1.0 / self.error_range, 1.0 / self.derivative_range
+        if self.common:
+            self._check_common()
         limited = self.learning == "magnitude" and not np.all(np.isinf(self.rate))
         self._rate = self.rate if limited else None
         self._dt = dt
@@ -264,6 +272,30 @@ class BSplineNetwork(Boxes, Poles):
                 raise ArrayError("weights", f"{name} does not adapt: give it a box, or no weights")
         first = (part[0] for part in self._initial if part is not None)
         self.batch = common_batch(*batches(self), *first)
+
+    def _check_common(self) -> None:
+        """Refuse what one omega for all joints is not defined for.
+
+        Raises:
+            ParameterError: for another rule of learning, a rate or box that differs between the joints, or
+                another parameter that adapts.
+        """
+        if self.learning != "magnitude":
+            raise ParameterError("learning", self.learning, "magnitude with one omega for all joints")
+        if not np.isfinite(self.rate).all() or np.ptp(self.rate):
+            raise ParameterError("rate", plain(self.rate), "one finite number with one omega for all joints")
+        for name, ends in self.boxes.items():
+            if any(np.ptp(end) for end in ends):
+                raise ParameterError(name, plain(ends), "the same for all joints with one omega for them")
+        if self._adapted != ("omega_c",) or self.p_c is not None:
+            raise ParameterError("common", True, "omega_c alone to adapt, and p_c to follow it")
+
+    def bandwidths(self) -> Array:
+        """Return the values that a common omega takes [rad/s]: 1 / omega moves in steps of rate dt."""
+        low, high = float(self._lower.omega_c[0]), float(self._upper.omega_c[0])
+        step = self._dt * float(self.rate[0])
+        count = math.floor((1.0 / low - 1.0 / high) / step + 1e-9)
+        return np.asarray(1.0 / (1.0 / low - step * np.arange(count + 1)))
 
     def _weights_of(self, name: str, weights: Array | None) -> tuple[Array, ...] | None:
         """Return the initial weights of a parameter, one array (n,) or (batch, n) for each basis function."""
@@ -379,11 +411,24 @@ class BSplineNetwork(Boxes, Poles):
     def _limited(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
         """Return a whole tuning, omega_c within its rate limit, what is not adapted as it was."""
         omega = tuning.get("omega_c", last.omega_c)
-        if self._rate is not None:
+        if self.common:
+            omega = self._common(omega, last.omega_c)
+        elif self._rate is not None:
             most = self._dt * self._rate * last.omega_c * last.omega_c
             omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
         p = omega if self.p_c is None else tuning.get("p_c", last.p_c)
         return Tuning(omega, tuning.get("zeta_c", last.zeta_c), p)
+
+    def _common(self, omega: Array, last: Array) -> Array:
+        """Return the next of :meth:`bandwidths`, one step at most towards what a joint asks for."""
+        most = omega[..., :1]
+        for joint in range(1, omega.shape[-1]):
+            most = np.maximum(most, omega[..., joint : joint + 1])
+        slowest, step = 1.0 / self._lower.omega_c, self._dt * self.rate
+        now = np.rint((slowest - 1.0 / last) / step)
+        wanted = np.floor((slowest - 1.0 / most) / step + 1e-9)
+        following: Array = 1.0 / (slowest - step * (now + np.minimum(np.maximum(wanted - now, -1.0), 1.0)))
+        return following
 
 
 def _adapts(low: Array, high: Array) -> bool:

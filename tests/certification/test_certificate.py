@@ -132,7 +132,10 @@ def still_claimed(data: Any, name: str) -> bool:
     solution = checker.exact(data["solutions"][name])
     P = np.array(solution["P"], dtype=float)
     for delta in checker.sample(facts)[2]:
-        X = np.array(checker.inequality(facts, facts["omega"][0], 1, delta, solution), dtype=float)
+        X = np.array(
+            checker.inequality(facts, checker.sample(facts), facts["omega"][0], 1, delta, solution),
+            dtype=float,
+        )
         scale = 1.0 / np.sqrt(np.diagonal(X))
         if np.linalg.eigvalsh(scale[:, None] * X * scale)[0] <= 0.0:
             return False
@@ -199,7 +202,11 @@ def test_a_solution_that_misses_by_1e_8_is_refused(made: armgpi.Certificate) -> 
     # A little more: the smallest eigenvalue is then negative by 1e-8 or less.
     exact["alpha"] = low * (1 + Fraction(1, 10**8))
     worst = min(
-        np.linalg.eigvalsh(np.array(checker.inequality(facts, Fraction(30), 1, delta, exact), dtype=float))[0]
+        np.linalg.eigvalsh(
+            np.array(
+                checker.inequality(facts, checker.sample(facts), Fraction(30), 1, delta, exact), dtype=float
+            )
+        )[0]
         for delta in checker.sample(facts)[2]
     )
     assert -1e-8 < worst < 1e-12

@@ -1,0 +1,187 @@
+"""The page of a certificate: what is claimed, the numbers, Nyquist's curve, the box, and the worst found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.certification.adversary import worst
+from armgpi.certification.asked import Asked, member_of
+from armgpi.certification.certificate import Certificate
+from armgpi.certification.quantities import functions, points
+from armgpi.certification.words import NUMBERS, OTHERS, table
+from armgpi.control.gains import Tuning
+from armgpi.control.margins import open_loop
+from armgpi.loop.units import POSITION, TORQUE
+from armgpi.viz import page
+
+#: Size of a picture [px], and what of the plane Nyquist's curve is drawn in.
+_WIDTH, _HEIGHT, _REACH = 420, 300, 2.2
+#: Configurations that are drawn for the share of each number along a joint, and its parts.
+_DRAWN, _PARTS = 3000, 24
+_COLOURS = {"delta_high": "#0072b2", "sigma": "#e69f00", "kappa_v": "#009e73", "kappa_e": "#cc79a7"}
+_LINE, _QUIET, _BAD = "#1b2127", "#aeb8c2", "#b2182b"
+
+
+def html(asked: Asked, made: Certificate) -> str:
+    """Return the page, without scripts and without anything from elsewhere.
+
+    Args:
+        asked: what was asked for.
+        made: the certificate, or why there is none.
+    """
+    heading, *lines = table(made)
+    sections = {}
+    if made.reasons:
+        sections["What is in the way, and what would do"] = page.bullets(made.reasons)
+    if made.data["solutions"]:
+        sections["What is certified"] = _claims(asked, made)
+    sections["Numbers of the arm"] = _numbers(made)
+    sections["Nyquist's curve and the circle"] = _nyquist(made)
+    sections["How much of each number the box takes"] = _box(asked, made)
+    shares = [(name, f"{value:.3g}") for name, value in made.data["shares"].items() if value]
+    if shares:
+        head = ("what disturbs", "length in the metric of D")
+        sections["What disturbs"] = page.table(head, shares, label="what disturbs")
+    sections["What it rests on"] = page.bullets(made.data["assumptions"])
+    kind = "good" if made.certified else "bad"
+    verdict = "guaranteed: every number is proved" if made.guaranteed else lines[-1]
+    verdict = verdict if made.certified else "not certified"
+    summary = f"<p>{page.text(heading)}</p><p class={kind}>{page.text(verdict)}</p>"
+    return page.document(f"Certificate of {made.data['robot']['name']}", summary, sections)
+
+
+def _claims(asked: Asked, made: Certificate) -> str:
+    """Return the claims for each joint, beside the worst that an adversary found."""
+    slides = made.data["robot"]["prismatic"]
+    most = float(made.data["inputs"]["gain"]["torque"])
+    inverse = np.array([float(x) for x in made.data["numbers"]["inverse"]])
+    cases = worst(asked, count=40)
+    rows = []
+    for j, name in enumerate(made.joint_names):
+        p, t = POSITION.symbol(slides[j]), TORQUE.symbol(slides[j])
+        cells = [f"{made.per_torque[j]:.3g} {p}/({t})", f"{cases[j].error:.3g}"]
+        cells += [f"{made.per_torque[j] / cases[j].error:.2f}", f"{most / math.sqrt(inverse[j]):.3g} {t}"]
+        bounds = ((made.error[j], p), (made.after_jump[j], p), (made.torque[j], t))
+        rows.append([name, *cells, *(f"{x:.3g} {unit}" if math.isfinite(x) else "-" for x, unit in bounds)])
+    head = ["joint", "error per torque,\ncertified", "worst found", "ratio", "for torques\nup to"]
+    head += ["error under\nall stated", "after a jump\nof the load", "torque\nneeded"]
+    said = (
+        "The worst found is that of a torque which switches at the worst times, at 40 configurations and "
+        f"both loads. What disturbed is forgotten at {made.decay:.3g} 1/s."
+    )
+    return page.table(head, rows, label="claims for each joint") + f"<p>{page.text(said)}</p>"
+
+
+def _numbers(made: Certificate) -> str:
+    """Return the numbers with their status."""
+    numbers, status = made.data["numbers"], made.data["status"]
+    rows = []
+    for name, (what, unit) in {**NUMBERS, **OTHERS}.items():
+        value = numbers.get(name, 0.0)
+        largest = max(map(float, value)) if isinstance(value, list) else float(value)
+        if name in numbers and largest:
+            rows.append((name, f"{largest:.4g}", unit, status[name], what))
+    return page.table(("number", "value", "unit", "", "what it is"), rows, label="numbers", words=(2, 3, 4))
+
+
+def _nyquist(made: Certificate) -> str:
+    """Return L(j w - sigma / 2) with the circle that it may not enter."""
+    law, numbers = made.data["law"], made.data["numbers"]
+    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
+    omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
+    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
+    s = 1j * np.geomspace(1e-2, 1e3, 4000) - 0.5 * sigma / omega
+    curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
+    near = np.abs(curve) < 2.0 * _REACH
+    drawing = _Drawing((-_REACH, 0.6), (-1.0, 1.0))
+    parts = [
+        drawing.line([(-_REACH, 0.0), (0.6, 0.0)], _QUIET),
+        drawing.line([(0.0, -1.0), (0.0, 1.0)], _QUIET),
+    ]
+    turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 121))
+    circle = -0.5 * (1.0 / low + 1.0 / high) + 0.5 * (1.0 / low - 1.0 / high) * turn
+    parts.append(drawing.line(list(zip(circle.real, circle.imag, strict=True)), _BAD, fill="#f4d5d8"))
+    for sign in (1.0, -1.0):
+        path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
+        parts.append(drawing.line(path, "#0072b2"))
+    for x, text in ((-1.0 / low, f"-1/{low:.3g}"), (-1.0 / high, f"-1/{high:.3g}")):
+        parts.append(drawing.text(x + (0.12 if x > -1.0 / low else -0.12), -0.1, text))
+    said = (
+        f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
+        "A curve that stays out of it is necessary; sampling, delay, gravity and Coriolis torques take more."
+    )
+    return drawing.figure(parts, said)
+
+
+def _box(asked: Asked, made: Certificate) -> str:
+    """Return the largest share of each number along each joint of the box."""
+    setting, n = asked.setting, asked.robot.n
+    z = np.random.default_rng(0).random((_DRAWN, 3 * n))
+    z[:, :n] = setting.lower + z[:, :n] * (setting.upper - setting.lower)
+    z[:, n:] = 2.0 * z[:, n:] - 1.0
+    at, known = points(setting, z), functions(setting)
+    shares = {}
+    for name in _COLOURS:
+        best = 1.0 if name == "delta_high" else 0.0
+        values = np.max([known[name](setting, arm, at) for arm in setting.arms], axis=0)
+        room = float(made.data["numbers"][name]) - best
+        shares[name] = (values - best) / room if room > 1e-9 else np.zeros(_DRAWN)
+    figures = []
+    for j, joint in enumerate(asked.robot.joint_names):
+        ends = setting.lower[j], setting.upper[j]
+        if not ends[1] > ends[0]:
+            continue
+        drawing = _Drawing((ends[0], ends[1]), (0.0, 1.05), height=150)
+        place = np.minimum((_PARTS * (z[:, j] - ends[0]) / (ends[1] - ends[0])).astype(int), _PARTS - 1)
+        middles = ends[0] + (np.arange(_PARTS) + 0.5) / _PARTS * (ends[1] - ends[0])
+        parts = [drawing.line([(ends[0], y), (ends[1], y)], _QUIET) for y in (0.0, 0.5, 1.0)]
+        for name, colour in _COLOURS.items():
+            largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
+            parts.append(drawing.line(list(zip(middles, largest, strict=True)), colour))
+        unit = POSITION.symbol(asked.robot.prismatic[j])
+        figures.append(drawing.figure(parts, f"{joint}: {ends[0]:.3g} to {ends[1]:.3g} {unit}"))
+    legend = ", ".join(f"<b><font color='{colour}'>{name}</font></b>" for name, colour in _COLOURS.items())
+    said = (
+        f"<p>Largest share of {legend} at configurations with this joint there; 1 is what the certificate "
+        "takes, so what is left below it is the margin. A smaller box helps where curves are low.</p>"
+    )
+    return said + f"<div class=figures>{''.join(figures)}</div>"
+
+
+class _Drawing:
+    """A picture in coordinates of its own."""
+
+    def __init__(self, x: tuple[float, float], y: tuple[float, float], height: int = _HEIGHT) -> None:
+        """Take what the sides stand for."""
+        self.x, self.y, self.height = x, y, height
+
+    def _place(self, x: float, y: float) -> tuple[float, float]:
+        """Return pixels."""
+        across = (x - self.x[0]) / (self.x[1] - self.x[0])
+        up = (y - self.y[0]) / (self.y[1] - self.y[0])
+        return _WIDTH * across, self.height * (1.0 - up)
+
+    def line(self, path: Sequence[tuple[float, float]] | Array, colour: str, fill: str = "none") -> str:
+        """Return a line."""
+        places = " ".join("{:.1f},{:.1f}".format(*self._place(*each)) for each in path)
+        return f'<polyline points="{places}" fill="{fill}" stroke="{colour}" stroke-width="1.5"/>'
+
+    def text(self, x: float, y: float, text: str) -> str:
+        """Return words."""
+        across, up = self._place(x, y)
+        kind = f'text-anchor="middle" font-size="12" fill="{_LINE}"'
+        return f'<text x="{across:.1f}" y="{up:.1f}" {kind}>{page.text(text)}</text>'
+
+    def figure(self, parts: Sequence[str], caption: str) -> str:
+        """Return the picture with its caption."""
+        size = f'viewBox="0 0 {_WIDTH} {self.height}" width="{_WIDTH}" height="{self.height}"'
+        label = f'role="img" aria-label="{page.text(caption)}"'
+        drawn: Any = "".join(parts)
+        return (
+            f"<figure><svg {size} {label}>{drawn}</svg><figcaption>{page.text(caption)}</figcaption></figure>"
+        )

@@ -1,0 +1,66 @@
+"""Drawn configurations refute a number that is too small, and none that a search or a proof found."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.certification.asked import law_of
+from armgpi.certification.certificate import seal
+from armgpi.certification.refute import again, refute
+
+
+@pytest.fixture(scope="module")
+def robot() -> armgpi.Robot:
+    return armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
+
+
+@pytest.fixture(scope="module")
+def made(robot: armgpi.Robot) -> armgpi.Certificate:
+    stated = {"torque": 0.005, "acceleration": 0.2, "bits": 20, "radius": 0.05}
+    return armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, feedforward="gravity", **stated)
+
+
+def test_no_configuration_refutes_what_was_found(robot: armgpi.Robot, made: armgpi.Certificate) -> None:
+    assert refute(made, robot, count=2000) == []
+
+
+@pytest.mark.parametrize("name", ["delta_high", "sigma", "kappa_v", "kappa_e", "kappa_g", "sigma_error"])
+def test_a_planted_wrong_number_is_refuted(robot: armgpi.Robot, made: armgpi.Certificate, name: str) -> None:
+    data = copy.deepcopy(made.data)
+    best = 1.0 if name == "delta_high" else 0.0
+    data["numbers"][name] = repr(best + 0.8 * (float(data["numbers"][name]) - best))
+    data["seal"] = seal(data)  # whoever seals anew is found out here alone
+    found = refute(armgpi.Certificate(data), robot, count=2000)
+    assert [each.name for each in found] == [name]
+    assert found[0].found > found[0].claimed == float(data["numbers"][name])
+    assert len(found[0].q) == robot.n
+
+
+def test_planted_wrong_sizes_of_what_disturbs_are_refuted(
+    robot: armgpi.Robot, made: armgpi.Certificate
+) -> None:
+    data = copy.deepcopy(made.data)
+    data["numbers"]["inverse"][2] = repr(0.7 * float(data["numbers"]["inverse"][2]))
+    data["shares"]["disturbance"] *= 0.7
+    data["inputs"]["stated"]["reference"] = repr(0.7 * float(data["inputs"]["stated"]["reference"]))
+    found = {each.name for each in refute(armgpi.Certificate(data), robot, count=2000)}
+    assert found == {"inverse.2", "torque", "velocity"}
+
+
+def test_what_was_asked_for_is_read_from_the_file(robot: armgpi.Robot, made: armgpi.Certificate) -> None:
+    asked = again(made, robot)
+    assert asked.loads == (0.0, 0.25)
+    assert asked.bits == 20
+    np.testing.assert_array_equal(asked.setting.torque, 0.005)
+    assert law_of(asked) == made.data["law"]
+
+
+def test_another_robot_is_refused(made: armgpi.Certificate) -> None:
+    with pytest.raises(armgpi.errors.ParameterError, match="armature"):
+        refute(made, armgpi.Robot.load("anthropomorphic3"))
+    with pytest.raises(armgpi.errors.ParameterError, match="joints"):
+        refute(made, armgpi.Robot.load("ur5"))

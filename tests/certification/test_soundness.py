@@ -1,0 +1,109 @@
+"""Certificates against the whole arm in compiled loops: nothing that moves exceeds what is certified."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.certification.adversary import worst
+from armgpi.certification.asked import ask
+from armgpi.certification.certificate import certificate
+from armgpi.certification.quantities import searched
+from armgpi.certification.soundness import observe
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"torque": 0.001, "acceleration": 0.2},
+        {"torque": 0.001, "acceleration": 0.2, "delay": 1, "bits": 20},
+        {"integrators": 1, "rolloff": 1, "rolloff_ratio": 6.0},
+    ],
+)
+def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
+    """`python tools/certificates.py --rollouts 25000` does it for every arm of the zoo, some 1e6 rollouts."""
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.02)
+    asked = ask(robot, 1e-3, payload=(0.0, 0.25), speed=0.2, radius=0.05, **options)
+    made = certificate(asked, searched(asked.setting))
+    assert made.certified, made.reasons
+    seen = observe(asked, made, 4000)
+    assert seen.rollouts == 4000 * len(made.data["solutions"])
+    assert (seen.gain <= 1.0).all()
+    assert (seen.gain >= 0.2).all()  # the adversary is one
+    if "stated" in made.data["solutions"]:
+        assert (seen.stated <= 1.0).all()
+
+
+@pytest.mark.parametrize(("name", "load", "inertia"), [("anthropomorphic3", 0.25, 0.0), ("ur5", 3.0, 0.0)])
+def test_a_certificate_is_within_a_factor_of_the_worst_found(name: str, load: float, inertia: float) -> None:
+    robot = armgpi.Robot.load(name)
+    asked = ask(robot, 1e-3, payload=(0.0, load), speed=0.2)
+    made = certificate(asked, searched(asked.setting))
+    ratios = made.per_torque / [case.error for case in worst(asked, count=60)]
+    assert (ratios >= 1.0).all()
+    assert (ratios <= 2.5).all()
+
+
+def common(rate: float, **options: Any) -> armgpi.BSplineNetwork:
+    return armgpi.BSplineNetwork(
+        **{"omega_c": (24.0, 30.0), "zeta_c": 1.0, "common": True, "rate": rate, **options}
+    )
+
+
+def test_a_common_omega_moves_over_the_certified_values_one_step_in_a_sample() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    gains = common(0.05, error_range=1e-5, dead_zone=0.0)
+    controller = armgpi.GPI(robot, 1e-3, gains=gains)
+    prepared: Any = controller.gains
+    values = prepared.bandwidths()
+    np.testing.assert_allclose(np.diff(1.0 / values), -0.05e-3, rtol=1e-9)
+    assert values[0] == 24.0
+    assert 30.0 - 0.05 < values[-1] <= 30.0 + 1e-9
+    pushed = armgpi.RigidBodyPlant(robot, loads=[armgpi.Step(0.5, onset=0.1, end=0.5)])
+    runs = [
+        armgpi.simulate(pushed, controller, armgpi.Hold(robot.middle()), 1.0, backend=backend, signals=True)
+        for backend in ("numpy", "compiled")
+    ]
+    for run in runs:
+        omega = run["omega_c"].values
+        assert (omega == omega[:, :1]).all()
+        places = np.searchsorted(values, omega[:, 0] * (1.0 - 1e-9))
+        np.testing.assert_allclose(values[places], omega[:, 0], rtol=1e-12)
+        assert np.abs(np.diff(places)).max() == 1
+        assert places.max() > 10
+    np.testing.assert_allclose(runs[0]["q"], runs[1]["q"], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"rate": np.inf}, "rate"),
+        ({"omega_c": ([24.0, 25.0, 24.0], 30.0)}, "omega_c"),
+        ({"zeta_c": (0.7, 1.0)}, "common"),
+        ({"p_c": 20.0}, "common"),
+        ({"learning": "signed"}, "learning"),
+    ],
+)
+def test_a_common_omega_that_is_not_defined_is_refused(options: dict[str, Any], name: str) -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    with pytest.raises(armgpi.errors.ParameterError, match=name):
+        armgpi.GPI(robot, 1e-3, gains=common(**{"rate": 0.05, **options}))
+
+
+def test_the_rate_of_a_common_omega_comes_from_the_certificate() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
+    given = common(1.0, omega_c=(29.8, 30.0))  # far too fast
+    made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, gains=given, rate="auto")
+    assert made.certified, made.reasons
+    assert made.check() == []
+    found: Any = made.gains
+    assert 0.005 < float(found.rate) <= 0.12
+    assert len(made.data["law"]["omega"]) > 1
+    asked = ask(robot, 1e-3, payload=(0.0, 0.1), speed=0.2, gains=found)
+    assert (observe(asked, made, 2000).gain <= 1.0).all()
+    fixed: Any = {"gains": armgpi.FixedGains(30.0), "rate": "auto"}
+    with pytest.raises(armgpi.errors.ParameterError, match="rate"):
+        armgpi.certify(robot, speed=0.2, **fixed)
