@@ -82,8 +82,8 @@ def worst(asked: Asked, count: int = 100, samples: int = 1000, seed: int = 0) ->
     found: list[Worst | None] = [None] * n
     for arm in setting.arms:
         light = np.diagonal(np.linalg.inv(arm.mass_matrix(drawn)), axis1=1, axis2=2)
-        best = np.argsort(-light, axis=0)[: -(-count // (2 * n))].ravel()
-        for q in np.concatenate([drawn[: count // 2], drawn[best]]):
+        lightest = np.argsort(-light, axis=0)[: -(-count // (2 * n))].ravel()
+        for q in np.concatenate([drawn[: count // 2], drawn[lightest]]):
             responses = impulses(asked, arm, q, samples)
             for j, error in enumerate(np.abs(responses).sum(axis=1)):
                 best = found[j]

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
 #: Configurations that are drawn at first; the best of them, neighbours of each, and how often.
@@ -216,6 +217,22 @@ def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
         z = np.concatenate([z, near])
         found = np.concatenate([found, values(near)])
     return float(found.max())
+
+
+def motion(robot: Robot, count: int = 64) -> dict[str, float]:
+    """Return what motion and gravity make of an arm without load, at joint speeds of 1 rad/s or m/s.
+
+    Args:
+        robot: the arm.
+        count: of random configurations within its limits.
+
+    Returns:
+        `sigma`, `kappa_v` and `kappa_e` of :class:`Numbers`, the largest there.
+    """
+    q, rest = random_configurations(robot, count, seed=0), np.zeros(robot.n)
+    setting = Setting((robot,), robot, rest, rest, rest, rest + 1.0, "none")
+    at, every = Points(q, q, q), functions(setting)
+    return {name: float(every[name](setting, robot, at).max()) for name in ("sigma", "kappa_v", "kappa_e")}
 
 
 def points(setting: Setting, z: Array) -> Points:

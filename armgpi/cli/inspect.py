@@ -66,6 +66,7 @@ def inspect(
     armgpi inspect my_arm.urdf --lock gripper --cross-check
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli.pictures import check_file
+    from armgpi.certification.quantities import motion
     from armgpi.health import report as health
 
     if page is not None:
@@ -84,6 +85,7 @@ def inspect(
         **opt.drives_given(rotor_inertia, drives),
     )
     report = health.with_payload(report, payload)
+    report = report.with_findings([], motion=motion(report.robot))
     if cross_check:
         from armgpi.health.crosscheck import with_cross_check
 
@@ -130,16 +132,19 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
 
 def _what_follows(facts: Mapping[str, Any]) -> list[str]:
     """Return in sentences what a controller will do with it."""
-    control, load = facts["control"], facts["payload"]
+    control, load, motion = facts["control"], facts["payload"], facts["motion"]
     less, more = load["delta_unknown"][0], load["delta_nominal"][1]
     said = [
         f"over {facts['configurations']} configurations: D(q) has eigenvalues from "
         f"{facts['least_eigenvalue']:.3g} and condition up to {facts['condition']:.3g}",
+        f"for armgpi certify, at 1 rad/s or m/s: sigma = {motion['sigma']:.3g} 1/s (rate of D), kappa_v = "
+        f"{motion['kappa_v']:.3g} 1/s (Coriolis), kappa_e = {motion['kappa_e']:.3g} 1/s^2 (gravity)",
         f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
         f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column",
         *_untuned(facts),
         f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
-        f"true one; with it, and the load gone, 1 to {more:.3g}",
+        f"true one; with it, and the load gone, 1 to {more:.3g}; mu = {load['mobility']:.3g} 1/kg, so more "
+        f"than {load['largest_certifiable']:.3g} kg that come and go have no certificate at any speed",
         f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
         f"{load['largest_nominal']:.3g} kg as --payload-range at the default bandwidth, "
         f"{load['largest_held']:.3g} kg by effort",

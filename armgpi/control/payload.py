@@ -21,7 +21,16 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
 from armgpi.control.family import PRINTED, Member
 from armgpi.control.gains import Tuning
-from armgpi.control.margins import PRINTED_PHASE, default_omega, gain_interval, loops, tolerated_phase
+from armgpi.control.margins import (
+    PRINTED_PHASE,
+    Interval,
+    default_omega,
+    gain_interval,
+    loops,
+    open_loop,
+    sector,
+    tolerated_phase,
+)
 from armgpi.errors import ParameterError, PayloadError
 from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
 from armgpi.robot.batch import AnyRobot, RobotBatch
@@ -67,6 +76,14 @@ class PayloadRange(NamedTuple):
     nominal: Robot
     delta: tuple[float, float]
     omega_c: float
+
+    def certifiable(self, member: Member = PRINTED) -> bool:
+        """Tell whether delta stays in :func:`certified_sector`: outside of it there is no certificate.
+
+        Args:
+            member: of the family.
+        """
+        return self.delta[1] <= certified_sector(member).upper
 
 
 @with_parameters
@@ -135,6 +152,19 @@ class LargestPayload(NamedTuple):
     unknown: float
     effort: float
     mobility: float
+
+
+def certified_sector(member: Member = PRINTED) -> Interval:
+    """Return the delta that may change with time in any way, as it does while the arm moves.
+
+    A constant delta of the printed law is stable above 0.36 without end. One that changes has to stay in this
+    sector, from 1 on (circle criterion, zeta_c = 1, no sampling), and in less of it where motion counts.
+
+    Args:
+        member: of the family.
+    """
+    one = np.array(1.0)
+    return sector(open_loop(Tuning(one, one, one), member))
 
 
 def payload_range(
