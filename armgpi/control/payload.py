@@ -142,6 +142,7 @@ class LargestPayload(NamedTuple):
             heaviest (``GPI(robot, dt, payload=(0.0, nominal))``).
         unknown: for a controller whose nominal model has no load. Its modes have delta = 0.36 there, the
             edge of stability.
+        certifiable: of a range from no load on that a certificate may be had for (:func:`certified_sector`).
         effort: that the motors hold against gravity at every configuration checked; zero when they do not
             even hold the arm.
         mobility: largest eigenvalue of D^-1 B without load [1/kg], the inverse of the least mass that the
@@ -150,6 +151,7 @@ class LargestPayload(NamedTuple):
 
     nominal: float
     unknown: float
+    certifiable: float
     effort: float
     mobility: float
 
@@ -254,6 +256,7 @@ def largest_payload(
     return LargestPayload(
         nominal=_over(most - 1.0, mobility),
         unknown=_over(1.0 / least_delta(member) - 1.0, mobility),
+        certifiable=_over(certified_sector(member).upper - 1.0, mobility),
         effort=_holdable(robot, frame, com),
         mobility=mobility,
     )

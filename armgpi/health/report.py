@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.control.gpi import GPI
-from armgpi.control.payload import PLAUSIBLE_DELTA, certified_sector, largest_payload, plausible_load
+from armgpi.control.payload import PLAUSIBLE_DELTA, largest_payload, plausible_load
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.escape import html_table, json_data
 from armgpi.health import checks_control, findings
@@ -176,7 +176,7 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         "largest_nominal": most.nominal,
         "largest_held": most.effort,
         "mobility": most.mobility,
-        "largest_certifiable": (certified_sector().upper - 1.0) / most.mobility,
+        "largest_certifiable": most.certifiable,
     }
     return report.with_findings(found, payload=facts)
 

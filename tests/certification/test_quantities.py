@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi.certification.quantities import Setting, searched, slopes
+from armgpi.certification.quantities import Setting, motion, searched, slopes
+from armgpi.control.family import Member
+from armgpi.control.payload import certified_sector, largest_payload, payload_range
 
 
 def setting(speed: float = 0.5) -> Setting:
@@ -57,3 +59,22 @@ def test_slopes_are_derivatives() -> None:
     expected[:, 0, 0], expected[:, 0, 1] = np.cos(q[:, 0]) * q[:, 1], np.sin(q[:, 1])
     expected[:, 1, 1], expected[:, 1, 0] = np.cos(q[:, 1]) * q[:, 0], np.sin(q[:, 0])
     np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_the_numbers_of_motion_are_those_of_a_certificate_at_one_radian_per_second() -> None:
+    arm = armgpi.Robot.load("anthropomorphic3")
+    made = armgpi.certify(arm, speed=1.0, payload=None)
+    for name, value in motion(arm).items():
+        assert 0.4 * float(made.data["numbers"][name]) <= value <= float(made.data["numbers"][name]), name
+
+
+def test_a_range_of_loads_tells_when_delta_leaves_the_certified_sector() -> None:
+    arm = armgpi.Robot.load("ur5")
+    most = largest_payload(arm)
+    assert certified_sector().upper == pytest.approx(4.27, abs=0.01)
+    assert payload_range(arm, 0.0, 0.99 * most.certifiable).certifiable()
+    beyond = payload_range(arm, 0.0, 1.01 * most.certifiable)
+    assert not beyond.certifiable()
+    assert not beyond.certifiable(Member(rolloff=1))
+    made = armgpi.certify(arm, speed=1e-3, payload=(0.0, 1.05 * most.certifiable), box=0.5)
+    assert not made.data["solutions"]
