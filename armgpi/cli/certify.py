@@ -87,7 +87,6 @@ _Prove = Annotated[
 _Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
 ]
-_Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with pictures (HTML).")]
 _Refute = Annotated[
     Path | None,
     typer.Option(
@@ -131,7 +130,7 @@ def certify(
     drives: opt.Drives = None,
     prove: _Prove = False,
     out: _Out = None,
-    report: _Report = None,
+    report: opt.ReportPage = None,
     refute: _Refute = None,
     as_json: opt.Json = False,
 ) -> None:
@@ -144,7 +143,10 @@ def certify(
     from armgpi.certification.box import read_box
     from armgpi.certification.certificate import Certificate
     from armgpi.certification.certificate import certify as certified
+    from armgpi.cli.pictures import check_file
 
+    if report is not None:
+        check_file(report, "--report")
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = _arm(robot, how, rotor_inertia, drives)
     if refute is not None:
@@ -170,6 +172,11 @@ def certify(
         jump=jump,
         prove=prove,
     )
+    if report is not None:
+        from armgpi.certification.refute import again
+        from armgpi.certification.report import html
+
+        write(report, html(again(found, arm), found), "--report")
     sys.exit(_told(found, out, as_json))
 
 
@@ -177,11 +184,6 @@ def _told(found: Certificate, out: Path | None, as_json: bool) -> int:
     """Write and print a certificate, and return the exit code."""
     if out is not None:
         write(out, found.text, "--out")
-    if report is not None:
-        from armgpi.certification.refute import again
-        from armgpi.certification.report import html
-
-        write(report, html(again(found, arm), found), "--report")
     say(json.dumps(_plain(found)) if as_json else str(found), lines=True)
     return OK if found.certified else FAILED
 

@@ -65,8 +65,8 @@ def inspect(
     armgpi inspect ur5
     armgpi inspect my_arm.urdf --lock gripper --cross-check
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.cli.pictures import check_file
     from armgpi.certification.quantities import motion
+    from armgpi.cli.pictures import check_file
     from armgpi.health import report as health
 
     if page is not None:
