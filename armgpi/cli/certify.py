@@ -151,26 +151,20 @@ def certify(
     arm = _arm(robot, how, rotor_inertia, drives)
     if refute is not None:
         _refuted(Certificate.load(refute), arm)
+    texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
+    vectors = {key: _numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
+    law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio}
+    stated = {"feedforward": feedforward, "bits": encoder_bits, "friction": friction, "jump": jump}
     found = certified(
         arm,
         1e-3 if dt is None else dt,
-        speed=_numbers(arm, speed, "--speed"),
         payload=_loads(payload),
         box=None if box is None else read_box(box),
-        acceleration=None if acceleration is None else _numbers(arm, acceleration, "--acceleration"),
-        torque=0.0 if torque is None else _numbers(arm, torque, "--torque"),
-        radius=_numbers(arm, radius, "--radius"),
         gains=_gains(omega, zeta, pole, rate),
         rate="auto" if rate == "auto" else None,
-        integrators=integrators,
-        rolloff=rolloff,
-        rolloff_ratio=rolloff_ratio,
-        feedforward=feedforward,
         delay=delay,
-        bits=encoder_bits,
-        friction=friction,
-        jump=jump,
         prove=prove,
+        **{**vectors, **law, **stated},
     )
     if report is not None:
         from armgpi.certification.refute import again
