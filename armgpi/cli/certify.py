@@ -141,7 +141,6 @@ def certify(
     armgpi certify ur5 --payload 0:3 --speed 0.5 --box task.yaml --out ur5.json
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.box import read_box
-    from armgpi.certification.certificate import Certificate
     from armgpi.certification.certificate import certify as certified
     from armgpi.cli.pictures import check_file
 
@@ -150,10 +149,10 @@ def certify(
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = _arm(robot, how, rotor_inertia, drives)
     if refute is not None:
-        _refuted(Certificate.load(refute), arm)
+        _refuted(refute, arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: _numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
-    law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio}
+    law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
     stated = {"feedforward": feedforward, "bits": encoder_bits, "friction": friction, "jump": jump}
     found = certified(
         arm,
@@ -162,30 +161,31 @@ def certify(
         box=None if box is None else read_box(box),
         gains=_gains(omega, zeta, pole, rate),
         rate="auto" if rate == "auto" else None,
-        delay=delay,
         prove=prove,
         **{**vectors, **law, **stated},
     )
+    sys.exit(_told(found, arm, out, report, as_json))
+
+
+def _told(found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool) -> int:
+    """Write and print a certificate, and return the exit code."""
+    if out is not None:
+        write(out, found.text, "--out")
     if report is not None:
         from armgpi.certification.refute import again
         from armgpi.certification.report import html
 
         write(report, html(again(found, arm), found), "--report")
-    sys.exit(_told(found, out, as_json))
-
-
-def _told(found: Certificate, out: Path | None, as_json: bool) -> int:
-    """Write and print a certificate, and return the exit code."""
-    if out is not None:
-        write(out, found.text, "--out")
     say(json.dumps(_plain(found)) if as_json else str(found), lines=True)
     return OK if found.certified else FAILED
 
 
-def _refuted(certificate: Certificate, arm: Any) -> None:
+def _refuted(file: Path, arm: Any) -> None:
     """Say which numbers of a certificate drawn configurations exceed, and end."""
+    from armgpi.certification.certificate import Certificate
     from armgpi.certification.refute import refute
 
+    certificate = Certificate.load(file)
     wrong = certificate.check()
     said = [f"the file does not hold: {x}" for x in wrong]
     for name, claimed, found, q in [] if wrong else refute(certificate, arm):
