@@ -18,7 +18,10 @@ import armgpi
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.certification.law import coefficients
+from armgpi.certification.refute import again
+from armgpi.certification.report import html
 from armgpi.certification.solve import merged, solve
+from armgpi.cli.certify import _gains
 from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.realisation import Bumpless
@@ -320,3 +323,48 @@ def test_a_seal_is_of_what_was_searched(made: armgpi.Certificate) -> None:
     other = json.loads(json.dumps(made.data))
     other["numbers"]["sigma"] = "0.1"
     assert seal(other) != made.data["seal"]
+
+
+def test_guaranteed_is_said_where_every_number_is_proved_and_there_alone() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, box=0.3, prove=True)
+    assert made.guaranteed
+    assert set(made.data["status"].values()) == {"proved"}
+    assert "guaranteed: every number is proved" in str(made)
+    for name in made.data["status"]:
+        other = copy.deepcopy(made.data)
+        other["status"][name] = "searched"
+        assert not armgpi.Certificate(other).guaranteed
+        assert "guaranteed" not in str(armgpi.Certificate(other))
+
+
+def test_a_page_shows_claims_circle_box_and_what_is_in_the_way(made: armgpi.Certificate) -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    page = html(again(made, robot.with_armature(0.05)), made)
+    for heading in ("What is certified", "Nyquist&#x27;s curve and the circle", "Numbers of the arm"):
+        assert heading in page
+    assert page.count("<svg") == 1 + robot.n
+    assert "<script" not in page
+    none = armgpi.Certificate({**made.data, "solutions": {}}, ("in the way: <gravity>",))
+    page = html(again(none, robot.with_armature(0.05)), none)
+    assert "not certified" in page
+    assert "in the way: &lt;gravity&gt;" in page
+    assert "What is certified" not in page
+
+
+@pytest.mark.parametrize(
+    ("omega", "pole", "rate", "option"),
+    [
+        ("24:36", None, None, "--rate"),
+        (None, None, "auto", "--rate"),
+        ("24:30:36", None, "auto", "--omega"),
+        ("fast", None, None, "--omega"),
+        ("24:36", None, "slow", "--rate"),
+        ("24:36", 30.0, "0.05", "--p"),
+    ],
+)
+def test_bad_options_are_refused_by_name(
+    omega: str | None, pole: float | None, rate: str | None, option: str
+) -> None:
+    with pytest.raises(armgpi.errors.ConfigError, match=option):
+        _gains(omega, 1.0, pole, rate)
