@@ -389,11 +389,14 @@ def _assumptions(asked: Asked) -> list[str]:
         "gravity": "gravity as feedforward",
         "model": "its model as feedforward",
     }
+    moves = "its gains do not change"
+    if not isinstance(asked.controller.gains, FixedGains):
+        moves = "all joints have one omega of the list given here, which goes one step in a sample at most"
     return [
         "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
         "between the loads given; its joints follow the torque at once and exactly.",
         f"The controller is GPI with the law given here and {ahead[asked.setting.feedforward]}; its model "
-        "has the heaviest load, its gains do not change, and its arithmetic is exact.",
+        f"has the heaviest load, {moves}, and its arithmetic is exact.",
         "The reference stays in the box, within its speed and acceleration. That the arm stays within radius "
         "of it, that the error is no faster than spread and that no torque is cut follows from the claims.",
         "The claims hold as soon as V is at most what the inputs keep it at, and for ever after; from any "
