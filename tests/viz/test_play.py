@@ -161,6 +161,40 @@ def test_other_forms_and_pushes_have_the_bits_of_a_run(page: browsers.Page) -> N
     assert "armgpi run --config played.yaml --backend compiled" in page.eval("armgpi.page.numbers.command()")
 
 
+#: Where the middles of the arm's parts are in the window.
+MIDDLES = """(() => {
+    const scene = armgpi.scene, canvas = scene.viewer.renderer.domElement;
+    const box = canvas.getBoundingClientRect();
+    scene.viewer.camera.updateMatrixWorld();
+    scene.robots[0].root.object.updateWorldMatrix(true, true);
+    return scene.robots[0].meshes.map((mesh) => {
+        mesh.geometry.computeBoundingSphere();
+        const middle = mesh.geometry.boundingSphere.center.clone();
+        const at = middle.applyMatrix4(mesh.matrixWorld).project(scene.viewer.camera);
+        return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+    });
+})()"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("touch", [False, True], ids=["mouse", "finger"])
+def test_a_click_on_the_arm_pushes_it(page: browsers.Page, touch: bool) -> None:
+    change(page, "armgpi.page.reset()")
+    page.call("Emulation.setTouchEmulationEnabled", enabled=touch)
+    before = page.eval("armgpi.page.count")
+    for x, y in page.eval(MIDDLES)[1:]:
+        if touch:
+            page.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+            page.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        else:
+            for kind in ("mousePressed", "mouseReleased"):
+                page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    page.call("Emulation.setTouchEmulationEnabled", enabled=False)
+    page.wait(f"armgpi.page.count > {before}")
+    loads = page.eval("armgpi.page.numbers.short().plant.loads")
+    assert {load["type"] for load in loads} == {"pulse"}
+
+
 @pytest.mark.slow
 def test_a_frozen_run_stays_beside_what_is_moved(page: browsers.Page) -> None:
     change(page, "armgpi.page.reset()")

@@ -327,8 +327,11 @@
       const canvas = this.scene.viewer.renderer.domElement;
       let from = null;
       canvas.addEventListener("pointerdown", (event) => { from = [event.clientX, event.clientY]; });
-      canvas.addEventListener("pointerup", (event) => {
-        if (!from || Math.hypot(event.clientX - from[0], event.clientY - from[1]) > 5) return;
+      // The camera's controls capture the pointer: where it is let go, the canvas is not told.
+      document.addEventListener("pointerup", (event) => {
+        const still = from && Math.hypot(event.clientX - from[0], event.clientY - from[1]) <= 5;
+        from = null;
+        if (!still) return;
         const box = canvas.getBoundingClientRect();
         const at = new T.Vector2((2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height);
         const { camera } = this.scene.viewer;
