@@ -24,6 +24,7 @@ from armgpi.export.code import generate
 HERE = Path(__file__).parent / "arm"
 #: Robot -> its locked joints.
 ROBOTS = {"anthropomorphic3": (), "ur5": (), "panda": ("panda_finger_joint1", "panda_finger_joint2")}
+TOOLS = ("qemu-system-arm", "arm-none-eabi-gcc", "cc")
 CORE = ("-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard")
 #: QEMU's clock advances by 1 ns for each instruction, and SysTick counts at 25 MHz.
 INSTRUCTIONS_PER_TICK = 40
@@ -43,7 +44,7 @@ class Outcome(NamedTuple):
 
 def main() -> int:
     """Compare all; return 1 when something is not as it should be."""
-    missing = [tool for tool in ("qemu-system-arm", "arm-none-eabi-gcc", "cc") if shutil.which(tool) is None]
+    missing = [tool for tool in TOOLS if shutil.which(tool) is None]
     if missing:
         print(
             f"skipped: {', '.join(missing)} not installed (apt install qemu-system-arm gcc-arm-none-eabi "

@@ -1,29 +1,33 @@
-"""The fault matrix: faults on three arms, gravity by arm and by robot, as docs/faults.md: `make faults`.
+"""The fault matrix, on three arms, and all bounds: docs/faults.md (`make faults`).
 
 Each fault happens in the middle of a move of all joints, at 0.75 rad/s for the fastest, with 18-bit encoders.
-Everything after it is simulated for a second, without brakes and without friction.
+Everything after it is simulated for a second, without brakes and without friction. The arm's watchdog is that
+of `armgpi loop`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import bounds
 import numpy as np
+from bounds import Row
 
-from armgpi import GPI, Bezier, ClosedLoop, Encoder, Measurement, RigidBodyPlant, Robot, Saturated, Supervised
+from armgpi import GPI, Bezier, Encoder, Measurement, RigidBodyPlant, Robot, Saturated, Supervised
 from armgpi.control.supervisor import FaultReport, Supervisor
+from armgpi.realtime.datagram import TORQUE, Datagram
+from armgpi.realtime.ends import ArmEnd, Watchdog
 
 DOCS = Path(__file__).parents[1] / "docs"
 DT, SECONDS, SPEED, BITS = 1e-3, 1.0, 0.75, 18
 #: Slower than this is at rest [rad/s].
 REST = 0.02
-ARMS = {
-    "anthropomorphic3": (),
-    "ur5": (),
-    "panda": ("panda_finger_joint1", "panda_finger_joint2"),
-}
+ARMS = bounds.ARMS
+#: Rate under which every fault happens once more [N m/s], and for how long [s].
+RATE, BRIEFLY = 300.0, 0.2
 
 
 class Sample(NamedTuple):
@@ -45,6 +49,7 @@ class Fault(NamedTuple):
     blocked: bool = False
     payload: float = 0.0
     rest: bool = False
+    bounds: dict[str, Any] = {}  # of its supervisor; never changed  # noqa: RUF012
 
 
 def one(values: Any, value: float) -> Any:
@@ -69,6 +74,11 @@ FAULTS = (
     Fault("reference infinite, once", lambda s: s._replace(q_ref=s.q_ref + np.inf) if s.k == 0 else s),
     Fault("reference jumps by 0.3 rad", lambda s: s._replace(q_ref=s.q_ref + 0.3)),
     Fault("reference stops dead", lambda s: s._replace(q_ref=s.first.q_ref)),
+    Fault(
+        "the same, reference_jump 0.2",
+        lambda s: s._replace(q_ref=s.first.q_ref),
+        bounds={"reference_jump": 0.2},
+    ),
     Fault("one sample NaN", lambda s: s._replace(q=s.q * np.nan) if s.k == 0 else s),
     Fault("10 samples NaN", lambda s: s._replace(q=s.q * np.nan) if s.k < 10 else s),
     Fault("a joint NaN for good", joint(lambda s: np.nan)),
@@ -98,17 +108,23 @@ FAULTS = (
 
 
 class Outcome(NamedTuple):
-    """What became of an arm: times from the fault on [s], positions [rad], velocities [rad/s]."""
+    """What became of an arm: times from the fault on [s], positions [rad], velocities [rad/s].
+
+    `wanted` is where its move would be, and `steepest` the largest change of torque in a sample [N m].
+    """
 
     times: Any
     q: Any
     v: Any
+    wanted: Any
     report: FaultReport
     noticed: float
+    steepest: float
 
     def travel(self, seconds: float = 0.5) -> float:
-        """Return the farthest that a joint went [rad]."""
-        return float(np.abs(self.q[self.times <= seconds] - self.q[0]).max())
+        """Return how far a joint went from where it was, and from its move, whichever is nearer [rad]."""
+        away = [np.abs(self.q - other).max(axis=1) for other in (self.q[0], self.wanted)]
+        return float(np.minimum(*away)[self.times <= seconds].max())
 
     @property
     def rest(self) -> float:
@@ -124,43 +140,46 @@ def robot_of(name: str, gravity: str) -> Robot:
     return robot.with_gravity((0.0, 0.0, 0.0)) if gravity == "robot" else robot
 
 
-def happened(name: str, gravity: str, fault: Fault, on_fault: str = "brake") -> Outcome:
-    """Let a fault happen and return what became of the arm."""
+def happened(name: str, gravity: str, fault: Fault, seconds: float = SECONDS, **given: Any) -> Outcome:
+    """Let a fault happen under a supervisor with such bounds, and return what became of the arm."""
     robot = robot_of(name, gravity)
     reference, begin = move_of(robot, fault.rest)
     plant = Encoder(Saturated(RigidBodyPlant(robot)), bits=BITS)
-    after = plant
-    if fault.payload:
-        after = Encoder(Saturated(RigidBodyPlant(robot.with_payload(robot.tip, fault.payload))), bits=BITS)
-    count = robot.encoder_count(BITS)
-    supervised = Supervised(GPI(robot, DT), Supervisor(on_fault=on_fault, resolution=count))
-    _, arm, state = ClosedLoop(plant, supervised, reference).init()
+    loaded = robot.with_payload(robot.tip, fault.payload) if fault.payload else robot
+    supervisor = Supervisor(resolution=robot.encoder_count(BITS), **fault.bounds, **given)
+    supervised = Supervised(GPI(robot, DT), supervisor)
+    q = reference.at(0.0).q
+    arm = ArmEnd(plant, robot, DT, Watchdog(), q, np.zeros(robot.n), velocity=False)
+    state = supervised.init(Measurement(arm.sample().values), reference.at(0.0))
     rows: list[Any] = []
-    first, tau, missed, noticed = None, np.zeros(robot.n), 0, np.inf
-    for k in range(begin + round(SECONDS / DT)):
-        target, measured = reference.at(k * DT), plant.measure(arm)
-        sample = Sample(k - begin, measured.q, target.q, first)
+    first, tau, missed, noticed, steepest = None, np.zeros(robot.n), 0, np.inf, 0.0
+    for k in range(begin + round(seconds / DT)):
+        target = reference.at(k * DT)
+        sample = Sample(k - begin, arm.sample().values, target.q, first)
+        if k == begin:
+            arm.plant = Encoder(Saturated(RigidBodyPlant(loaded)), bits=BITS)
         if k >= begin:
+            truth = plant.true_state(arm.state)
+            rows.append((truth.q, truth.v, target.q))
             first = sample if first is None else first
             sample = fault.sample(sample._replace(first=first))
-        missed = missed + 1 if not sample.called else missed
-        if sample.called:
-            given = Measurement(sample.q), target._replace(q=sample.q_ref)
-            tau, state = supervised.advance(*given, state, 1 + missed)
-            missed = 0
-        truth = plant.true_state(arm)
-        acting = tau
-        if k >= begin:
-            rows.append((truth.q, truth.v))
-            acting = fault.torque(k - begin, tau, robot.limits.effort)
-            if noticed == np.inf and supervised.report(state).reason != "none":
-                noticed = (k - begin) * DT
-        arm = (after if k >= begin else plant).step(acting, arm, DT)
+        if not sample.called:
+            missed += 1
+            arm.advance(None)
+            continue
+        before = tau
+        seen = Measurement(sample.q), target._replace(q=sample.q_ref)
+        tau, state = supervised.advance(*seen, state, 1 + missed)
+        steepest, missed = max(steepest, float(np.abs(tau - before).max()) / (1 + missed)), 0
+        if k >= begin and noticed == np.inf and supervised.report(state).reason != "none":
+            noticed = (k - begin) * DT
+        acting = fault.torque(k - begin, tau, robot.limits.effort) if k >= begin else tau
+        arm.advance(Datagram(TORQUE, k, k * DT, acting))
         if k >= begin and fault.blocked:
-            stuck = plant.true_state(arm)
-            arm = plant.init(one(stuck.q, rows[0][0][1]), one(stuck.v, 0.0))
-    q, v = (np.array(part) for part in zip(*rows, strict=True))
-    return Outcome(np.arange(len(q)) * DT, q, v, supervised.report(state), noticed)
+            stuck = plant.true_state(arm.state)
+            arm.state = plant.init(one(stuck.q, rows[0][0][1]), one(stuck.v, 0.0))
+    columns = (np.array(part) for part in zip(*rows, strict=True))
+    return Outcome(np.arange(len(rows)) * DT, *columns, supervised.report(state), noticed, steepest)
 
 
 def move_of(robot: Robot, rest: bool) -> tuple[Bezier, int]:
@@ -183,9 +202,41 @@ def cell(found: Outcome) -> str:
     return f"{state} | {found.travel():.3f} | {np.abs(found.v).max():.2f} | {rest}"
 
 
-def page(matrix: dict[tuple[str, str, str], Outcome], torques: dict[tuple[str, str, str], Outcome]) -> str:
+Matrix = dict[tuple[str, str, str], Outcome]
+
+
+def own_bounds(matrix: Matrix, rated: list[Outcome]) -> list[Row]:
+    """Return the bounds that the matrix shows, and what happened under a rate of torque."""
+    nan = [found for (_, _, fault), found in matrix.items() if fault == "reference NaN"]
+    slowest, farthest = max(x.rest for x in nan), max(x.travel() for x in nan)
+    rows = [
+        Row(
+            "NaN reference at 0.75 rad/s: at rest within 0.5 s and 0.05 rad",
+            f"{slowest:.2f} s, {farthest:.3f} rad (worst of arms and gravities)",
+            slowest <= 0.5 and farthest <= 0.05,
+        )
+    ]
+    for rest, limit in ((True, 0.01), (False, 0.05)):
+        names = [fault.name for fault in FAULTS if fault.rest == rest]
+        worst = {name: max(matrix[each, "robot", name].travel() for each in ARMS) for name in names}
+        over = {name: x for name, x in worst.items() if x > limit}
+        said = f"{len(worst) - len(over)} of {len(worst)} faults"
+        said += "".join(f"; {name} {x:.3f}" for name, x in over.items())
+        where = "at rest" if rest else "in motion"
+        rows.append(Row(f"gravity by the robot, {where}: {limit} rad after any single fault", said, not over))
+    steepest = max(found.steepest for found in rated) / (RATE * DT)
+    said = f"at most {steepest:.4f} of the rate ({len(rated)} starts and faults)"
+    rows.append(Row("torque never over its rate, in any state", said, steepest <= 1.0 + 1e-9))
+    blocked = max(found.noticed for (_, _, fault), found in matrix.items() if fault == "a joint blocked")
+    rows.append(Row("a blocked joint is a fault within 1 s", f"{1e3 * blocked:.0f} ms", blocked <= 1.0))
+    return rows
+
+
+def page(matrix: Matrix, torques: Matrix, kept: list[Row]) -> str:
     """Return the page."""
-    parts = [Path(__file__).with_suffix(".head.md").read_text(encoding="utf-8").rstrip("\n")]
+    head = Path(__file__).with_suffix(".head.md").read_text(encoding="utf-8").rstrip("\n")
+    table = "\n".join(["| bound | measured | |", "|---|---|---|", *map(str, kept)])
+    parts = [head.replace("BOUNDS", table)]
     heads = "| fault | after a second | travel [rad] | peak speed [rad/s] | at rest after |"
     heads += "\n|---|---|---|---|---|"
     for name in ARMS:
@@ -206,7 +257,7 @@ def page(matrix: dict[tuple[str, str, str], Outcome], torques: dict[tuple[str, s
     return "\n\n".join(parts) + "\n"
 
 
-def picture(matrix: dict[tuple[str, str, str], Outcome], path: Path) -> None:
+def picture(matrix: Matrix, path: Path) -> None:
     """Draw the four worst of them: by travel in half a second, each fault once."""
     import matplotlib.pyplot as plt
 
@@ -224,18 +275,39 @@ def picture(matrix: dict[tuple[str, str, str], Outcome], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+#: What is simulated: arm, gravity, number of the fault, seconds, and bounds of the supervisor.
+Task = tuple[str, str, int, float, dict[str, Any]]
+
+
+def done(task: Task) -> Outcome:
+    """Return what became of one task, in a process of its own."""
+    name, gravity, number, seconds, given = task
+    return happened(name, gravity, FAULTS[number], seconds, **given)
+
+
 def main() -> None:
     """Run all and write page and picture."""
-    matrix, torques = {}, {}
+    kinds = [(name, gravity) for name in ARMS for gravity in ("arm", "robot")]
+    lost = next(i for i, fault in enumerate(FAULTS) if fault.name == "all NaN for good")
+    tasks: dict[Any, Task] = {}
+    for name, gravity in kinds:
+        for i, fault in enumerate(FAULTS):
+            tasks[name, gravity, fault.name] = (name, gravity, i, SECONDS, {})
+        for kind in ("brake", "hold", "zero"):
+            tasks["open", name, gravity, kind] = (name, gravity, lost, SECONDS, {"on_fault": kind})
     for name in ARMS:
-        for gravity in ("arm", "robot"):
-            for fault in FAULTS:
-                matrix[name, gravity, fault.name] = happened(name, gravity, fault)
-            lost = next(fault for fault in FAULTS if fault.name == "all NaN for good")
-            for kind in ("brake", "hold", "zero"):
-                torques[name, gravity, kind] = happened(name, gravity, lost, kind)
-            print(f"{name}, gravity by the {gravity}: done", flush=True)
-    (DOCS / "faults.md").write_text(page(matrix, torques), encoding="utf-8")
+        for i in range(len(FAULTS)):
+            tasks["rate", name, i] = (name, "arm", i, BRIEFLY, {"torque_rate": RATE})
+    with ProcessPoolExecutor() as pool:
+        found = dict(zip(tasks, pool.map(done, tasks.values()), strict=True))
+    matrix: Matrix = {key: x for key, x in found.items() if len(key) == 3 and key[0] != "rate"}
+    torques: Matrix = {key[1:]: x for key, x in found.items() if key[0] == "open"}
+    kept = own_bounds(matrix, [x for key, x in found.items() if key[0] == "rate"])
+    print(*kept, sep="\n", flush=True)
+    for row in bounds.rows():
+        kept.append(row)
+        print(row, flush=True)
+    (DOCS / "faults.md").write_text(page(matrix, torques, kept), encoding="utf-8")
     picture(matrix, DOCS / "images" / "faults.png")
 
 

@@ -19,8 +19,8 @@ from armgpi import GPI, Robot
 from armgpi.export.code import generate
 
 HERE = Path(__file__).parent / "arm"
-#: The paper's arm always; others by name, as they take minutes.
-ROBOTS = ("anthropomorphic3",)
+#: Others by name, as they take minutes.
+ROBOTS = ("anthropomorphic3", "ur5")
 RANGE = "1e6"
 SECONDS = 900
 

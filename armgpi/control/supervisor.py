@@ -574,9 +574,13 @@ class Supervised(Controller):
 
     def _aim(self, target: Target, watch: Watch, seen: _Seen, entering: Mask, stopping: Mask) -> Target:
         """Return the reference to follow: the one given, or the one of a stop."""
-        # Where the joint did not follow, the stop begins where it is, and as fast as it is.
-        apart = entering & ~seen.near
-        r, v = np.where(apart, seen.q, watch.r), np.where(apart, watch.v, watch.rv)
+        # Where the joint did not follow, or nobody looked, the stop begins where it is, and as fast as it is.
+        late = (watch.late > 0.0) & ~seen.lost
+        apart = entering & (~seen.near | late)
+        # After a gap as fast as if it had changed its velocity evenly there.
+        gap = (2.0 / self.dt) / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
+        own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
+        r, v = np.where(apart, seen.q, watch.r), np.where(apart, own, watch.rv)
         v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
         less = np.minimum(np.maximum(v, -self.bounds.slowing), self.bounds.slowing)
         after = v - less

@@ -11,7 +11,7 @@ from armgpi import __version__
 from armgpi.control.controller import FullState, Measurement
 from armgpi.control.supervisor import Reason, State, Supervised
 from armgpi.errors import ParameterError
-from armgpi.export.code import Code, template
+from armgpi.export.code import ABI, Code, template
 from armgpi.export.names import plain
 from armgpi.references.reference import Target
 
@@ -61,7 +61,10 @@ def check_target(target: str, controller: Supervised) -> None:
         return
     if controller.measurement_type is FullState or any(controller._uses):
         raise ParameterError(
-            "target", target, "bare for a law that needs more than positions and their reference"
+            "target",
+            target,
+            "bare for a law that needs more than positions and their reference, as one with velocities or a "
+            "feedforward (feedforward: none) does",
         )
     if target == "ros2_control":
         return
@@ -87,6 +90,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
     fill = {
         "title": f"{type(law.controller.law).__name__} controller of {plain(law.controller.robot.name)}",
         "version": __version__,
+        "abi": str(ABI),
         "state_bytes": str(state_bytes),
         "state_words": str(-(-state_bytes // 8)),
         "n": str(law.n),

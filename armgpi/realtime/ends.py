@@ -19,7 +19,7 @@ from armgpi.robot.robot import Robot
 #: What the arm's watchdog does.
 REACTIONS = ("damping", "gravity", "hold", "zero")
 #: Time for which samples may be missed [s], and their number, at least and at most.
-_SILENCE, _FEWEST_MISSED, _MOST_MISSED = 0.05, 20, 1000
+_SILENCE, _FEWEST_MISSED, _MOST_MISSED = 0.04, 20, 1000
 
 
 @with_parameters
@@ -38,7 +38,7 @@ class Watchdog(Parametrised):
     )
     damping: float = parameter("of damping: rate at which speeds decay", unit="1/s", default=60.0, least=0.0)
     ramp: float = parameter(
-        "of damping: time in which that rate rises from zero, so that a short silence costs little",
+        "of damping: time in which it takes over from the last torque, so that a short silence costs little",
         unit="s",
         default=0.05,
         least=0.0,
@@ -114,8 +114,9 @@ class ArmEnd:
         acting = (self.silent - self.watchdog.samples + 1) * self.dt
         share = 1.0 if acting >= self.watchdog.ramp else acting / self.watchdog.ramp
         # A rate above 1 / dt would reverse the motion within a sample.
-        rate = min(share * self.watchdog.damping, 0.5 / self.dt)
-        return np.asarray(gravity - dynamics.inertia_times(truth.q, rate * truth.v))
+        rate = min(self.watchdog.damping, 0.5 / self.dt)
+        damped = gravity - dynamics.inertia_times(truth.q, rate * truth.v)
+        return np.asarray(self.command + share * (damped - self.command))
 
 
 class ControllerEnd:
@@ -173,7 +174,7 @@ def supervised(
 
     Args:
         controller: the law; one that is supervised or exported stays as it is.
-        supervisor: what is taken for a fault; when not given the defaults, but that samples of 50 ms may be
+        supervisor: what is taken for a fault; when not given the defaults, but that samples of 40 ms may be
             missed, as the arm bears such a silence too.
         exported: whether it is to run as exported C.
     """

@@ -57,7 +57,7 @@ def run(
         policy: of both processes: "fifo" (real time), "other", or "auto", real time where it is allowed.
         exported: run the controller as exported C.
         supervisor: what the controller takes for a fault, see :mod:`armgpi.control.supervisor`; when not
-            given its defaults, but that 50 ms of samples may be missed.
+            given its defaults, but that 40 ms of samples may be missed.
         watch: is given what happens some times a second, as plain data; by the wall clock alone.
 
     Raises:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import machines
@@ -61,28 +62,32 @@ def moving(robot: Robot, speed: float) -> Bezier:
     return Bezier(middle, middle + step, duration * peak / speed) if speed else Bezier(middle, middle, 1.0)
 
 
+@cache
+def begun(robot: Robot, speed: float, supervised: Any) -> tuple[Any, int, Any]:
+    """A loop, the sample in the middle of its move, and its state there: all faults begin from it."""
+    reference = moving(robot, speed)
+    supervised = Supervised(GPI(robot, DT)) if supervised is None else supervised
+    loop: Any = armgpi.ClosedLoop(Saturated(RigidBodyPlant(robot)), supervised, reference)
+    begin, state = round(0.5 * reference.duration / DT), loop.init()
+    for _ in range(begin):
+        state = loop.step(state).state
+    return loop, begin, state
+
+
 def course(
     robot: Robot, fault: Fault, speed: float = 0.75, seconds: float = 0.5, supervised: Any = None
 ) -> Course:
     """Let a fault happen in the middle of a move."""
-    reference = moving(robot, speed)
-    supervised = Supervised(GPI(robot, DT)) if supervised is None else supervised
-    plant = Saturated(RigidBodyPlant(robot))
-    loop = armgpi.ClosedLoop(plant, supervised, reference)
-    _, arm, state = loop.init()
-    begin = round(0.5 * reference.duration / DT)
+    loop, begin, (_, arm, state) = begun(robot, speed, supervised)
+    plant, supervised, reference = loop.plant, loop.controller, loop.reference
     rows: list[Any] = []
-    for k in range(begin + round(seconds / DT)):
-        target, measured = reference.at(k * DT), plant.measure(arm)
-        q, q_ref = measured.q.copy(), target.q.copy()
-        if k >= begin:
-            truth = plant.true_state(arm)
-            rows.append((truth.q, truth.v))
-            q, q_ref = fault(k - begin, q, q_ref)
+    for k in range(round(seconds / DT)):
+        target, measured = reference.at((begin + k) * DT), plant.measure(arm)
+        truth = plant.true_state(arm)
+        q, q_ref = fault(k, measured.q.copy(), target.q.copy())
         tau, state = supervised.step(Measurement(q), target._replace(q=q_ref), state)
         arm = plant.step(tau, arm, DT)
-        if k >= begin:
-            rows[-1] += (tau, supervised.report(state))
+        rows.append((truth.q, truth.v, tau, supervised.report(state)))
     qs, vs, taus, reports = zip(*rows, strict=True)
     return Course(np.array(qs), np.array(vs), np.array(taus), list(reports))
 
@@ -128,6 +133,7 @@ FAULTS: dict[str, tuple[Callable[[], Fault], str]] = {
 ARMS = ["anthropomorphic3", *(name for name in ("ur5", "panda") if name in armgpi.robots.names())]
 
 
+@cache
 def arm(name: str, gravity: str = "arm") -> Robot:
     lock = [joint for joint in ("panda_finger_joint1", "panda_finger_joint2") if name == "panda"]
     robot = Robot.load(name, lock=lock)
@@ -316,6 +322,22 @@ def test_a_law_whose_torque_is_no_number_opens_the_loop() -> None:
     tau, state = held(supervised, state, Q + 0.1)
     assert supervised.report(state)[:2] == ("fault", "not_finite")
     assert np.isfinite(tau).all()
+
+
+def test_after_a_gap_the_stop_begins_where_the_arm_is_and_as_fast_as_it_must_be() -> None:
+    speed = np.array([0.3, 0.2, -0.4])
+    supervised, start = started(missed=20)
+    for k in range(1, 60):
+        q = Q + k * DT * speed
+        start = held(supervised, start, q, q).state
+    # In 50 samples it went on evenly, or was braked evenly to rest.
+    for share, after in ((1.0, speed), (0.5, 0.0 * speed)):
+        there = Target(q + 50 * DT * speed, REST, REST)
+        state = supervised.advance(Measurement(q + share * 50 * DT * speed), there, start, 50).state
+        assert supervised.report(state).reason == "late"
+        slower = np.sign(after) * np.maximum(np.abs(after) - 10.0 * DT, 0.0)
+        np.testing.assert_allclose(state.supervisor.rv, slower, atol=0.02)
+        np.testing.assert_allclose(state.supervisor.r, q + share * 50 * DT * speed, atol=1e-3)
 
 
 def test_a_joint_that_is_pushed_faster_than_its_limit_is_no_jump_and_one_that_jumps_is() -> None:

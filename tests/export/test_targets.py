@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import shutil
 import subprocess
 import sys
@@ -130,6 +129,43 @@ def test_another_project_finds_the_package(tmp_path: Path) -> None:
     run(other / "b" / "other", folder=tmp_path)
 
 
+#: Runs a loop in Python beside stubs of the two packages: an arm at rest, one of whose encoders breaks at
+#: sample 50, at once for good (ur) or for one sample (fci). Their calls are those of pylibfranka 0.21.3 and
+#: ur_rtde 1.6.5.
+LOOP = """
+import runpy, sys
+from types import SimpleNamespace as Made
+
+KIND, START, COUNT = %r, %r, [-1]
+
+
+def measured():
+    COUNT[0] += 1
+    broken = COUNT[0] >= 50 if KIND == "ur" else COUNT[0] == 50
+    return [float("nan") if broken and j == 1 else x for j, x in enumerate(START)]
+
+
+class Arm:
+    def __init__(self, *given): pass
+    def start_torque_control(self): return self
+    def readOnce(self): return Made(q=measured()), Made(to_sec=lambda: 0.001 if COUNT[0] else 0.0)
+    def writeOnce(self, command): assert len(command.tau) == 7
+    def getActualQ(self): return measured()
+    def getTimestamp(self): return 0.002 * COUNT[0]
+    def initPeriod(self): return None
+    def directTorque(self, tau, viscous_scale, coulomb_scale): return len(tau) == 6
+    def waitPeriod(self, begun): pass
+    def stopScript(self): print("stopped")
+
+
+sys.modules["pylibfranka"] = Made(Robot=Arm, Torques=lambda tau: Made(tau=tau, motion_finished=False))
+sys.modules["rtde_control"] = Made(RTDEControlInterface=Arm)
+sys.modules["rtde_receive"] = Made(RTDEReceiveInterface=Arm)
+sys.argv = [KIND, "127.0.0.1"]
+runpy.run_path(KIND + ".py", run_name="__main__")
+"""
+
+
 @compiled
 def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Path) -> None:
     robot = panda()
@@ -144,7 +180,9 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-I."]
     run(need("g++"), *flags, "motion.cpp", "armgpi_controller.o", "-o", "motion", folder=tmp_path)
     run("./motion", folder=tmp_path)
-    ast.parse((tmp_path / "fci.py").read_text())
+    (tmp_path / "loop.py").write_text(LOOP % ("fci", robot.middle().tolist()))
+    said = run(sys.executable, "loop.py", folder=tmp_path)
+    assert said.startswith("hold not_finite panda_joint2")
 
 
 @compiled
@@ -158,15 +196,17 @@ def test_a_ros2_controller_compiles_against_its_stubs(tmp_path: Path) -> None:
     assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in update]
 
 
-def test_a_loop_for_ur_is_python(tmp_path: Path) -> None:
+@compiled
+def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
     import armgpi
 
     if "ur5" not in armgpi.robots.names():
         pytest.skip("the robots extra is not installed")
     robot = Robot.load("ur5").with_gravity(ZERO)
     export_controller(GPI(robot, 2e-3), tmp_path, measure=False, target="ur")
-    for name in ("ur.py", "armgpi_controller.py"):
-        ast.parse((tmp_path / name).read_text())
+    (tmp_path / "loop.py").write_text(LOOP % ("ur", robot.middle().tolist()))
+    said = run(sys.executable, "loop.py", folder=tmp_path)
+    assert said.startswith("fault not_finite shoulder_lift_joint")
 
 
 @pytest.mark.parametrize(
