@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ import bounds
 import numpy as np
 from bounds import Row
 
-from armgpi import GPI, Bezier, Encoder, Measurement, RigidBodyPlant, Robot, Saturated, Supervised
+from armgpi import GPI, Bezier, Encoder, ExportedController, Measurement, RigidBodyPlant, Robot, Saturated
 from armgpi.control.supervisor import FaultReport, Supervisor
 from armgpi.realtime.datagram import TORQUE, Datagram
 from armgpi.realtime.ends import ArmEnd, Watchdog
@@ -134,6 +135,15 @@ class Outcome(NamedTuple):
         return float(self.times[last]) if last < len(self.times) else np.inf
 
 
+@cache
+def exported(name: str, gravity: str, given: tuple[tuple[str, Any], ...]) -> ExportedController:
+    """Return the controller as exported C, which takes a tenth of the time of Python."""
+    robot = robot_of(name, gravity)
+    supervisor = Supervisor(resolution=robot.encoder_count(BITS), **dict(given))
+    return ExportedController.of(GPI(robot, DT), supervisor=supervisor)
+
+
+@cache
 def robot_of(name: str, gravity: str) -> Robot:
     """Return an arm, without gravity where the robot compensates it."""
     robot = Robot.load(name, lock=list(ARMS[name]))
@@ -146,8 +156,7 @@ def happened(name: str, gravity: str, fault: Fault, seconds: float = SECONDS, **
     reference, begin = move_of(robot, fault.rest)
     plant = Encoder(Saturated(RigidBodyPlant(robot)), bits=BITS)
     loaded = robot.with_payload(robot.tip, fault.payload) if fault.payload else robot
-    supervisor = Supervisor(resolution=robot.encoder_count(BITS), **fault.bounds, **given)
-    supervised = Supervised(GPI(robot, DT), supervisor)
+    supervised = exported(name, gravity, tuple({**fault.bounds, **given}.items()))
     q = reference.at(0.0).q
     arm = ArmEnd(plant, robot, DT, Watchdog(), q, np.zeros(robot.n), velocity=False)
     state = supervised.init(Measurement(arm.sample().values), reference.at(0.0))
