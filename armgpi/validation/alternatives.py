@@ -11,7 +11,7 @@ import ast
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -80,10 +80,8 @@ def scope_of(
     seen = _Seen(arguments)
     for node in ast.walk(everywhere):
         # What is a function of the state elsewhere may be missing here.
-        if isinstance(node, ast.Call) and _called(node) in _TURNS:
-            used = {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and x is not node.func}
-            if used & set(arguments) or not arguments:
-                seen.scalars[ast.unparse(node)] = node
+        if _of_state(node, arguments):
+            seen.scalars[ast.unparse(node)] = node
     seen.visit(tree)
     for name, kind in kinds.items():
         if kind in ((2,), (3,)):
@@ -106,6 +104,16 @@ def scope_of(
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
     )
+
+
+def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
+    """Tell whether an expression is a part of a function's arguments, or a sine or cosine of one."""
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+        return isinstance(node.value, ast.Name) and node.value.id in arguments
+    if not (isinstance(node, ast.Call) and _called(node) in _TURNS):
+        return False
+    used = {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and x is not node.func}
+    return bool(used & set(arguments)) or not arguments
 
 
 def _counters(tree: ast.AST) -> list[str]:

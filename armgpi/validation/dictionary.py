@@ -77,6 +77,8 @@ class Dictionary:
         """
         words, columns = self._shapes
         size = np.linalg.norm(values)
+        if not self._states:  # constants alone
+            columns = np.ones((1, len(values)))
         if not size > 0.0 or columns.shape[1] != len(values):
             return None
         # The share of each shape, and whether it is all there is.
@@ -90,7 +92,7 @@ class Dictionary:
                 )
                 sign = text.startswith("-1 * ")
                 return Term("-" + text[5:] if sign else text, found.bits + np.log2(len(words)))
-        return self._sum(values) if sums else None
+        return self._sum(values) if sums and self._states else None
 
     def _sum(self, values: Array) -> Term | None:
         """Return two products of different shapes that add up to some values."""

@@ -39,6 +39,10 @@ CASES = {
         "",
     ),
     "an acceleration forgotten in a loop": ("ne4", "dw + a[i] * AXIS +", "dw +"),
+    "a mass forgotten where nothing moves": ("ppp_gantry", "m1 + m2 + m3", "m1 + m3"),
+    "a height forgotten": ("ppp_gantry", "m3 * g * q[2]", "m3 * g"),
+    "a term of a vector in the plane forgotten": ("rr_recursive", "b2 = joint + ", "b2 = "),
+    "the end of a loop": ("rrr_numeric", "range(k + 1)", "range(k)"),
     "a factor forgotten in a function of a comprehension": ("ne4", "st * sa]", "st]"),
     "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
 }
