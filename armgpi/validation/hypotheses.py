@@ -36,7 +36,16 @@ _DEGREE = np.pi / 180.0
 #: Entries of an inertia matrix: the moments, then the products.
 MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 #: Kinds of conventions of a whole model: mistakes that its source need not show in any one place.
-CONVENTIONS = ("joint-sign", "offset", "degrees", "joint-order", "absolute-angles", "axis", "frame")
+CONVENTIONS = (
+    "joint-sign",
+    "offset",
+    "degrees",
+    "joint-order",
+    "absolute-angles",
+    "axis",
+    "frame",
+    "armature",
+)
 
 
 class Hypothesis(NamedTuple):
@@ -279,6 +288,9 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
         text = f"{names.link(i)} is missing: no mass and no inertia"
         nothing = {"mass": 0.0, "inertia": np.zeros((3, 3))}
         yield Hypothesis("no-link", text, tree=partial(_with_body, i=i, changes=nothing))
+    if tree.armature.any():
+        missing = partial(replace, armature=np.zeros(tree.n))
+        yield Hypothesis("armature", "the rotor inertias are missing", tree=missing)
     for i, j in itertools.combinations(range(tree.n), 2):
         for what, fields in (
             ("masses", ("mass",)),

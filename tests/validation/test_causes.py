@@ -196,6 +196,11 @@ def test_different_causes_for_neighbouring_entries_are_not_named() -> None:
     assert cause.evidence
 
 
+def test_rotor_inertias_that_are_missing_are_named() -> None:
+    robot, model = planar(1)
+    assert first(model, robot.with_armature(0.1)) == "the rotor inertias are missing"
+
+
 def test_a_negative_inertia_is_not_named() -> None:
     robot, model = planar(1)
     I1 = _numbers()[5]

@@ -247,7 +247,7 @@ def test_mistakes_in_arms_that_nobody_had_seen_are_named(
     mistakes: int, precision: float, recall: float
 ) -> None:
     seed = int.from_bytes(os.urandom(4), "big")
-    found = outcomes(textbooks.UNSEEN, 10 // mistakes, seed, mistakes)
+    found = outcomes(textbooks.UNSEEN, 20 // mistakes, seed, mistakes)
     text = f"seed {seed}\n{summary(found)}"
     print(text)
     assert all(one.found and one.proved for one in found), text
