@@ -325,3 +325,16 @@ def test_experiments_say_which_arms_they_could_not_run() -> None:
     table = health.markdown(done.found)
     assert "| gpi | 2 |" in table
     assert "nan" not in table
+
+
+def test_what_is_said_of_a_draw_beforehand_is_torque_that_is_known_to_lack_and_what_the_law_warns_of() -> (
+    None
+):
+    law = {"type": "untuned"}
+    calm = Reality.bare(0, encoder_bits=(20, 20), sample_time=[1e-3], effort_share=0.0, speed=(4.0, 4.0))
+    assert health.warned(calm.draw(ARM, 0), law) == (False, False)
+    weak = calm.draw(ARM, 0)
+    half = weak.model.with_limits(effort=0.5 * np.abs(weak.model.gravity(weak.q0)).max())
+    assert health.warned(weak._replace(model=half), law).torque
+    light = calm.draw(Robot.load("hextilt_arm"), 0)
+    assert health.warned(light, law).controller

@@ -15,12 +15,34 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from armgpi import Reality
+from armgpi import Reality, Robot
 from armgpi.health import reality as health
+from armgpi.health.zoo import fingers
+
+
+def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, Any], label: str) -> str:
+    """Return, as Markdown, of how many lost and holding draws something was said before they ran."""
+    said = []
+    for name, rows in groupby(found, lambda each: each.arm):
+        robot = Robot.load(name, fingers(name))
+        said += [health.warned(drawn.draw(robot, each.index), law) for each in rows]
+    lines = [f"| {label}: warned of | lost [%] | holding [%] |", "| --- | --- | --- |"]
+    kinds = {"torque": "torque of the move", "controller": "when the controller is made", "": "either"}
+    for kind, text in kinds.items():
+        one = [getattr(each, kind) if kind else any(each) for each in said]
+        shares = (
+            [warning for warning, each in zip(one, found, strict=True) if each.lost is lost]
+            for lost in (True, False)
+        )
+        lines.append(f"| {text} | " + " | ".join(health.share(each) for each in shares) + " |")
+    return "\n".join(lines)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -32,6 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--reality", default="geared", choices=("geared", "bare"))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--backend", default="compiled", choices=("numpy", "compiled", "auto"))
+    parser.add_argument("--warned", action="store_true", help="of which draws something is said beforehand")
     parser.add_argument("--per-arm", action="store_true", help="a table of arms for each law as well")
     parser.add_argument("--out", type=Path, help="write all outcomes as JSON")
     given = parser.parse_args(arguments)
@@ -47,6 +70,9 @@ def main(arguments: list[str] | None = None) -> int:
     print(health.markdown(done.found))
     for label, law in laws.items():
         print(f"{label}: measures {health.known(law)}")
+    if given.warned:
+        for label, law in laws.items():
+            print(f"\n{warned(drawn, done.found[label], law, label)}")
     if given.per_arm:
         for label, found in done.found.items():
             by_arm = {name: [each for each in found if each.arm == name] for name in names}

@@ -212,6 +212,36 @@ def demand(draw: Draw) -> float:
     return float((np.maximum(np.abs(tau), np.abs(pushed)) / draw.effort).max())
 
 
+class Warned(NamedTuple):
+    """What is said of a draw before it is run.
+
+    Attributes:
+        torque: whether the reference asks the nominal model for more torque than is known to be there.
+        controller: whether the law warns when it is made.
+    """
+
+    torque: bool
+    controller: bool
+
+
+def warned(draw: Draw, law: Mapping[str, Any]) -> Warned:
+    """Return what is said of a draw before it is run.
+
+    Args:
+        draw: the draw.
+        law: a controller's section of an experiment file.
+
+    Raises:
+        ArmgpiError: when the law cannot be made for the arm.
+    """
+    target = draw.reference.at(np.linspace(0.0, draw.t_final, _MOMENTS))
+    asked = np.abs(draw.model.inverse_dynamics(*target)) / draw.model.limits.effort
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        config.controller(law, draw.context)
+    return Warned(bool(asked.max() > 1.0), any(issubclass(each.category, ArmgpiWarning) for each in said))
+
+
 def _still(draw: Draw) -> Array:
     """Return how far a joint may move at rest [rad or m]."""
     return np.maximum(HUNTING_COUNTS * draw.arm.encoder_count(draw.encoder_bits), HUNTING)
@@ -277,8 +307,8 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
     header = (heading, "draws", *(f"{name} [%]" for name in names), "median peak", "median ITAE")
     lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
     for label, found in groups.items():
-        columns = {name: _share([getattr(each, name) for each in found]) for name in shares}
-        columns["lost where feasible"] = _share([each.lost for each in found if each.feasible])
+        columns = {name: share([getattr(each, name) for each in found]) for name in shares}
+        columns["lost where feasible"] = share([each.lost for each in found if each.feasible])
         medians = (
             metrics.short(float(np.median([getattr(each, name) for each in found])) if found else None, 3)
             for name in ("peak", "itae")
@@ -287,7 +317,7 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-def _share(happened: Sequence[bool]) -> str:
+def share(happened: Sequence[bool]) -> str:
     """Return a share with its interval, in per cent."""
     low, high = interval(sum(happened), len(happened))
     return f"{100.0 * sum(happened) / max(len(happened), 1):.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"

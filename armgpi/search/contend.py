@@ -115,7 +115,7 @@ CONTENDERS: dict[str, Contender] = {
 
 
 #: What the rule for arms that nobody tuned is held against, tuned for the torque variation that it has.
-RIVALS = ("ADRC, order 3", "ADRC, order 4", "GPI, roll-off, one integrator, computed")
+RIVALS = ("ADRC, order 3", "ADRC, order 4")
 
 
 class Setting(NamedTuple):
@@ -385,7 +385,7 @@ def markdown(entries: Sequence[Entry]) -> str:
     for arm in dict.fromkeys(entry.arm for entry in entries):
         rows = medians(entries, arm)
         names = _budgets_of(arm)
-        head = (f"{arm}: torque variation up to [N m]", *names, "untuned (variation)")
+        head = (f"{arm}: torque variation up to [N m]", *names, "where its search begins (variation)")
         lines = [head, ("---",) * len(head)]
         for group, laws in classes(entries).items():
             here = [law for law in laws if law in rows]

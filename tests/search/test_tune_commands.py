@@ -210,6 +210,7 @@ def test_a_contest_is_the_same_search_for_all(
     answer = cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws)
     assert answer.code == 0, answer.err
     assert "| GPI, roll-off |" in answer.out
+    assert "untuned over the best ADRC" in answer.out
     assert (tmp_path / "contest.png").exists()
     # What is there is not run again.
     monkeypatch.setattr(Study, "run", None)
