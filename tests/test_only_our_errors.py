@@ -550,6 +550,11 @@ CASES: dict[str, Case] = {
         lambda made: made.middle(),
         slow=True,
     ),
+    "Robot.from_mjcf": Case(
+        Robot.from_mjcf,
+        {"path": "no such file.xml", "lock": {"q1": 0.0}, "keep": None},
+        lambda made: made.middle(),
+    ),
     "Robot.from_pinocchio": Case(
         Robot.from_pinocchio,
         {"model": ARM.pinocchio_model(), "lock": {"q1": 0.0}, "keep": None},

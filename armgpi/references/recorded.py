@@ -118,7 +118,8 @@ class Recorded(Reference):
         """
         source = check_path(path, "path")
         check_type(robot, "robot", Equations, "a Robot")
-        check_type(variable or "", "variable", str, "the name of a variable")
+        if variable is not None:
+            check_type(variable, "variable", str, "the name of a variable")
         rollout = check_whole(rollout, "rollout", 0)
         try:
             if source.stat().st_size > _MOST_BYTES:

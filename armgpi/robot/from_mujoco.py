@@ -38,7 +38,7 @@ def model_of(path: Path) -> Any:
         raise MissingPackage("mujoco", "mujoco") from None
     try:
         theirs = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
+    except (ValueError, TypeError) as error:  # TypeError for a name that is no text
         raise UrdfError(path, f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
     _refuse_more_than_an_arm(theirs, path)
     try:
