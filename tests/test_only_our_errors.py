@@ -376,6 +376,7 @@ CASES: dict[str, Case] = {
             "knots": [-1, -1, -1, 0, 1, 1, 1],
             "order": 3,
             "weights": {"omega_c": [1.0, 2.0, 3.0, 4.0]},
+            "common": False,
         },
         prepared,
     ),
