@@ -46,19 +46,19 @@ DT = 1e-3
 
 def main() -> None:
     page = _page.begin(__file__, "Sweeps")
-    rollouts, seconds, rounds = (1 << 14, 4.0, 1) if page.quick else (10**6, 40.0, 2)
+    rollouts, chunks, rounds = (1 << 14, 16, 1) if page.quick else (10**6, 96, 3)
     with tempfile.TemporaryDirectory() as folder:
         wall, processor = _million(Path(folder, "million"), rollouts)
         bare = {varied: _bare(Path(folder, "million"), varied) for varied in (True, False)}
-        ratio, chunk = _workers(Path(folder), seconds, rounds)
+        ratio, chunk = _workers(Path(folder), chunks, rounds)
     _page.say(
         f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask, which "
         f"have started, the numbers of the study varied and every metric kept: {wall:.0f} s on the wall, "
         f"{processor:.0f} s of processor time, drawing and writing chunks included. The bare loop keeps the "
         f"first and the last sample alone; it takes {1e6 * bare[True]:.4f} µs a rollout-step with the same "
         f"numbers varied, and {1e6 * bare[False]:.4f} µs with nothing varied (4096 rollouts on one thread, "
-        "without their start, processor time, median of 5). Two workers and one take turns with four chunks "
-        f"of {chunk:.0f} s, in {rounds} rounds, by the wall."
+        f"without their start, processor time, median of 5). Two workers and one take turns with {chunks} "
+        f"chunks of {chunk:.2g} s, in {rounds} rounds, by the wall."
     )
     taken = np.array([processor / (rollouts * 2000)])
     goals = [
@@ -124,23 +124,23 @@ def _bare(folder: Path, varied: bool) -> float:
     return (times[steps] - times[1]) / (study.size * (steps - 1))
 
 
-def _workers(folder: Path, seconds: float, rounds: int) -> tuple[Spread, float]:
+def _workers(folder: Path, chunks: int, rounds: int) -> tuple[Spread, float]:
     """Return how many times as fast two workers are, and what a chunk takes [s]."""
-    study = _study(folder / "long", seconds)
+    study = _study(folder / "long", 4.0)
     chunk, ratios, alone = 0, [], 1.0
     with _cluster(2) as two, _cluster(1) as one:
         for number in range(rounds + 1):  # the first one warms up
             taken = []
             for cluster in (two, one):
-                chunks = [(chunk + i, study.size if number else 8) for i in range(4)]
-                chunk += 4
+                part = [(chunk + i, study.size if number else 8) for i in range(chunks)]
+                chunk += chunks
                 begun = time.perf_counter()
-                if workers.run(folder / "long", chunks, lambda rows: None, cluster=cluster.scheduler_address):
+                if workers.run(folder / "long", part, lambda rows: None, cluster=cluster.scheduler_address):
                     sys.exit("a chunk is broken")
                 taken.append(time.perf_counter() - begun)
             if number:
                 ratios.append(taken[1] / taken[0])
-                alone = taken[1] / 4.0
+                alone = taken[1] / chunks
     assert chunk_file(folder / "long", chunk - 1, study.size).is_file()
     return spread(np.array(ratios)), alone
 
