@@ -89,10 +89,7 @@ class ArmEnv(gymnasium.Env[Array, Array]):
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Take one sample; return observation, reward, terminated, truncated and info."""
         loop, state = self.loop, self._state
-        seen = loop.plant.measure(state.plant)
-        own, controller = loop.controller.step(
-            loop._seen(seen), loop.reference.at(state.k * loop.dt), state.controller
-        )
+        _, own, controller = loop.asked(state.plant, state.controller, loop.reference.at(state.k * loop.dt))
         tau = own + self._span * np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         plant = loop.plant.step(tau, state.plant, loop.dt)
         self._state = state._replace(k=state.k + 1, plant=plant, controller=controller)

@@ -30,6 +30,19 @@ _STALE = 86400.0
 _MAX_SUMS = 1_000_000
 
 
+def make_folder(path: Path) -> Path:
+    """Make a folder, and those above it, where there is none.
+
+    Raises:
+        RolloutError: when it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RolloutError(f"{path}: cannot be written to: {error.strerror or error}") from None
+    return path
+
+
 def write(path: str | PathLike[str], content: str | bytes) -> Path:
     """Write a file; it appears whole or not at all. A pipe or a device is written to.
 

@@ -196,8 +196,7 @@ def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
     """
     rng = np.random.default_rng(seed)
     n = setting.nominal.n
-    width = np.concatenate([setting.upper - setting.lower, np.full(2 * n, 2.0)])
-    low = np.concatenate([setting.lower, np.full(2 * n, -1.0)])
+    low, width = ranges(setting)
 
     def values(z: Array) -> Array:
         at = points(setting, z)
@@ -233,6 +232,13 @@ def motion(robot: Robot, count: int = 64) -> dict[str, float]:
     setting = Setting((robot,), robot, rest, rest, rest, rest + 1.0, "none")
     at, every = Points(q, q, q), functions(setting)
     return {name: float(every[name](setting, robot, at).max()) for name in ("sigma", "kappa_v", "kappa_e")}
+
+
+def ranges(setting: Setting) -> tuple[Array, Array]:
+    """Return the lower ends and the widths of the coordinates of :func:`points`, (3 n,)."""
+    offsets = np.ones(2 * setting.nominal.n)
+    low = np.concatenate([setting.lower, -offsets])
+    return low, np.concatenate([setting.upper - setting.lower, 2.0 * offsets])
 
 
 def points(setting: Setting, z: Array) -> Points:

@@ -8,7 +8,7 @@ import numpy as np
 
 from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import Certificate
-from armgpi.certification.quantities import PER_JOINT, functions, points
+from armgpi.certification.quantities import PER_JOINT, functions, points, ranges
 from armgpi.control.payload import LoadRange
 from armgpi.errors import ParameterError
 from armgpi.robot.robot import Robot
@@ -47,12 +47,11 @@ def refute(certificate: Certificate, robot: Robot, count: int = 20_000, seed: in
     """
     asked, rng = again(certificate, robot), np.random.default_rng(seed)
     setting, n = asked.setting, robot.n
+    low, width = ranges(setting)
     worst: dict[str, tuple[float, list[float]]] = {}
     for _ in range(-(-count // _TOGETHER)):
         # An end of the box and of the distance to the reference is as likely as what is between.
         share = np.clip(rng.uniform(-0.3, 1.3, (_TOGETHER, 3 * n)), 0.0, 1.0)
-        low = np.concatenate([setting.lower, np.full(2 * n, -1.0)])
-        width = np.concatenate([setting.upper - setting.lower, np.full(2 * n, 2.0)])
         at = points(setting, low + width * share)
         for name, function in functions(setting).items():
             for arm in setting.arms:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,19 +10,20 @@ from armgpi.arrays import Array
 from armgpi.certification.adversary import worst
 from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.certificate import Certificate
-from armgpi.certification.quantities import functions, points
-from armgpi.certification.words import NUMBERS, OTHERS, table
+from armgpi.certification.quantities import functions, points, ranges
+from armgpi.certification.words import NUMBERS, OTHERS, claims, table, verdict
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import open_loop
-from armgpi.loop.units import POSITION, TORQUE
-from armgpi.viz import page
+from armgpi.loop.units import POSITION
+from armgpi.viz import page, style
 
 #: Size of a picture [px], and what of the plane Nyquist's curve is drawn in.
 _WIDTH, _HEIGHT, _REACH = 420, 300, 2.2
 #: Configurations that are drawn for the share of each number along a joint, and its parts.
 _DRAWN, _PARTS = 3000, 24
-_COLOURS = {"delta_high": "#0072b2", "sigma": "#e69f00", "kappa_v": "#009e73", "kappa_e": "#cc79a7"}
-_LINE, _QUIET, _BAD = "#1b2127", "#aeb8c2", "#b2182b"
+_BLUE, _GREEN, _PURPLE, _ORANGE = (style.PALETTE[place] for place in (0, 2, 3, 4))
+_COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e": _PURPLE}
+_LINE, _QUIET = "#1b2127", "#aeb8c2"
 
 
 def html(asked: Asked, made: Certificate) -> str:
@@ -34,7 +33,6 @@ def html(asked: Asked, made: Certificate) -> str:
         asked: what was asked for.
         made: the certificate, or why there is none.
     """
-    heading, *lines = table(made)
     sections = {}
     if made.reasons:
         sections["What is in the way, and what would do"] = page.bullets(made.reasons)
@@ -49,25 +47,18 @@ def html(asked: Asked, made: Certificate) -> str:
         sections["What disturbs"] = page.table(head, shares, label="what disturbs")
     sections["What it rests on"] = page.bullets(made.data["assumptions"])
     kind = "good" if made.certified else "bad"
-    verdict = "guaranteed: every number is proved" if made.guaranteed else lines[-1]
-    verdict = verdict if made.certified else "not certified"
-    summary = f"<p>{page.text(heading)}</p><p class={kind}>{page.text(verdict)}</p>"
+    summary = f"<p>{page.text(table(made)[0])}</p><p class={kind}>{page.text(verdict(made))}</p>"
     return page.document(f"Certificate of {made.data['robot']['name']}", summary, sections)
 
 
 def _claims(asked: Asked, made: Certificate) -> str:
     """Return the claims for each joint, beside the worst that an adversary found."""
-    slides = made.data["robot"]["prismatic"]
-    most = float(made.data["inputs"]["gain"]["torque"])
-    inverse = np.array([float(x) for x in made.data["numbers"]["inverse"]])
     cases = worst(asked, count=40)
-    rows = []
-    for j, name in enumerate(made.joint_names):
-        p, t = POSITION.symbol(slides[j]), TORQUE.symbol(slides[j])
-        cells = [f"{made.per_torque[j]:.3g} {p}/({t})", f"{cases[j].error:.3g}"]
-        cells += [f"{made.per_torque[j] / cases[j].error:.2f}", f"{most / math.sqrt(inverse[j]):.3g} {t}"]
-        bounds = ((made.error[j], p), (made.after_jump[j], p), (made.torque[j], t))
-        rows.append([name, *cells, *(f"{x:.3g} {unit}" if math.isfinite(x) else "-" for x, unit in bounds)])
+    told = zip(made.joint_names, claims(made), made.per_torque, cases, strict=True)
+    rows = [
+        [name, gain, f"{case.error:.3g}", f"{certified / case.error:.2f}", *others]
+        for name, (gain, *others), certified, case in told
+    ]
     head = ["joint", "error per torque,\ncertified", "worst found", "ratio", "for torques\nup to"]
     head += ["error under\nall stated", "after a jump\nof the load", "torque\nneeded"]
     said = (
@@ -105,10 +96,10 @@ def _nyquist(made: Certificate) -> str:
     ]
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 121))
     circle = -0.5 * (1.0 / low + 1.0 / high) + 0.5 * (1.0 / low - 1.0 / high) * turn
-    parts.append(drawing.line(list(zip(circle.real, circle.imag, strict=True)), _BAD, fill="#f4d5d8"))
+    parts.append(drawing.line(list(zip(circle.real, circle.imag, strict=True)), style.ALARM, fill="#f4d5d8"))
     for sign in (1.0, -1.0):
         path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
-        parts.append(drawing.line(path, "#0072b2"))
+        parts.append(drawing.line(path, _BLUE))
     for x, text in ((-1.0 / low, f"-1/{low:.3g}"), (-1.0 / high, f"-1/{high:.3g}")):
         parts.append(drawing.text(x + (0.12 if x > -1.0 / low else -0.12), -0.1, text))
     said = (
@@ -121,9 +112,8 @@ def _nyquist(made: Certificate) -> str:
 def _box(asked: Asked, made: Certificate) -> str:
     """Return the largest share of each number along each joint of the box."""
     setting, n = asked.setting, asked.robot.n
-    z = np.random.default_rng(0).random((_DRAWN, 3 * n))
-    z[:, :n] = setting.lower + z[:, :n] * (setting.upper - setting.lower)
-    z[:, n:] = 2.0 * z[:, n:] - 1.0
+    low, width = ranges(setting)
+    z = low + width * np.random.default_rng(0).random((_DRAWN, 3 * n))
     at, known = points(setting, z), functions(setting)
     shares = {}
     for name in _COLOURS:
@@ -179,9 +169,5 @@ class _Drawing:
 
     def figure(self, parts: Sequence[str], caption: str) -> str:
         """Return the picture with its caption."""
-        size = f'viewBox="0 0 {_WIDTH} {self.height}" width="{_WIDTH}" height="{self.height}"'
-        label = f'role="img" aria-label="{page.text(caption)}"'
-        drawn: Any = "".join(parts)
-        return (
-            f"<figure><svg {size} {label}>{drawn}</svg><figcaption>{page.text(caption)}</figcaption></figure>"
-        )
+        drawn = page.drawing(parts, _WIDTH, self.height, caption)
+        return f"<figure>{drawn}<figcaption>{page.text(caption)}</figcaption></figure>"

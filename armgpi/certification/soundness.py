@@ -80,14 +80,8 @@ class _Batch:
         self, asked: Asked, made: Certificate, arm: Robot, cases: list[Worst], count: int, rng: Any
     ) -> None:
         """Draw configurations, and which joint is pushed."""
-        self.asked, self.made, self.arm, self.cases, self.count, self.rng = (
-            asked,
-            made,
-            arm,
-            cases,
-            count,
-            rng,
-        )
+        self.asked, self.made, self.arm = asked, made, arm
+        self.cases, self.count, self.rng = cases, count, rng
         setting, n = asked.setting, arm.n
         share = rng.random((count, n))
         share = np.where(rng.random((count, 1)) < 1.0 / 3.0, np.rint(share), share)

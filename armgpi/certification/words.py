@@ -47,13 +47,37 @@ def table(made: Any) -> list[str]:
     ]
     if "gain" in data["solutions"]:
         lines += _joints(made)
+    return [*lines, *([verdict(made)] if made.certified else ()), *made.reasons]
+
+
+def verdict(made: Any) -> str:
+    """Return in a line whether there is a certificate, and how sure its numbers are."""
+    if not made.certified:
+        return "not certified"
     if made.guaranteed:
-        lines.append("guaranteed: every number is proved")
-    elif made.certified:
-        lines.append(
-            "certified for the numbers above; they are the largest that a search found, and 3 % more"
+        return "guaranteed: every number is proved"
+    return "certified for the numbers above; they are the largest that a search found, and 3 % more"
+
+
+def claims(made: Any) -> list[list[str]]:
+    """Return what is claimed of each joint: error per torque, up to which torque, and the bounds of all else.
+
+    Those are the error under all that was stated, that after a jump of the load, and the torque needed.
+    """
+    most, sliding = float(made.data["inputs"]["gain"]["torque"]), made.data["robot"]["prismatic"]
+    inverse = [float(x) for x in made.data["numbers"]["inverse"]]
+    rows = []
+    for j, slides in enumerate(sliding):
+        p, t = POSITION.symbol(slides), TORQUE.symbol(slides)
+        bounds = ((made.error[j], p), (made.after_jump[j], p), (made.torque[j], t))
+        rows.append(
+            [
+                f"{made.per_torque[j]:.3g} {p}/({t})",
+                f"{most / math.sqrt(inverse[j]):.3g} {t}",
+                *(f"{x:.3g} {unit}" if math.isfinite(x) else "-" for x, unit in bounds),
+            ]
         )
-    return lines + list(made.reasons)
+    return rows
 
 
 def _omega(law: Any) -> str:
@@ -66,17 +90,10 @@ def _omega(law: Any) -> str:
 
 def _joints(made: Any) -> list[str]:
     """Return a line for each joint."""
-    prismatic, most = made.data["robot"]["prismatic"], float(made.data["inputs"]["gain"]["torque"])
     width = max(len(name) for name in made.joint_names)
-    inverse = [float(x) for x in made.data["numbers"]["inverse"]]
     lines = [f"  {'joint':<{width}}  error per torque      up to        under all   after a jump  torque"]
-    for j, name in enumerate(made.joint_names):
-        p, t = POSITION.symbol(prismatic[j]), TORQUE.symbol(prismatic[j])
-        alone = most / math.sqrt(inverse[j])
-        cells = [f"{made.per_torque[j]:.3g} {p}/({t})", f"{alone:.3g} {t}"]
-        cells += [f"{x[j]:.3g} {p}" if math.isfinite(x[j]) else "-" for x in (made.error, made.after_jump)]
-        cells.append(f"{made.torque[j]:.3g} {t}" if math.isfinite(made.torque[j]) else "-")
-        sizes = (20, 11, 10, 12, 10)
+    sizes = (20, 11, 10, 12, 10)
+    for name, cells in zip(made.joint_names, claims(made), strict=True):
         lines.append(
             f"  {name:<{width}}  " + "  ".join(f"{x:<{w}}" for x, w in zip(cells, sizes, strict=True))
         )

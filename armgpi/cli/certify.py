@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +13,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, OK, locks, per_joint, refusal, split, stoppable
 from armgpi.cli.terminal import say
+from armgpi.escape import json_data
 
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
@@ -269,20 +269,17 @@ def _loads(text: str | None) -> tuple[float, float] | None:
 
 def _plain(found: Certificate) -> dict[str, Any]:
     """Return what is certified as plain data; null for what is not."""
-
-    def numbers(values: Any) -> list[float | None]:
-        return [float(x) if math.isfinite(x) else None for x in values]
-
-    return {
+    data: dict[str, Any] = {
         "certified": found.certified,
         "guaranteed": found.guaranteed,
         "joints": found.joint_names,
-        "per_torque": numbers(found.per_torque),
-        "error": numbers(found.error),
-        "after_jump": numbers(found.after_jump),
-        "torque": numbers(found.torque),
+        "per_torque": found.per_torque.tolist(),
+        "error": found.error.tolist(),
+        "after_jump": found.after_jump.tolist(),
+        "torque": found.torque.tolist(),
         "numbers": found.data["numbers"],
         "status": found.data["status"],
         "shares": found.data["shares"],
-        "reasons": list(found.reasons),
+        "reasons": found.reasons,
     }
+    return dict(json_data(data))

@@ -15,6 +15,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.parsing import as_option
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import say
+from armgpi.escape import json_data
 
 if TYPE_CHECKING:
     from armgpi.health.findings import Finding
@@ -105,7 +106,7 @@ def _row(name: str) -> dict[str, Any]:
 def _range(values: Iterable[float | None]) -> list[float | None]:
     """Return the smallest and largest of some limits; None for one that is infinite."""
     numbers = [math.inf if value is None else value for value in values]
-    return [x if math.isfinite(x) else None for x in (min(numbers), max(numbers))]
+    return list(json_data((min(numbers), max(numbers))))
 
 
 def _remarks(findings: Iterable[Finding]) -> list[str]:

@@ -142,10 +142,14 @@ class ClosedLoop:
 
     def _sample(self, plant: Any, controller: Any, target: Target) -> tuple[Any, Any, FullState, Array]:
         """Return the next states of plant and controller, what was measured and the torque asked for."""
+        measured, tau, controller = self.asked(plant, controller, target)
+        return self.plant.step(tau, plant, self.dt), controller, measured, tau
+
+    def asked(self, plant: Any, controller: Any, target: Target) -> tuple[FullState, Array, Any]:
+        """Return what is measured, the torque that the controller asks for, and its next state."""
         measured = self.plant.measure(plant)
         seen = measured if self._measures_velocity else new(Measurement, (measured.q,))
-        tau, controller = self.controller.step(seen, target, controller)
-        return self.plant.step(tau, plant, self.dt), controller, measured, tau
+        return measured, *self.controller.step(seen, target, controller)
 
     def true_state(self, state: LoopState) -> PlantState:
         """Return the true state of the plant."""

@@ -141,7 +141,7 @@ def _square(parts: Sequence[Mapping[str, Any]]) -> str:
         f'<text x="{_WIDTH / 2}" y="{_HEIGHT_2 - 4}" text-anchor="middle" font-size="11" fill="{_TEXT}">'
         f"{page.text(text)}, up to {100.0 * most:.3g} %</text>"
     )
-    return _drawing([*cells, label], _HEIGHT_2)
+    return page.drawing([*cells, label], _WIDTH, _HEIGHT_2)
 
 
 def _svg(
@@ -165,10 +165,4 @@ def _svg(
     for (x, anchor), text in zip(places, texts, strict=True):
         kind = f'text-anchor="{anchor}" font-size="11" fill="{_TEXT}"'
         parts.append(f'<text x="{x}" y="{_HEIGHT - 4}" {kind}>{page.text(text)}</text>')
-    return _drawing(parts, _HEIGHT)
-
-
-def _drawing(parts: Sequence[str], height: float) -> str:
-    """Return elements of SVG as a picture, which gets smaller where there is less room."""
-    size = f'width="{_WIDTH}" height="{height}" viewBox="0 0 {_WIDTH} {height}"'
-    return f'<svg {size} role="img">{"".join(parts)}</svg>'
+    return page.drawing(parts, _WIDTH, _HEIGHT)

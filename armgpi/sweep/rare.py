@@ -8,7 +8,6 @@ al. 2015).
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Mapping
 from itertools import pairwise
@@ -25,7 +24,7 @@ from armgpi.config import ExperimentConfig
 from armgpi.errors import ConfigError, ParameterError, RolloutError
 from armgpi.sweep.intervals import LEVEL, Estimate
 from armgpi.sweep.results import WORST
-from armgpi.sweep.study import Study
+from armgpi.sweep.study import Study, write_array
 
 #: Share of a level from which the next one starts, and so one over the length of a chain.
 _SHARE = 0.1
@@ -194,7 +193,7 @@ def simulate(
                 level = first(margin, study.width, count, random)
             else:
                 level = following(margin, levels[-1], random)
-            _keep(place, level)
+            write_array(files.make_folder(place.parent) / place.name, level)
         levels.append(level)
         told(count)
         if len(levels) > 1 and not _bound(level)[0] > _bound(levels[-2])[0]:
@@ -232,17 +231,6 @@ def _kept(place: Path, count: int, study: Study) -> Array | None:
     if level.shape != (count, study.width + 2):
         raise RolloutError(f"{place}: is damaged; remove it, and run the sweep again")
     return np.asarray(level)
-
-
-def _keep(place: Path, level: Array) -> None:
-    """Write a level whole."""
-    content = io.BytesIO()
-    np.save(content, level)
-    try:
-        place.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        raise RolloutError(f"{place.parent}: cannot be written to: {error.strerror or error}") from None
-    files.write(place, content.getvalue())
 
 
 def summary(study: Study, found: Rare, last: Array) -> dict[str, Any]:

@@ -187,8 +187,9 @@ def write(study: Study, found: xr.Dataset, folder: Path) -> list[Path]:
     Raises:
         RolloutError: when something cannot be written.
     """
-    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn} for i in worst(found)]
-    places = found["rollout"].values[worst(found)].tolist()
+    chosen = worst(found)
+    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn} for i in chosen]
+    places = found["rollout"].values[chosen].tolist()
     return [
         files.write(folder / "results.nc", _netcdf(found)),
         files.write(folder / "summary.json", json.dumps(summary(study, found), indent=2) + "\n"),
@@ -202,10 +203,7 @@ def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]
     Raises:
         RolloutError: when they cannot be written.
     """
-    try:
-        (folder / "worst").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    files.make_folder(folder / "worst")
     return [
         files.write(folder / "worst" / f"{place:02d}.yaml", dump(config))
         for place, config in enumerate(configs, start=1)

@@ -322,10 +322,7 @@ def save(study: Study, folder: Path) -> None:
     # Of a run, of a search; that of a sweep which was killed between its two files goes on.
     if _other(folder / "study.yaml", "") or _other(folder / EXPERIMENT, text):
         raise RolloutError(f"{folder}: holds something else; choose another folder")
-    try:
-        (folder / CHUNKS).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+    files.make_folder(folder / CHUNKS)
     files.write(folder / EXPERIMENT, text)
     files.write(place, json.dumps(settings, indent=2) + "\n")
 
@@ -371,12 +368,22 @@ def run_chunk(folder: Path, chunk: int, rows: int) -> Path:
     place = chunk_file(folder, chunk, rows)
     if place.is_file():
         return place
-    content = io.BytesIO()
-    np.save(content, load(folder).run(chunk, rows))
+    found = load(folder).run(chunk, rows)
     try:
-        return files.write(place, content.getvalue())
+        return write_array(place, found)
     except RolloutError as error:
         raise NoRoom(str(error)) from None
+
+
+def write_array(place: Path, array: Array) -> Path:
+    """Write an array whole, as ``np.load`` reads it.
+
+    Raises:
+        RolloutError: when it cannot be written.
+    """
+    content = io.BytesIO()
+    np.save(content, array)
+    return files.write(place, content.getvalue())
 
 
 def with_value(study: Study, name: str, value: Any) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from armgpi.escape import html_table
+from armgpi.escape import html_table, json_data
 from armgpi.validation import typeset
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
@@ -88,30 +88,31 @@ class DynamicsReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data for JSON; NaN and infinity are None."""
-        return {
+        data: dict[str, Any] = {
             "model": self.model,
             "robot": self.robot,
-            "joints": list(self.joint_names),
+            "joints": self.joint_names,
             "states": self.states,
             "agrees": self.agrees,
             "functions": [
                 {
                     "function": t.function,
                     "agrees": t.agrees,
-                    "max_abs": _finite(t.max_abs),
-                    "max_rel": _finite(t.max_rel),
+                    "max_abs": t.max_abs,
+                    "max_rel": t.max_rel,
                     "worst": t.worst,
-                    "differing": list(t.differing),
+                    "differing": t.differing,
                     "diagnosis": [_plain(cause) for cause in t.diagnosis],
                     "note": t.note,
                 }
                 for t in self.functions
             ],
             "causes": [_plain(cause) for cause in self.causes],
-            "laws": [{**law._asdict(), "error": _finite(law.error)} for law in self.laws],
-            "notes": list(self.notes),
+            "laws": [law._asdict() for law in self.laws],
+            "notes": self.notes,
             "repaired": self.repaired,
         }
+        return dict(json_data(data))
 
     def to_json(self) -> str:
         """Return the report as JSON."""
@@ -325,17 +326,7 @@ def _plain(cause: Cause) -> dict[str, Any]:
             {"function": e.function, "label": e.label, "quantity": e.quantity, "index": list(e.place)}
             for e in cause.elements
         ],
-        "value": None if cause.value is None else _finite(cause.value),
-        "expected": None if cause.expected is None else _finite(cause.expected),
-        "alternatives": list(cause.alternatives),
-        "evidence": list(cause.evidence),
-        "formulas": [list(pair) for pair in cause.formulas],
     }
-
-
-def _finite(value: float) -> float | None:
-    """Return a number, None for NaN and infinity, which JSON does not have."""
-    return value if math.isfinite(value) else None
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Sequence
-from html import escape
+
+from armgpi.escape import html_text
 
 #: Names of Greek letters, which are set as such.
 _GREEK = {
@@ -43,13 +44,13 @@ class _Html:
         return f"<mrow>{''.join(parts)}</mrow>"
 
     def number(self, text: str) -> str:
-        return f"<mn>{escape(text)}</mn>"
+        return f"<mn>{html_text(text)}</mn>"
 
     def symbol(self, text: str) -> str:
-        return f"<mi>{_GREEK.get(text, escape(text))}</mi>"
+        return f"<mi>{_GREEK.get(text, html_text(text))}</mi>"
 
     def sign(self, text: str) -> str:
-        return f"<mo>{'−' if text == '-' else escape(text)}</mo>"
+        return f"<mo>{'−' if text == '-' else html_text(text)}</mo>"
 
     def brackets(self, inner: str) -> str:
         return self.row(self.sign("("), inner, self.sign(")"))
