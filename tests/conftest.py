@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 
 import pytest
+from commands import Answer
 from hypothesis import settings
 
 # The machine may be busy with something else: an example that takes long is no failure. The examples are the
@@ -28,3 +30,23 @@ def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ARMGPI_CACHE", str(base / "armgpi-cache"))
         yield
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+    """Call `armgpi` in this process; anything but an exit with a code would come out as it is."""
+    from armgpi.cli import main
+
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+    def call(*arguments: object) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["armgpi", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        captured = capsys.readouterr()
+        code = end.value.code or 0
+        assert isinstance(code, int)
+        return Answer(code, captured.out, captured.err)
+
+    return call

@@ -12,10 +12,11 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
+from commands import Answer
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
@@ -23,7 +24,7 @@ from typer.main import get_command
 
 import armgpi
 from armgpi import Status, load, metrics
-from armgpi.cli import app, main
+from armgpi.cli import app
 from armgpi.cli.commands import ENTRIES
 from armgpi.robot.robots import names
 
@@ -33,30 +34,6 @@ ARM = "anthropomorphic3"
 SHORT = ("--t-final", "0.02")
 SAMPLED = ("q", "v", "q_ref", "q_measured", "tau_command", "tau")
 FINGERS = ("--lock", "panda_finger_joint1", "--lock", "panda_finger_joint2")
-
-
-class Answer(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
-    """Call `armgpi` in this process; anything but an exit with a code would come out as it is."""
-    monkeypatch.delenv("COLUMNS", raising=False)
-
-    def call(*arguments: object) -> Answer:
-        monkeypatch.setattr(sys, "argv", ["armgpi", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        captured = capsys.readouterr()
-        code = end.value.code or 0
-        assert isinstance(code, int)
-        return Answer(code, captured.out, captured.err)
-
-    return call
 
 
 def command(*arguments: object, **options: Any) -> subprocess.Popen[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 
 from armgpi import GPI, ArmgpiError, Bezier, RigidBodyPlant, Robot, health, simulate
-from armgpi.cli import main
 from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.viz import scene
 
@@ -51,21 +49,6 @@ BROKEN = {
     "commas alone between numbers": (arm(upper="0,0,1"), "split-commas:shoulder"),
     "a comma at the end": (arm(upper="0 0 1,"), "split-commas:shoulder"),
 }
-
-
-@pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Call `armgpi` in this process: exit code, output, errors."""
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["armgpi", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        code = end.value.code or 0
-        assert isinstance(code, int)
-        return code, *capsys.readouterr()
-
-    return call
 
 
 def same_arm(robot: Robot, other: Robot) -> None:

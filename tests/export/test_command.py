@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from commands import Answer
 
 import armgpi
-from armgpi.cli import main
 from armgpi.codegen import build
 from armgpi.errors import BackendError
 
@@ -26,26 +25,10 @@ ARM = "anthropomorphic3"
 FILES = ("armgpi_controller.h", "armgpi_controller.c", "main.c", "log.csv", "Makefile", "README.md")
 
 
-class Answer(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
 @pytest.fixture
-def export(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
+def export(cli: Callable[..., Answer]) -> Callable[..., Answer]:
     """Call `armgpi export` in this process."""
-
-    def call(*arguments: object) -> Answer:
-        monkeypatch.setattr(sys, "argv", ["armgpi", "export", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        captured = capsys.readouterr()
-        code = end.value.code or 0
-        assert isinstance(code, int)
-        return Answer(code, captured.out, captured.err)
-
-    return call
+    return partial(cli, "export")
 
 
 def test_a_folder_is_written_and_its_figures_are_told(export: Callable[..., Answer], tmp_path: Path) -> None:

@@ -8,10 +8,11 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 import yaml
+from commands import Answer
 
 from armgpi import files
 from armgpi.cli import main
@@ -35,27 +36,6 @@ SHORT: dict[str, Any] = {
     },
     "tune": {"evaluations": 30, "scenarios": 2, "held_out": 2, "objective": "itae + 1e-4*variation"},
 }
-
-
-class Answer(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
-    """Call `armgpi` in this process."""
-
-    def call(*arguments: object) -> Answer:
-        monkeypatch.setattr(sys, "argv", ["armgpi", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        captured = capsys.readouterr()
-        return Answer(int(end.value.code or 0), captured.out, captured.err)
-
-    return call
 
 
 def study_file(folder: Path, **tune: Any) -> Path:
