@@ -282,7 +282,7 @@ class Tracer:
         self._kind_of(value)
         varies = _varying(cast(Any, type(value))) if self.declared else _NOTHING
         for name, attribute in vars(value).items():
-            if name in _UNUSED:
+            if name in _unused(value):
                 continue
             if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
                 raise NotElementwise(
@@ -506,7 +506,7 @@ class Inventory(LoopTracer):
         return plant
 
     def _kind_of(self, value: Any) -> None:
-        names = [name for name in vars(value) if name not in _UNUSED]
+        names = [name for name in vars(value) if name not in _unused(value)]
         self.structure.append((type(value), vars(value).get("remade", False), *names))
 
     def _met(self, made: Any) -> Any:
@@ -544,6 +544,13 @@ def _text(value: Any) -> str:
 _NOTHING: Mapping[str, str] = {}
 #: How an object was made, which nothing in a law looks at.
 _UNUSED = ("_as_given", "remade")
+#: The loads that a controller of ours was made for: what they decided is in its nominal model and gains.
+_DECIDED = (*_UNUSED, "payload")
+
+
+def _unused(value: Any) -> tuple[str, ...]:
+    """Return the attributes of an object that are no part of what it computes."""
+    return _DECIDED if type(value).__module__.startswith("armgpi.") else _UNUSED
 
 
 @lru_cache(maxsize=256)

@@ -7,6 +7,7 @@ Continuous time, but for :func:`count_noise`. One joint at a time: numbers, not 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -87,7 +88,7 @@ def open_loop(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> L
         member: of the family.
         delta: factor by which the nominal inertia is too large [-]; the other functions count from it.
     """
-    return _loop(_coefficients(tuning, member).ravel(), member, delta)
+    return _loop(_coefficients(tuning, member).ravel(), member.integrators, delta)
 
 
 def loops(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> list[Loop]:
@@ -101,7 +102,7 @@ def loops(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> list[
     rows = _coefficients(tuning, member)
     # Not np.unique: it imports masked arrays, which takes as long as Pinocchio.
     distinct = sorted(set(map(tuple, rows.reshape(-1, rows.shape[-1]).tolist())))
-    return [_loop(np.array(row), member, delta) for row in distinct]
+    return [_loop(np.array(row), member.integrators, delta) for row in distinct]
 
 
 def crossovers(loop: Loop) -> Array:
@@ -137,15 +138,19 @@ def delay_margins(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) 
 
 def _delay_margins(rows: Array, member: Member, delta: float) -> Array:
     """Return the delay margins [s] for coefficients (..., k)."""
-    unique, back = np.unique(rows.reshape(-1, rows.shape[-1]), axis=0, return_inverse=True)
-    margins = []
-    for row in unique:
-        loop = _loop(row, member, delta)
-        try:
-            margins.append(delay_margin(loop) if _stable(loop.denominator, loop.numerator) else 0.0)
-        except ValueError:  # no crossover is found, or roots of polynomials that are not finite
-            margins.append(math.nan)
-    return np.array(margins)[np.ravel(back)].reshape(rows.shape[:-1])
+    flat = rows.reshape(-1, rows.shape[-1]).tolist()
+    margins = [_delay_margin(tuple(row), member.integrators, delta) for row in flat]
+    return np.array(margins).reshape(rows.shape[:-1])
+
+
+@lru_cache(maxsize=1024)  # joints and rollouts are often alike, and arms are asked for more than once
+def _delay_margin(row: tuple[float, ...], integrators: int, delta: float) -> float:
+    """Return the delay margin of one joint [s] from its coefficients."""
+    loop = _loop(np.array(row), integrators, delta)
+    try:
+        return delay_margin(loop) if _stable(loop.denominator, loop.numerator) else 0.0
+    except ValueError:  # no crossover is found, or roots of polynomials that are not finite
+        return math.nan
 
 
 def tolerated_phase(member: Member = PRINTED, delta: float = 1.0) -> float:
@@ -323,10 +328,10 @@ def _coefficients(tuning: Tuning, member: Member) -> Array:
     return np.stack(np.broadcast_arrays(omega, *numerator, *denominator), axis=-1)
 
 
-def _loop(row: Array, member: Member, delta: float) -> Loop:
+def _loop(row: Array, integrators: int, delta: float) -> Loop:
     """Return a loop from its coefficients."""
     omega, *both = row
-    ends = member.integrators + 2
+    ends = integrators + 2
     below = np.array([1.0, *both[: ends - 1 : -1], *[0.0] * ends])
     return Loop(delta * np.array(both[ends - 1 :: -1]), below, float(omega))
 

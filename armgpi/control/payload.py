@@ -13,7 +13,7 @@ the mobility of the point [1/kg], says what every mass does.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ from armgpi.control.margins import (
 )
 from armgpi.errors import ParameterError, PayloadError
 from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
-from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.batch import AnyRobot, RobotBatch, VariedRobots
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -121,14 +121,24 @@ class LoadRange(Parametrised):
         least = _SLOWEST if slowest is None else slowest
         robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
         heaviest = np.broadcast_to(np.ravel(self.heaviest), len(robots)).tolist()
-        place = (self.frame, self.com)
-        each = [
-            payload_range(one, self.lightest, most, *place, dt=dt, delay=delay, slowest=least, member=member)
-            for one, most in zip(robots, heaviest, strict=True)
-        ]
+
+        @cache  # rollouts may share a robot
+        def one(robot: Robot, most: float) -> PayloadRange:
+            place = (self.frame, self.com)
+            return payload_range(
+                robot, self.lightest, most, *place, dt=dt, delay=delay, slowest=least, member=member
+            )
+
+        each = [one(robot, most) for robot, most in zip(robots, heaviest, strict=True)]
         if robot.batch is None:
             return each[0]
-        nominal: Any = RobotBatch([one.nominal for one in each])
+        nominal: Any
+        if isinstance(robot, VariedRobots) and "payload" not in robot.variation:
+            # Declared to vary, so that generated code has the load as an input, whatever it is.
+            load = {"payload": heaviest, "com": self.com, "frame": self.frame}
+            nominal = robot.base.varied(**robot.variation, **load)
+        else:
+            nominal = RobotBatch([one.nominal for one in each])
         omega_c: Any = np.array([[one.omega_c] * robot.n for one in each])
         delta = (1.0, max(one.delta[1] for one in each))
         return each[0]._replace(nominal=nominal, delta=delta, omega_c=omega_c)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -122,10 +123,8 @@ def untuned(
 
 def _spare(robot: AnyRobot, most: float) -> LoadRange:
     """Return the nominal load that the loop has delay margin to spare for: empty, delta is `most` at most."""
-    if isinstance(robot, RobotBatch):
-        each: Any = np.array([[balanced_load(one, most)] for one in robot.robots])
-        return LoadRange(heaviest=each)
-    return LoadRange(heaviest=balanced_load(robot, most))
+    heaviest: Any = _of_each(robot, lambda one: np.array([balanced_load(one, most)]))
+    return LoadRange(heaviest=heaviest if isinstance(robot, RobotBatch) else float(heaviest[0]))
 
 
 def _warn(robot: Robot, omega: Array | None, loads: LoadRange | None) -> None:
@@ -208,7 +207,7 @@ def _configurations(robot: Robot) -> Array:
 def _of_each(robot: AnyRobot, of: Callable[[Robot], Array]) -> Array:
     """Return something of a robot, (n,), or of each of a batch, (batch, n)."""
     if isinstance(robot, RobotBatch):
-        return np.stack([of(each) for each in robot.robots])
+        return np.stack(list(map(cache(of), robot.robots)))
     return of(robot)
 
 

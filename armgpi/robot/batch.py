@@ -114,8 +114,13 @@ class VariedRobots(RobotBatch):
 
     @property
     def robots(self) -> tuple[Robot, ...]:  # type: ignore[override]
-        """A robot for each rollout, made when it is asked for."""
-        return tuple(self._robot(i) for i in range(self.batch))
+        """A robot for each rollout, made when it is asked for; rollouts that are alike share one."""
+        numbers = np.hstack(
+            [x.reshape(self.batch, -1) for key, x in self.variation.items() if key != "frame"]
+        )
+        keys = [row.tobytes() for row in numbers]
+        made = {key: self._robot(i) for key, i in {key: i for i, key in enumerate(keys)}.items()}
+        return tuple(made[key] for key in keys)
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import pytest
 from armgpi import (
     GPI,
     Bezier,
+    ClosedLoop,
     Delayed,
     Encoder,
     FixedGains,
@@ -21,13 +22,15 @@ from armgpi import (
     metrics,
     simulate,
 )
+from armgpi.codegen.trace import Inventory, tracing
 from armgpi.control import untuned
 from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import count_noise, crossovers, delay_margin, open_loop
-from armgpi.control.payload import DELAY_SHARE, plausible_load
+from armgpi.control.payload import DELAY_SHARE, LoadRange, plausible_load
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, PayloadError
 from armgpi.registry import Context
+from armgpi.robot.batch import VariedRobots
 
 ARM = Robot.load("anthropomorphic3")
 MEMBER = Member(untuned.INTEGRATORS, untuned.ROLLOFF, untuned.RATIO)
@@ -188,3 +191,35 @@ def test_a_panda_behind_16_bits_and_a_sample_of_delay_moves_quietly_and_well() -
     assert np.abs(np.diff(rollout["tau"].values, axis=0)).max() < 1.0  # [N m] per ms; 4.0 for the printed law
     assert float(metrics.itae(rollout).sum()) < 0.0103
     assert float(metrics.peak_error(rollout).max()) < 0.002
+
+
+def test_the_rule_s_numbers_decide_no_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    from armgpi.plants.reality import Reality, together
+
+    draws = [Reality.geared(5).draw(ARM, i) for i in range(3)]
+    whole = together(draws)
+
+    def structure() -> Any:
+        law = config.controller({"type": "untuned"}, whole.context)
+        loop = ClosedLoop(whole.plant, law, whole.reference)
+        with tracing():
+            return Inventory(loop, loop.init()).structure
+
+    before = structure()
+    for name, value in {"CROSSOVER": 35.0, "TORQUE_SHARE": 0.002, "REST_ZONE": 1e-3, "RATIO": 5.0}.items():
+        monkeypatch.setattr(untuned, name, value)
+    assert structure() == before
+
+
+def test_nominal_loads_of_varied_robots_are_those_of_each() -> None:
+    varied = ARM.varied(inertia_scale=np.array([0.8, 1.0, 0.8]), rotor_inertia=np.array([0.1, 0.0, 0.1]))
+    loads = LoadRange(heaviest=np.array([[0.2], [0.0], [0.2]]), com=(0.0, 0.0, 0.05))
+    found = loads.found(varied, 1e-3, 1e-3)
+    assert isinstance(found.nominal, VariedRobots)
+    for i, robot in enumerate(varied.robots):
+        one = LoadRange(heaviest=(0.2, 0.0, 0.2)[i], com=(0.0, 0.0, 0.05)).found(robot, 1e-3, 1e-3)
+        q = ARM.random_positions(3, seed=i)
+        np.testing.assert_allclose(found.nominal.mass_matrix(q)[i], one.nominal.mass_matrix(q[i]), rtol=1e-12)
+        assert found.omega_c[i, 0] == pytest.approx(one.omega_c)  # type: ignore[index]
+    first, _, third = varied.robots
+    assert first is third
