@@ -168,13 +168,14 @@ def outcomes(
             )
             if "rollout" not in rollout.dims:
                 rollout = rollout.expand_dims("rollout")
+            itae = metrics.itae(rollout).sum("joint").values
             for row, draw in enumerate(group):
-                by_index[draw.index] = outcome(rollout.isel(rollout=row), draw, name)
+                by_index[draw.index] = outcome(rollout.isel(rollout=row), draw, name, float(itae[row]))
     return [by_index[draw.index] for draw in found]
 
 
-def outcome(rollout: xr.Dataset, draw: Draw, name: str = "") -> Outcome:
-    """Return what came out of one rollout of a draw."""
+def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None = None) -> Outcome:
+    """Return what came out of one rollout of a draw; its ITAE where that is known already."""
     needed = demand(draw)
     if int(rollout["status"]) == Status.DIVERGED:
         return Outcome(name, draw.index, True, False, False, False, math.inf, math.inf, needed)
@@ -195,7 +196,7 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "") -> Outcome:
         swinging=not lost and bool((back > still).any()),
         chatter=bool((steps > CHATTER * draw.scale).any()),
         peak=peak,
-        itae=float(metrics.itae(rollout).sum()),
+        itae=float(metrics.itae(rollout).sum()) if itae is None else itae,
         demand=needed,
     )
 

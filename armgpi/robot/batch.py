@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ class VariedRobots(RobotBatch):
             dynamics=base._varied_dynamics(batch, frame, arrays),
         )
 
-    @property
+    @cached_property
     def robots(self) -> tuple[Robot, ...]:  # type: ignore[override]
         """A robot for each rollout, made when it is asked for; rollouts that are alike share one."""
         numbers = np.hstack(
