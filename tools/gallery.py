@@ -33,6 +33,8 @@ STILLS = {
     "kinova": (["kinova"], 1.6),
     "talos": (["talos_left_arm"], 1.6),
 }
+#: Picture -> the page whose code draws it, and into which file.
+FIGURES = {"readme": ("README.md", "panda.png"), "tutorial": ("docs/tutorial.md", "ur5.png")}
 LASER = """\
 robot: {name: anthropomorphic3}
 reference: {path: {type: laser}}
@@ -53,7 +55,7 @@ MOVING, STAYS = (16.0, 28.0, 0.3), 90
 def main() -> None:
     """Run the experiments, draw them, and take the stills."""
     IMAGES.mkdir(exist_ok=True)
-    wanted = set(sys.argv[1:]) or {*STILLS, "readme", "moving", "figures", "report", "play"}
+    wanted = set(sys.argv[1:]) or {*STILLS, *FIGURES, "moving", "figures", "report", "play"}
     running = browsers.Browser((960, 640))
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -67,8 +69,9 @@ def main() -> None:
                 page = meshcat.write(meshcat.rollout_page(armgpi.load(made)), folder / f"{picture}.html")
                 if picture in wanted:
                     _still(running, page, at, IMAGES / f"{picture}.png")
-            if "readme" in wanted:
-                _of_readme(folder)
+            for picture, (text, figure) in FIGURES.items():
+                if picture in wanted:
+                    _of_text(folder, text, figure, IMAGES / f"{picture}.png")
             if "moving" in wanted:
                 _moving(running, folder / "laser.html", IMAGES / "laser.webp")
             if "figures" in wanted:
@@ -100,11 +103,12 @@ def _figures(rollout: xr.Dataset) -> None:
     plots.save(plots.tool_path(rollout, robot), IMAGES / "tool_path.png")
 
 
-def _of_readme(folder: Path) -> None:
-    """Run the Python of the README, which draws a figure."""
-    code = (ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+def _of_text(folder: Path, text: str, figure: str, image: Path) -> None:
+    """Run the first Python of a page, which draws a figure."""
+    code = (ROOT / text).read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=folder)
-    shutil.copyfile(folder / "panda.png", IMAGES / "readme.png")
+    shutil.copyfile(folder / figure, image)
+    print(f"wrote {image}")
 
 
 def _moving(running: browsers.Browser, page: Path, image: Path) -> None:

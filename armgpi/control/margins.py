@@ -353,9 +353,8 @@ def _parts(p: Array) -> tuple[Array, Array]:
 def _cross(p: Array, q: Array) -> tuple[Array, Array]:
     """Return p(j w) conj(q(j w)) as real part and imaginary part / w, polynomials in w^2."""
     (a, b), (c, d) = _parts(p), _parts(q)
-    square = np.array([1.0, 0.0])
-    real = np.polyadd(np.polymul(a, c), np.polymul(square, np.polymul(b, d)))
-    return real, np.polysub(np.polymul(b, c), np.polymul(a, d))
+    real = np.polyadd(np.convolve(a, c), np.append(np.convolve(b, d), 0.0))
+    return real, np.polysub(np.convolve(b, c), np.convolve(a, d))
 
 
 def _square(p: Array) -> Array:

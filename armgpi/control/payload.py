@@ -13,6 +13,7 @@ the mobility of the point [1/kg], says what every mass does.
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -355,12 +356,11 @@ def most_delta(member: Member, phase: float) -> float:
         return max(_PHASE / phase, 1.0)
     if _phase(member, 1.0) <= phase:
         return 1.0
-    high = 2.0
-    while _phase(member, high) > phase:
-        high *= 2.0
-    from scipy.optimize import brentq  # here: it takes longer to import than Pinocchio
-
-    return float(brentq(lambda delta: _phase(member, delta) - phase, 1.0, high, xtol=1e-6))
+    low = 1.0
+    while _phase(member, 2.0 * low) > phase:
+        low *= 2.0
+    octave = np.geomspace(low, 2.0 * low, 1 + 2**16)
+    return float(octave[bisect(range(octave.size), -phase, key=lambda at: -_phase(member, octave[at])) - 1])
 
 
 def late(dt: float, delay: float) -> float:

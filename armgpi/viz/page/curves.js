@@ -5,23 +5,18 @@
 function play_metrics(values, n, dt, stopped) {
   const { q, q_ref, tau_command: asked, tau } = values;
   const samples = q.length / n;
-  const each = { itae: [], peak: [], final: [], variation: [], torque: [] };
-  for (let j = 0; j < n; j++) {
-    let itae = 0, peak = 0, variation = 0, torque = 0;
-    for (let k = 0; k < samples; k++) {
-      const e = Math.abs(q[k * n + j] - q_ref[k * n + j]);
-      itae += e * k * dt * (k === 0 || k === samples - 1 ? 0.5 : 1) * dt;
-      if (e > peak) peak = e;
-      const t = tau[k * n + j];
-      if (Math.abs(t) > torque) torque = Math.abs(t);
-      if (k > 0) variation += Math.abs(t - tau[(k - 1) * n + j]);
+  const none = () => new Float64Array(n);
+  const each = { itae: none(), peak: none(), final: none(), variation: none(), torque: none() };
+  for (let k = 0, i = 0; k < samples; k++) {
+    const weight = k * dt * (k === 0 || k === samples - 1 ? 0.5 : 1) * dt;
+    for (let j = 0; j < n; j++, i++) {
+      const e = Math.abs(q[i] - q_ref[i]), t = tau[i];
+      each.itae[j] += e * weight;
+      if (e > each.peak[j]) each.peak[j] = e;
+      each.final[j] = e;
+      if (k > 0) each.variation[j] += Math.abs(t - tau[i - n]);
+      if (Math.abs(t) > each.torque[j]) each.torque[j] = Math.abs(t);
     }
-    const last = (samples - 1) * n + j;
-    each.itae.push(itae);
-    each.peak.push(peak);
-    each.final.push(Math.abs(q[last] - q_ref[last]));
-    each.variation.push(variation);
-    each.torque.push(torque);
   }
   const sum = (x) => x.reduce((a, b) => a + b, 0), most = (x) => Math.max(...x);
   const total = stopped >= 0

@@ -80,10 +80,13 @@
       this.mark();
       this.runner.request(this.numbers.run(), (result) => {
         this.result = result;
-        this.scene.replace(0, actor(result, this.play, this.joints), this.scene.clip.disturbance);
         this.shown();
         this.count++;
-        requestAnimationFrame(() => { this.latency = performance.now() - begun; });
+        // The curves are seen a frame earlier than the arm, of which the tool's path is drawn anew.
+        requestAnimationFrame(() => {
+          this.latency = performance.now() - begun;
+          setTimeout(() => { if (this.result === result) this.scene.replace(0, actor(result, this.play, this.joints), this.scene.clip.disturbance); });
+        });
       }).catch((error) => { by("busy").textContent = `error: ${error.message || error}`; });
     }
 
