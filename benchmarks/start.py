@@ -66,6 +66,10 @@ def main() -> None:
         found = _ratio(times, name, against)
         rows.append([name, against, f"{bound:g}", f"{found:.2f}", "yes" if found <= bound else "no"])
     print(table(["", "against", "at most", "found", "kept"], rows))
+    _page.say(
+        "A rollout is an `xarray.Dataset`: with its import, Pinocchio's and a parsed command line the bound "
+        "of `run` is used up before anything runs."
+    )
     print("\n## Where `armgpi run ur5` goes\n")
     print(_split(COMMANDS["`armgpi run ur5`"], spread(times["`armgpi run ur5`"]), times))
     page.write()

@@ -121,6 +121,17 @@ def test_code_of_a_page_runs_and_prints_what_the_page_shows(
                     check(shown, result, place)
 
 
+def test_the_tutorial_is_shorter_than_its_output() -> None:
+    page = ROOT / "docs" / "tutorial.md"
+    shown = [
+        block.text.partition("\n")[2] if block.language == "console" else block.text
+        for block in blocks(page)
+        if block.language in ("console", "text")
+    ]
+    output = sum(text.count("\n") for text in shown)
+    assert len(page.read_text(encoding="utf-8").splitlines()) - output < output
+
+
 def anchors(page: Path) -> set[str]:
     """Return the names by which links reach the headings of a page."""
     found = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)

@@ -176,6 +176,21 @@ MIDDLES = """(() => {
 })()"""
 
 
+#: Whether the arm moves as the run does that the curves show.
+FOLLOWED = """(() => {
+  const { play, joints, result } = armgpi.page, n = joints.length, every = Math.round(0.01 / play.dt);
+  const of_run = (i) => result.values.q[Math.floor(i / n) * every * n + (i % n)];
+  return armgpi.scene.clip.actors[0].q.every((x, i) => x === Math.fround(of_run(i)));
+})()"""
+
+
+@pytest.mark.slow
+def test_the_arm_follows_the_curves(page: browsers.Page) -> None:
+    change(page, "armgpi.page.reset()")
+    move(page, "controllers.0.omega", 3)
+    page.wait(FOLLOWED)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("touch", [False, True], ids=["mouse", "finger"])
 def test_a_click_on_the_arm_pushes_it(page: browsers.Page, touch: bool) -> None:
