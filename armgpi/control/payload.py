@@ -359,8 +359,8 @@ def most_delta(member: Member, phase: float) -> float:
     low = 1.0
     while _phase(member, 2.0 * low) > phase:
         low *= 2.0
-    octave = np.geomspace(low, 2.0 * low, 1 + 2**16)
-    return float(octave[bisect(range(octave.size), -phase, key=lambda at: -_phase(member, octave[at])) - 1])
+    octave: list[float] = np.geomspace(low, 2.0 * low, 1 + 2**16).tolist()
+    return octave[bisect(octave, -phase, key=lambda delta: -_phase(member, delta)) - 1]
 
 
 def late(dt: float, delay: float) -> float:
