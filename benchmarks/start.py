@@ -67,8 +67,8 @@ def main() -> None:
         rows.append([name, against, f"{bound:g}", f"{found:.2f}", "yes" if found <= bound else "no"])
     print(table(["", "against", "at most", "found", "kept"], rows))
     _page.say(
-        "A rollout is an `xarray.Dataset`: with its import, Pinocchio's and a parsed command line the bound "
-        "of `run` is used up before anything runs."
+        "The imports of `run` alone take what was asked for all of it: a rollout is an `xarray.Dataset`, an "
+        "experiment is checked by pydantic."
     )
     print("\n## Where `armgpi run ur5` goes\n")
     print(_split(COMMANDS["`armgpi run ur5`"], spread(times["`armgpi run ur5`"]), times))
