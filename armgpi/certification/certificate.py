@@ -188,7 +188,7 @@ def certify(
     Raises:
         ParameterError: for what no certificate is known for, or a value that is out of its range.
         PayloadError: when no bandwidth serves the loads.
-        BackendError: when Clarabel is not installed.
+        MissingPackage: when Clarabel is not installed.
     """
     check_type(robot, "robot", Robot, "a Robot")
     check_type(prove, "prove", bool, "True or False")

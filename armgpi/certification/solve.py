@@ -15,7 +15,7 @@ from scipy import linalg, sparse
 
 from armgpi.arrays import Array
 from armgpi.certification import check_certificate
-from armgpi.errors import BackendError
+from armgpi.errors import MissingPackage
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 
@@ -59,7 +59,7 @@ def solve(*facts: Mapping[str, Any]) -> Solution | None:
         *facts: law, numbers of the arm and sizes of what disturbs, as a certificate has them.
 
     Raises:
-        BackendError: when Clarabel is not installed.
+        MissingPackage: when Clarabel is not installed.
     """
     exact = merged(*facts)
     problem = _Problem.made(_floats(exact))
@@ -284,7 +284,5 @@ def _clarabel() -> Any:
     try:
         import clarabel
     except ImportError:
-        raise BackendError(
-            "certificates need Clarabel; install it with `pip install armgpi[certify]`"
-        ) from None
+        raise MissingPackage("clarabel", "certify") from None
     return clarabel

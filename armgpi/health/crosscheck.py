@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError
+from armgpi.errors import ArmgpiError, MissingPackage
 from armgpi.health.findings import Finding
 from armgpi.health.report import HealthReport
 from armgpi.robot import repairs, tree, urdf
@@ -59,12 +59,13 @@ def cross_check(robot: Robot) -> CrossCheck:
 
     Raises:
         CrossCheckUnavailable: when yourdfpy cannot read the file.
-        ArmgpiError: when yourdfpy is not installed, or the robot has no file or another one by now.
+        MissingPackage: when yourdfpy is not installed.
+        ArmgpiError: when the robot has no file, or another one by now.
     """
     try:
         import yourdfpy
-    except ImportError as error:
-        raise ArmgpiError(f"the cross-check needs yourdfpy ({error}): pip install 'armgpi[check]'") from None
+    except ImportError:
+        raise MissingPackage("yourdfpy", "check") from None
     source = robot.provenance["source"]
     text = urdf.read_file(Path(source))
     document = urdf.parse(text, source, repairs.made_in(robot.provenance))
@@ -82,7 +83,8 @@ def with_cross_check(report: HealthReport) -> HealthReport:
     """Return a report with what yourdfpy reads otherwise; a file that it cannot read may be sound.
 
     Raises:
-        ArmgpiError: when yourdfpy is not installed, or the file has changed.
+        MissingPackage: when yourdfpy is not installed.
+        ArmgpiError: when the file has changed.
     """
     try:
         result = cross_check(report.robot)

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 import numpy as np
 
 from armgpi.arrays import Array, check_choice, check_path, check_type, is_listing, new
-from armgpi.errors import BackendError, ParameterError, UrdfError
+from armgpi.errors import MissingPackage, ParameterError, UrdfError
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import PlantState
@@ -84,7 +84,7 @@ class MuJoCoPlant(Arm):
             package_dirs: where the meshes of these are looked for.
 
         Raises:
-            ArmgpiError: when MuJoCo is not installed.
+            MissingPackage: when MuJoCo is not installed.
             UrdfError: when MuJoCo refuses the robot, or finds another arm in it; the message says why.
             ParameterError: for a bad argument.
         """
@@ -350,12 +350,12 @@ def _mujoco() -> Any:
     """Return the module, which takes a while to import.
 
     Raises:
-        BackendError: when it is not installed.
+        MissingPackage: when it is not installed.
     """
     try:
         import mujoco
-    except ImportError as error:
-        raise BackendError(f"this plant needs MuJoCo ({error}): pip install 'armgpi[mujoco]'") from None
+    except ImportError:
+        raise MissingPackage("mujoco", "mujoco") from None
     return mujoco
 
 

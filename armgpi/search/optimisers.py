@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import BackendError, ParameterError
+from armgpi.errors import MissingPackage, ParameterError
 
 #: First step size, as a share of the range.
 _STEP = 0.25
@@ -43,14 +43,14 @@ class CMA:
         """Begin at a place.
 
         Raises:
-            BackendError: when the library is not installed.
+            MissingPackage: when the library is not installed.
         """
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of plotting, which is not used
                 import cma
         except ModuleNotFoundError:
-            raise BackendError("a search needs the package 'cma': pip install 'armgpi[tune]'") from None
+            raise MissingPackage("cma", "tune") from None
         self._library = cma
         self._random = np.random.default_rng(seed)
         self._population = population
@@ -139,14 +139,12 @@ class Parzen:
         """Begin at a place.
 
         Raises:
-            BackendError: when the library is not installed.
+            MissingPackage: when the library is not installed.
         """
         try:
             import optuna
         except ModuleNotFoundError:
-            raise BackendError(
-                "this search needs the package 'optuna': pip install 'armgpi[optuna]'"
-            ) from None
+            raise MissingPackage("optuna", "optuna") from None
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of `constant_liar`, without which a generation is one place
@@ -182,7 +180,7 @@ def make(method: str, start: Array, seed: int, population: int | None = None) ->
 
     Raises:
         ParameterError: when there is none of that name.
-        BackendError: when its library is not installed.
+        MissingPackage: when its library is not installed.
     """
     if method not in METHODS:
         raise ParameterError("method", method, f"one of {', '.join(METHODS)}")

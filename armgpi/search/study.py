@@ -111,7 +111,7 @@ class Study:
         """Begin, nothing tried yet.
 
         Raises:
-            BackendError: when the optimiser's library is not installed.
+            MissingPackage: when the optimiser's library is not installed.
         """
         self.problem = problem
         start = problem.space.start

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from armgpi.errors import ArmgpiError, BackendError
+from armgpi.errors import ArmgpiError, BackendError, MissingPackage
 from armgpi.sweep.study import NoRoom, run_chunk
 
 #: How long to wait for a cluster [s].
@@ -36,7 +36,8 @@ def run(
         cluster: address of a Dask scheduler, whose workers see the folder under the same path.
 
     Raises:
-        BackendError: when Dask is not installed or the cluster does not answer.
+        MissingPackage: when Dask is not installed.
+        BackendError: when the cluster does not answer.
         NoRoom: when a chunk cannot be written; those before it are there.
     """
     if workers == 1 and cluster is None:
@@ -44,7 +45,7 @@ def run(
     try:
         distributed: Any = import_module("dask.distributed")
     except ImportError:
-        raise BackendError("Dask is not installed (pip install 'armgpi[cluster]')") from None
+        raise MissingPackage("dask", "cluster") from None
     broken: dict[int, str] = {}
     with _client(distributed, workers, cluster) as client:
         rows = {}

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array, check_type
-from armgpi.errors import ArmgpiError, ParameterError, Remedy
+from armgpi.errors import MissingPackage, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig
@@ -158,12 +158,12 @@ def derive(
     Raises:
         ParameterError: when the robot has more than four joints.
         NameNotFound: when there is no such robot or frame.
-        ArmgpiError: when SymPy is not installed.
+        MissingPackage: when SymPy is not installed.
     """
     try:
         import sympy
     except ImportError:
-        raise ArmgpiError("SymPy is not installed: pip install 'armgpi[derive]'") from None
+        raise MissingPackage("sympy", "derive") from None
     check_type(numbers, "numbers", bool, "True or False")
     arm = robot if isinstance(robot, Robot) else Robot.load(robot)
     if arm.n > MOST_JOINTS:

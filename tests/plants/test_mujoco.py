@@ -30,7 +30,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.config import experiment as experiments
-from armgpi.errors import BackendError, ParameterError, UrdfError
+from armgpi.errors import MissingPackage, ParameterError, UrdfError
 from armgpi.health import zoo
 from armgpi.loop.provenance import Provenance
 
@@ -255,7 +255,7 @@ def test_bad_input_is_refused() -> None:
 
 def test_without_mujoco_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(BackendError, match=r"pip install 'armgpi\[mujoco\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install 'armgpi\[mujoco\]'"):
         MuJoCoPlant(ARM)
 
 

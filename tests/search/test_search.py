@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
 from armgpi.config.schema import KINDS
-from armgpi.errors import BackendError, NameNotFound, ParameterError, RolloutError
+from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.plants.reality import together
 from armgpi.search.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.search.objective import Constraint, Expression, Objective
@@ -219,7 +219,7 @@ def test_a_missing_library_is_named(
         return real(name, *more, **options)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(BackendError, match=rf"armgpi\[{extra}\]"):
+    with pytest.raises(MissingPackage, match=rf"armgpi\[{extra}\]"):
         make(method, np.array([0.5]), seed=0)
 
 
