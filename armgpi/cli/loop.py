@@ -109,7 +109,7 @@ def loop(
     options |= {"out": out, "force": force}
     experiment = configuration.build(*settings(options, compare=False))
     check_out(options, experiment)
-    pictures.check({"plot": None, "view": view, "html": None, "report": report})
+    pictures.check(view=view, report=report)
     note_differences(experiment)
     label, *others = experiment.runs
     if others:

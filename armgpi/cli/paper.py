@@ -39,7 +39,7 @@ def reproduce(
     from armgpi.cli import pictures
     from armgpi.paper.reproduction import reproduce as run
 
-    pictures.check({"plot": None, "view": False, "html": None, "report": report})
+    pictures.check(report=report)
     done = run(
         out,
         quick=quick,

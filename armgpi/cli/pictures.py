@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from armgpi.config import Experiment
     from armgpi.robot.robot import Robot
 
-#: Option -> packages that it needs.
+#: Picture -> packages that it needs.
 _NEEDS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "trimesh"),
@@ -28,25 +28,38 @@ _NEEDS = {
 }
 
 
-def check(options: dict[str, Any]) -> None:
+def check(
+    *,
+    plot: Path | None = None,
+    view: bool = False,
+    html: Path | None = None,
+    report: Path | None = None,
+    interactive: bool = False,
+) -> None:
     """Refuse pictures that cannot be made: better before a long run than after it."""
-    for name, packages in _NEEDS.items():
-        for package in packages if options[name] else ():
-            if find_spec(package) is None:
-                raise refusal(f"--{name}", f"needs the package {package!r}: pip install 'armgpi[viz]'")
-    if options["plot"] is not None:
+    for picture, wanted in {"plot": plot, "view": view, "html": html, "report": report}.items():
+        if wanted:
+            check_packages(picture, f"--{picture}")
+    if plot is not None:
         from armgpi.viz import plots
 
-        plots.check_path(options["plot"])
-    if options.get("interactive"):
-        if options["report"] is None:
+        plots.check_path(plot)
+    if interactive:
+        if report is None:
             raise refusal("--interactive", "requires --report FILE")
         from armgpi.play import compiler
 
         compiler()
-    for name in ("plot", "html", "report"):
-        if options[name] is not None:
-            check_file(options[name], f"--{name}")
+    for picture, file in {"plot": plot, "html": html, "report": report}.items():
+        if file is not None:
+            check_file(file, f"--{picture}")
+
+
+def check_packages(picture: str, option: str) -> None:
+    """Refuse a picture whose packages are not installed."""
+    for package in _NEEDS[picture]:
+        if find_spec(package) is None:
+            raise refusal(option, f"needs the package {package!r}: pip install 'armgpi[viz]'")
 
 
 def check_file(path: Path, option: str) -> None:

@@ -54,7 +54,8 @@ def _play(options: dict[str, Any], out: Path | None, open_: bool, frame: str | N
 
     experiment = configuration.build(*settings(options, compare=False))
     path = Path(f"{experiment.robot.name}.html") if out is None else out
-    pictures.check({"plot": None, "view": False, "html": path, "report": None})
+    pictures.check_packages("html", "--out")
+    pictures.check_file(path, "--out")
     written = meshcat.write(pictures.page_to_play_with(experiment, frame=frame), path)
     say(f"wrote {written}", err=True)
     if open_ and not webbrowser.open(written.resolve().as_uri()):

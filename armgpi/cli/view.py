@@ -69,7 +69,7 @@ def view(
     from armgpi.cli import pictures
     from armgpi.viz import meshcat
 
-    pictures.check({"plot": None, "view": html is None, "html": html, "report": None})
+    pictures.check(view=html is None, html=html)
     page = _page(targets, lock, keep, mimic, repair, robot, frame)
     if html is not None:
         say(f"wrote {meshcat.write(page, html)}", err=True)
@@ -96,7 +96,8 @@ def report(
     from armgpi.loop import rollout as rollouts
 
     is_log = output.suffix.lower() in LOGS
-    pictures.check({"plot": None, "view": False, "html": None, "report": None if is_log else output})
+    if not is_log:
+        pictures.check_packages("report", "--out")
     pictures.check_file(output, "--out")
     from armgpi.viz import report as reports
 
