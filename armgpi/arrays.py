@@ -141,9 +141,9 @@ def per_joint(value: Any, name: str, joint_names: Sequence[str], expected: str, 
     if array.ndim > 2 or (array.ndim and array.shape[-1] not in (1, n)) or not array.size:
         raise ArrayError(name, f"expected a number or shape ({n},) or (batch, {n}), got {array.shape}")
     array = np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], n)))
-    bad = np.argwhere(~(ok(array) & (np.abs(array) <= LARGEST)))
-    if bad.size:
-        index = tuple(int(i) for i in bad[0])
+    good = ok(array) & (np.abs(array) <= LARGEST)
+    if not good.all():
+        index = tuple(int(i) for i in np.argwhere(~good)[0])
         raise ArrayError(
             name,
             f"expected {expected} values{sizes(array[index])}, got {array[index]:g} for joint "
@@ -309,9 +309,9 @@ def sizes(number: float) -> str:
 
 def _check_finite(array: Array, name: str, joint_names: Sequence[str] | None = None) -> None:
     """Refuse NaN and infinity, with the place of the first one."""
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):  # not its size: the index of a lone number is empty
-        index = tuple(int(i) for i in bad[0])
+    finite = np.isfinite(array)
+    if not finite.all():
+        index = tuple(int(i) for i in np.argwhere(~finite)[0])  # empty for a lone number
         place = f"{name}[{', '.join(map(str, index))}]" if index else name
         joint = f" (joint {joint_names[index[-1]]!r})" if joint_names is not None else ""
         raise ArrayError(name, f"expected finite numbers, got {place} = {array[index]}{joint}")

@@ -429,3 +429,15 @@ def test_varied_robots_are_those_built_one_by_one(robot: Robot, name: str) -> No
 def test_bad_variations_are_refused(given: dict[str, Any], kind: Any, said: str) -> None:
     with pytest.raises(kind, match=said):
         ARM.varied(**given)
+
+
+def test_results_of_runs_are_apart() -> None:
+    loop = prepare(*ARMS, 0.05, record="metrics", backend="numpy")
+    first = loop.run({"controller.omega": [10.0, 20.0]}, final=True)
+    kept = first.copy(deep=True)
+    first["itae"].attrs["mine"] = first.attrs["mine"] = "x"
+    second = loop.run({"controller.omega": [12.0, 22.0]}, final=True)
+    third = loop.run({"controller.omega": [10.0, 20.0]}, final=True)
+    xr.testing.assert_identical(third, kept)
+    assert not np.array_equal(second["itae"], third["itae"])
+    assert loop.run({"controller.omega": [10.0] * 3}).sizes["rollout"] == 3

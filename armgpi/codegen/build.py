@@ -128,14 +128,7 @@ def compiler() -> Compiler:
         BackendError: when there is none.
     """
     asked = os.environ.get("CC", "")
-    commands: list[tuple[str, ...]] = (
-        [(asked,)] if asked else [("cc",), ("gcc",), ("clang",)]
-    )  # a path may have spaces in it
-    with suppress(ValueError):  # a quotation without an end
-        commands.append(tuple(shlex.split(asked)) or ("",))
-    if not asked and find_spec("ziglang") is not None:
-        commands.append(ZIG)
-    for command in commands:
+    for command in _commands(asked):
         found = _probed(command, os.environ.get("PATH"))
         if found is not None:
             return found
@@ -143,6 +136,18 @@ def compiler() -> Compiler:
     raise BackendError(
         f"no C compiler: {wanted}; install GCC or Clang, set CC, or take Zig's: pip install 'armgpi[play]'"
     )
+
+
+def _commands(asked: str) -> Iterator[tuple[str, ...]]:
+    """Yield the commands of compilers, the next one when those before do not run."""
+    if not asked:
+        yield from (("cc",), ("gcc",), ("clang",))
+        if find_spec("ziglang") is not None:
+            yield ZIG
+        return
+    yield (asked,)  # a path may have spaces in it
+    with suppress(ValueError):  # a quotation without an end
+        yield tuple(shlex.split(asked)) or ("",)
 
 
 @lru_cache(maxsize=1)

@@ -272,6 +272,7 @@ def summary_dataset(
     found: Mapping[str, Array],
     ends: Mapping[str, Array],
     made_from: str,
+    like: xr.Dataset | None = None,
 ) -> xr.Dataset:
     """Return the dataset of a run that kept metrics alone.
 
@@ -281,20 +282,20 @@ def summary_dataset(
         found: metrics by name, (rollouts, n).
         ends: positions and velocities at the end, likewise.
         made_from: as :func:`provenance` has it.
+        like: that of a run of the same loop with as many rollouts, which differs in its numbers alone.
     """
     batched = len(recording.shape) == 2
     dims = ("rollout", "joint") if batched else ("joint",)
-    shape = recording.shape
-    variables: dict[str, Any] = {name: (dims, x.reshape(shape)) for name, x in found.items()}
-    variables |= {
-        f"{name}_end": (dims, x.reshape(shape), _attributes(name, robot)) for name, x in ends.items()
-    }
-    per_rollout = ("rollout",) if batched else ()
-    variables["status"] = (per_rollout, recording.status if batched else recording.status[0], _status())
-    t_end = recording.t_end if batched else recording.t_end[0]
-    variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
+    values: dict[str, Any] = {name: x.reshape(recording.shape) for name, x in found.items()}
+    values |= {f"{name}_end": x.reshape(recording.shape) for name, x in ends.items()}
+    values["status"] = recording.status if batched else recording.status[0]
+    values["t_end"] = recording.t_end if batched else recording.t_end[0]
+    if like is not None:  # xarray takes longer to put one together than a short run takes
+        return like.copy(data=values)
+    told = {f"{name}_end": _attributes(name, robot) for name in ends}
+    told |= {"status": _status(), "t_end": {"long_name": "end of the rollout", "units": "s"}}
     return xr.Dataset(
-        variables,
+        {name: (dims[: np.ndim(x)], x, told.get(name)) for name, x in values.items()},
         coords={"joint": ("joint", np.array(robot.joint_names))},
         attrs={
             "title": f"armgpi metrics of {robot.name}",
