@@ -49,8 +49,8 @@ class Constant(NamedTuple):
     high: float
 
 
+#: Not among them is the crossover frequency beyond which arms are not stiff: the arms of a reality are.
 CONSTANTS = {
-    "CROSSOVER": Constant((untuned,), 35.0, 140.0),
     "DELAY_SHARE": Constant((untuned, payload), 0.5, 0.97),
     "RATIO": Constant((untuned,), 2.0, 12.0),
     "LATE_RATIO": Constant((untuned,), 2.0, 20.0),

@@ -36,8 +36,20 @@ def zoo(
             show_default=False,
         ),
     ] = None,
-    count: Annotated[int, typer.Option(help="Draws of each arm, with --reality.")] = 16,
-    seed: Annotated[int, typer.Option(help="Of the draws.")] = 0,
+    tune: Annotated[
+        int | None,
+        typer.Option(
+            metavar="NUMBER",
+            min=9,
+            help="Instead, tune each arm with so many candidates, beside the rule for untuned arms.",
+            show_default=False,
+        ),
+    ] = None,
+    count: Annotated[
+        int,
+        typer.Option(min=1, max=4096, help="Draws of each arm, with --reality; held-out ones, with --tune."),
+    ] = 16,
+    seed: Annotated[int, typer.Option(help="Of the draws, and of the search.")] = 0,
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.
 
@@ -45,12 +57,19 @@ def zoo(
     armgpi zoo ur5 panda
     armgpi zoo --out zoo.md
     armgpi zoo ur5 panda --reality geared --count 16
+    armgpi zoo ur5 panda --tune 97
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.robot import robots
 
     for name in names or ():
         robots.locate(name)
-    run = _nominal if reality is None else _drawn(reality, seed, count)
+    if tune is not None and reality is not None:
+        raise refusal("--tune", "an arm is tuned on geared drives; leave --reality out")
+    run: Callable[[list[str]], _Shown] = _nominal
+    if reality is not None:
+        run = _drawn(reality, seed, count)
+    elif tune is not None:
+        run = _tuned(tune, seed, count)
     shown = run(names or list(robots.names()))
     if out is not None:
         write(out, shown.table, "--out")
@@ -98,14 +117,12 @@ def _nominal(names: list[str]) -> _Shown:
 
 def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]:
     """Return what runs draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
-    from armgpi.arrays import check_whole
     from armgpi.errors import ParameterError
     from armgpi.health.reality import experiments, markdown
     from armgpi.plants.reality import Reality
 
     try:
         drawn = Reality(reality, seed)
-        check_whole(count, "count", 1, 4096)
     except ParameterError as error:
         raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
 
@@ -124,3 +141,28 @@ def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]
         return _Shown(found, table, remarks, not found)
 
     return run
+
+
+def _tuned(evaluations: int, seed: int, count: int) -> Callable[[list[str]], _Shown]:
+    """Return what tunes arms and shows them beside the rule."""
+    from armgpi.errors import ArmgpiError, BackendError
+    from armgpi.search.zoo import MOST, markdown, run
+
+    if seed < 0:
+        raise refusal("--seed", f"expected 0 or more, got {seed}")
+    if count > MOST:
+        raise refusal("--count", f"expected at most {MOST} held-out draws, got {count}")
+
+    def tuned(names: list[str]) -> _Shown:
+        rows, remarks = [], []
+        for name in names:
+            say(name, err=True)
+            try:
+                rows.append(run(name, evaluations, count, seed))
+            except BackendError:  # none can be tuned
+                raise
+            except ArmgpiError as error:
+                remarks.append(f"{name} was not run: {error}")
+        return _Shown(rows, markdown(rows), remarks, not rows)
+
+    return tuned

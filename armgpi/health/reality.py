@@ -184,7 +184,7 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None 
     end = time > time[-1] - END
     peak = float(error.max())
     lost = peak > LOST_PEAK or float(error[end].max()) > LOST_END
-    rest, still = rollout["q"].values[end], _still(draw)
+    rest, still = rollout["q"].values[end], rest_band(draw)
     moved = np.ptp(rest, axis=0)
     back = moved - np.abs(rest[-1] - rest[0])
     steps = np.abs(np.diff(rollout["tau"].values[end], axis=0)).mean(axis=0)
@@ -243,7 +243,7 @@ def warned(draw: Draw, law: Mapping[str, Any]) -> Warned:
     return Warned(bool(asked.max() > 1.0), any(issubclass(each.category, ArmgpiWarning) for each in said))
 
 
-def _still(draw: Draw) -> Array:
+def rest_band(draw: Draw) -> Array:
     """Return how far a joint may move at rest [rad or m]."""
     return np.maximum(HUNTING_COUNTS * draw.arm.encoder_count(draw.encoder_bits), HUNTING)
 
