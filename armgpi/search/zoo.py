@@ -34,7 +34,7 @@ _FACTOR = 2.0
 WANTED = f"log(itae) + 1000*max(hunting_amplitude, {health.HUNTING})"
 #: What is worked out of every rollout.
 _NAMES = (*KEPT, "final_error", "hunting_amplitude")
-#: Held-out draws begin so many draws after those that are searched on; most of them, and how many are drawn to
+#: Held-out draws begin so many after those that are searched on; most of them, and how many are drawn to
 #: find one that motors can follow.
 _APART, MOST, _TRIES = 1 << 11, 256, 8
 
