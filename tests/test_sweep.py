@@ -334,8 +334,9 @@ BAD: dict[str, tuple[str, str]] = {
 def test_bad_distributions_are_refused_by_name(case: str) -> None:
     line, said = BAD[case]
     text = TEXT[: TEXT.index("vary:")] + f"vary:\n  {line}\n"
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=said) as refused:
         made(text)
+    assert refused.value.line == len(text.splitlines())
 
 
 @pytest.mark.parametrize(

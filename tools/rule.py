@@ -144,7 +144,7 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
             space,
             Wanted(),  # type: ignore[arg-type]
             Arms(names, Reality.geared(seed, block=every), every),  # type: ignore[arg-type]
-            Arms(names, Reality.geared(seed + 1), 24),  # type: ignore[arg-type]
+            Arms(names, Reality.geared(seed + 1), 8),  # type: ignore[arg-type]
             evaluations=evaluations,
             population=8,
             seed=seed,

@@ -148,7 +148,8 @@ class Study:
             if generation:
                 self._tell(new, [len(part) for part in asked])
             self.rows += new
-            if len(self.rows) >= _HOPELESS and all(row.failed == 1.0 for row in self.rows):
+            enough = self.done or len(self.rows) >= _HOPELESS
+            if enough and all(row.failed == 1.0 for row in self.rows):
                 said = (
                     f"something that has a value: none of {len(self.rows)} candidates had one in any scenario"
                 )

@@ -17,8 +17,8 @@ import numpy as np
 
 from armgpi import files
 from armgpi.arrays import Array
-from armgpi.config import Experiment, ExperimentConfig, build, controller, dump, read
-from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError, RolloutError
+from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, dump, read
+from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError, RolloutError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status
@@ -73,7 +73,7 @@ class Study:
     digest: str
 
     @classmethod
-    def of(cls, config: ExperimentConfig, origin: Any = None, sampling: str = "random") -> Study:
+    def of(cls, config: ExperimentConfig, origin: Origin | None = None, sampling: str = "random") -> Study:
         """Return the study that an experiment file describes.
 
         Raises:
@@ -83,18 +83,18 @@ class Study:
             raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
         experiment = build(config, origin)
         label = next(iter(experiment.controllers))
-        source = "" if origin is None else origin.source
+        origin = origin or Origin("")
         if bool(config.vary) == (config.reality is not None):
             said = "a sweep varies something: give distributions below vary, or a reality to draw from"
-            raise ConfigError(source, "vary", said)
+            raise origin.error(("vary",), said)
         if config.plant.engine != "armgpi":
             said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
-            raise ConfigError(source, "plant.engine", said)
+            raise origin.error(("plant", "engine"), said)
         failure = dict(config.failure or FAILURE)
         unknown = [name for name in failure if name not in metrics.declared()]
         if unknown:
             reason = str(NameNotFound("metric", unknown[0], metrics.declared()))
-            raise ConfigError(source, f"failure.{unknown[0]}", reason)
+            raise origin.error(("failure", unknown[0]), reason)
         steps = experiment.t_final / config.sample_time
         most = _MOST if config.reality is None else _MOST_DRAWS
         size = (
@@ -120,7 +120,7 @@ class Study:
                 varied[name] = distribution(name, section, variable.declared, experiment.robot.n)
                 with_value(found, name, 1.0)
             except (ParameterError, NameNotFound) as error:
-                raise ConfigError(source, f"vary.{name}", str(error).removeprefix(f"{name}: ")) from None
+                raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
         object.__setattr__(found, "varied", varied)
         return found
 
