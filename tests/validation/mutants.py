@@ -66,7 +66,7 @@ def same(one: str, other: str, redraw: int | None = None) -> bool:
     """Tell whether two sources are equal as expressions: at random states, and for other numbers."""
     seeds = [None] if redraw is None else [None, redraw]
     for seed in seeds:
-        a, b = (_sampled(_renumbered(text, seed), _joints(other)) for text in (one, other))
+        a, b = (_sampled(_renumbered(text, seed), textbooks.joints(other)) for text in (one, other))
         if a is None or b is None or a.keys() != b.keys():
             return False
         if any(np.abs(a[k] - b[k]).max() > 1e-8 * max(1e-3, np.abs(b[k]).max()) for k in a):
@@ -76,7 +76,7 @@ def same(one: str, other: str, redraw: int | None = None) -> bool:
 
 def _equal_or_broken(source: str, right: str) -> bool:
     with np.errstate(all="ignore"):
-        values = _sampled(source, _joints(right))
+        values = _sampled(source, textbooks.joints(right))
     return values is None or same(source, right)
 
 
@@ -101,16 +101,6 @@ def _sampled(source: str, n: int) -> dict[str, np.ndarray] | None:
         except Exception:
             return None
     return values if all(np.isfinite(x).all() for x in values.values()) else None
-
-
-def _joints(source: str) -> int:
-    """Return how many positions a source takes."""
-    if "sympy" in source:  # q1, q2, ...
-        return max(int(k) for k in re.findall(r"\bq(\d)\b", source))
-    indices = [int(k) for k in re.findall(r"\b[qva]\[(\d)\]", source)]
-    if "TABLE = [" in source:
-        return source.split("TABLE = ")[1].split("\n")[0].count("(")
-    return max(indices) + 1
 
 
 def _expressions(tree: ast.AST) -> Iterator[tuple[ast.AST, ast.AST, str, int | None, set[str]]]:

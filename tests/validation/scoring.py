@@ -77,7 +77,7 @@ def summary(found: list[Outcome]) -> str:
 
 if __name__ == "__main__":
     which, count, seed, mistakes = sys.argv[1], *map(int, sys.argv[2:5])
-    groups = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN, "fresh": textbooks.FRESH}
+    groups = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN}
     arms = groups.get(which, tuple(which.split(",")))
     done = []
     for arm in arms:
