@@ -8,6 +8,7 @@ Whether a choice means anything is not asked here: it is compiled and tried.
 from __future__ import annotations
 
 import ast
+import copy
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -42,6 +43,7 @@ class Scope(NamedTuple):
         products: matrices times vectors, and cross products, that stand somewhere.
         keys: keys of dictionaries that are read.
         joints: expressions of the joints' positions.
+        items: items of dictionaries that are read anywhere, such as ``p["m2"]``.
         cross: how the function for cross products is called there.
         loops: whether variables have several values in one call.
     """
@@ -53,6 +55,7 @@ class Scope(NamedTuple):
     products: tuple[ast.expr, ...] = ()
     keys: tuple[str, ...] = ()
     joints: tuple[ast.expr, ...] = ()
+    items: tuple[ast.expr, ...] = ()
     cross: ast.expr | None = None
     loops: bool = False
 
@@ -78,7 +81,10 @@ def scope_of(
     """Return what can be written in a block, from its syntax tree and the values of its names."""
     kinds = {name: kind for name, value in values.items() if (kind := kind_of(value)) is not None}
     seen = _Seen(arguments)
+    items: dict[str, ast.expr] = {}
     for node in ast.walk(everywhere):
+        if isinstance(node, ast.Subscript) and _is_key(node.slice) and isinstance(node.ctx, ast.Load):
+            items[ast.unparse(node)] = node
         # What is a function of the state elsewhere may be missing here.
         if _of_state(node, arguments):
             seen.scalars[ast.unparse(node)] = node
@@ -101,9 +107,15 @@ def scope_of(
         tuple(seen.products.values()),
         tuple(seen.keys),
         tuple(seen.joints.values()),
+        tuple(items.values()),
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
     )
+
+
+def _is_key(node: ast.AST) -> bool:
+    """Tell whether an index is the key of a dictionary."""
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
 def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
@@ -190,6 +202,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
     """Yield what may stand in place of an expression."""
     if isinstance(parent, ast.Subscript | ast.Attribute):
         yield from _of_name(node, scope) if isinstance(node, ast.Name) else ()
+        yield from _of_subscript(node, scope) if isinstance(node, ast.Subscript) else ()
         return
     yield from _of_itself(node, scope)
     summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
@@ -197,6 +210,10 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         yield "square", _power(node, 2)
     if _is_term(node, parent):
         yield from _of_term(node, scope)
+    if isinstance(node, ast.BinOp) and insertion(node, parent):
+        for term in _siblings(node, scope):
+            yield "term", ast.BinOp(node, ast.Add(), term)
+            yield "term", ast.BinOp(node, ast.Sub(), term)
     if scope.loops and _is_equation(node, parent):
         for term in itertools.islice(vector_terms(scope), _TERMS):
             yield "term", ast.BinOp(node, ast.Add(), term)
@@ -222,6 +239,54 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from _of_row(node)
         case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
+
+
+class _Renumbered(ast.NodeTransformer):
+    """Names and keys with another number: m1 for m2."""
+
+    def __init__(self, old: str, new: str, scope: Scope) -> None:
+        self._old, self._new, self._known = old, new, {*scope.kinds, *scope.keys}
+        self.good = True
+
+    def _of(self, name: str) -> str:
+        other = name.replace(self._old, self._new)
+        self.good = self.good and (other == name or other in self._known)
+        return other
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        """Return another name."""
+        return ast.Name(self._of(node.id), node.ctx)
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.Subscript:
+        """Return another item of a dictionary."""
+        if _is_key(node.slice):
+            key = ast.Constant(self._of(ast.literal_eval(node.slice)))
+            return ast.Subscript(node.value, key, node.ctx)
+        return ast.Subscript(self.visit(node.value), node.slice, node.ctx)
+
+
+def _siblings(node: ast.BinOp, scope: Scope) -> Iterator[ast.expr]:
+    """Yield terms of a sum for another number: m1 * J1.T @ J1 beside m2 * J2.T @ J2."""
+    terms = {ast.unparse(term): term for term in summands(node)}
+    found = {}
+    numbers = sorted({c for name in (*scope.kinds, *scope.keys) for c in name if c.isdigit()})
+    for text, term in terms.items():
+        for old, new in itertools.permutations(numbers, 2):
+            if old in text:
+                renamed = _Renumbered(old, new, scope)
+                other = renamed.visit(copy.deepcopy(term))
+                if renamed.good:
+                    found[ast.unparse(other)] = other
+    yield from (term for text, term in found.items() if text not in terms)
+
+
+def summands(node: ast.expr) -> Iterator[ast.expr]:
+    """Yield the terms of a sum."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE):
+        yield from summands(node.left)
+        yield from summands(node.right)
+    else:
+        yield node
 
 
 def _is_equation(node: ast.expr, parent: Any) -> bool:
@@ -386,6 +451,9 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
     match index:
         case ast.Constant(value=int() as k):
             yield from (("index", ast.Constant(other)) for other in range(4) if other != k)
+            for name in (name for name, kind in scope.kinds.items() if kind == "int"):
+                yield "index", ast.Name(name, ast.Load())
+                yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(1))
         case ast.Constant(value=str() as key):
             yield from (("name", ast.Constant(name)) for name in scope.keys if name != key)
         case ast.Tuple(elts=items):

@@ -24,6 +24,8 @@ SAME = 1e-7
 EXACT = 1e-10
 #: Coefficients of the products in such a sum, and how many products take part.
 _SUMMED, _MOST_SUMMED = (1.0, -1.0, 2.0, -2.0), 900
+#: A sum is hardly so much smaller than its parts.
+_CANCELLED = 1e3
 #: Names and expressions that take part, at most: their products are listed.
 _MOST_NAMES, _MOST_STATES = 16, 18
 
@@ -68,13 +70,8 @@ class Dictionary:
         columns = np.stack([np.prod([self._states[x] for x in w] or [np.ones(rows)], axis=0) for w in words])
         return words, columns
 
-    def term(self, values: Array, sums: bool = True) -> Term | None:
-        """Return the simplest product that has some values at the states, None when there is none.
-
-        Args:
-            values: the values, (rows,).
-            sums: look at sums of two products too.
-        """
+    def term(self, values: Array) -> Term | None:
+        """Return the simplest product, or sum of two, that has some values (rows,); None without one."""
         words, columns = self._shapes
         size = np.linalg.norm(values)
         if not self._states:  # constants alone
@@ -92,7 +89,7 @@ class Dictionary:
                 )
                 sign = text.startswith("-1 * ")
                 return Term("-" + text[5:] if sign else text, found.bits + np.log2(len(words)))
-        return self._sum(values) if sums and self._states else None
+        return self._sum(values) if self._states else None
 
     def _sum(self, values: Array) -> Term | None:
         """Return two products of different shapes that add up to some values."""
@@ -159,6 +156,7 @@ class Dictionary:
         for shift in (-1, 0):
             near = order[np.clip(at + shift, 0, len(order) - 1)]
             close = np.abs(parts + parts[near] - value) <= EXACT * np.maximum(np.abs(parts), abs(value))
+            close &= np.abs(parts) < _CANCELLED * abs(value)
             for i in np.flatnonzero(close):
                 j = int(near[i])
                 degrees = [len(words[short[k % len(short)]]) for k in (int(i), j)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,29 +11,18 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import phrasing, samples
 from armgpi.validation.diagnose import Cause
-from armgpi.validation.edits import ROWS, Change, Target, patched
+from armgpi.validation.edits import ROWS, Target
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import Problem
 from armgpi.validation.samples import States
+from armgpi.validation.search import Repaired
 from armgpi.validation.tree import evaluate
 from armgpi.validation.worker import Worker
 
 
-class Repair(NamedTuple):
-    """Changes of a model's source with which it agrees.
-
-    Attributes:
-        changes: the changes.
-        source: the whole source with them made.
-    """
-
-    changes: tuple[Change, ...]
-    source: str
-
-
 def search(
     model: Any, worker: Worker, states: States, problem: Problem, references: Mapping[str, Array]
-) -> tuple[Repair | None, bool]:
+) -> tuple[Repaired | None, bool]:
     """Return the changes of the source with which a copy of the model agrees, and whether it was searched."""
     if worker.source is None:
         return None, False
@@ -52,11 +41,11 @@ def search(
         # At least what rounding leaves: an output that must be zero is compared with the others.
         targets[name] = Target(arguments, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
-        changes = copy.search(targets, [value for value, _ in phrasing.known_numbers(problem.tree) if value])
-    if not changes:
-        return None, changes is not None
-    repair = Repair(changes, patched(worker.source, changes))
-    return (repair if agrees(model, worker, repair.source, states, problem) else None), True
+        known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
+        searched, found = copy.search(targets, known)
+    if found is None or not agrees(model, worker, found.source, states, problem):
+        return None, searched
+    return found, True
 
 
 def _taken_apart(problem: Problem, s: States, accelerations: Array) -> Array:
@@ -97,7 +86,7 @@ _WRONG = {
 }
 
 
-def causes(repair: Repair, source: str, problem: Problem) -> Iterator[Cause]:
+def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
     """Yield the mistakes that a repair undoes."""
     elements = tuple(problem.elements[k] for k in np.flatnonzero(~problem.agreeing))
     scope = "elements" if len(elements) <= _FEW else "model"

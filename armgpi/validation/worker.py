@@ -26,7 +26,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError, Remedy
-from armgpi.validation import edits, models
+from armgpi.validation import edits, models, search
 from armgpi.validation.conventions import Convention
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
@@ -150,17 +150,16 @@ class Worker:
 
     def search(
         self, targets: Mapping[str, edits.Target], known: Sequence[float]
-    ) -> tuple[edits.Change, ...] | None:
-        """Return changes of the source with which its functions give what they should; none when none do.
+    ) -> tuple[bool, search.Repaired | None]:
+        """Return whether the source could be searched, and changes with which the model gives what it should.
 
-        None in place of them when the source cannot be searched. Numbers that are `known` to be right are
-        changed last. The model is of no use afterwards.
+        Numbers that are `known` to be right stay. The model is of no use afterwards.
         """
         try:
             self._pipe.send(("", targets, known))
-            found: tuple[edits.Change, ...] | None = self._receive("", 10.0 * edits.BUDGET, "")
+            found: tuple[bool, search.Repaired | None] = self._receive("", 10.0 * search.BUDGET, "")
         except (OSError, ModelError):
-            return None
+            return False, None
         return found
 
     def _receive(
@@ -272,24 +271,28 @@ def _answer_all(
         except EOFError:
             os._exit(0)
         if not name:
-            pipe.send((True, _searched(functions, states, numbers)))
+            pipe.send(
+                (True, _searched(functions, lambda s: models.resolve(model, s, convention), states, numbers))
+            )
             os._exit(0)
         _answer_calls(pipe, functions, name, states, numbers, silent, own, started)
 
 
 def _searched(
-    functions: models.Functions, targets: Mapping[str, edits.Target], known: Sequence[float]
-) -> tuple[edits.Change, ...] | None:
-    """Return the changes of a source with which the model gives what it should; None if none can be tried."""
+    functions: models.Functions,
+    again: search.Again,
+    targets: Mapping[str, edits.Target],
+    known: Sequence[float],
+) -> tuple[bool, search.Repaired | None]:
+    """Return whether a source could be searched, and changes with which the model gives what it should."""
     origin = functions.origin
     try:
         if origin is None or not edits.harmless(origin.source):
-            return None
+            return False, None
         np.cross = edits.cross  # this process ends with the search
-        editor = edits.Editor(origin.path, origin.source, origin.again, origin.module, targets, tuple(known))
-        return editor.search()
+        return True, search.repaired(functions, again, targets, known)
     except Exception:
-        return None  # a source that is too odd to be changed
+        return False, None  # a source that is too odd to be changed
 
 
 def _answer_calls(

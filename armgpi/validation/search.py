@@ -1,0 +1,551 @@
+"""The search for changes of a model's source with which it agrees: one, two at once, one after the other.
+
+Every single change of :mod:`armgpi.validation.edits` is tried. What a missing term has to be is solved for,
+and looked up among the products of the model's own names: a fit with a dictionary. Where one change
+brings values into agreement and spoils none, it is made in a copy of the source, and the search goes on with
+that copy. Two changes of which neither does so alone are found where their effects add up to what differs, or
+by trying pairs. The shortest description wins.
+
+This runs in the worker (:mod:`armgpi.validation.worker`), beside the model.
+"""
+
+from __future__ import annotations
+
+import ast
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.validation.edits import (
+    ROWS,
+    Block,
+    Change,
+    Editor,
+    Pick,
+    Site,
+    Target,
+    agree,
+    impatient,
+    patched,
+)
+from armgpi.validation.models import Functions
+
+#: Time of the processor that all the searching may take [s].
+BUDGET = 16.0
+#: Changes that are made at most: nobody believes a report of more.
+MOST = 3
+#: Changes with which the search goes on, where none makes all agree.
+_BEAM = 3
+#: Configurations at which changes are tried first.
+_FEW = 2
+#: Kinds of changes: to say which one it is costs their logarithm.
+_KINDS = 14
+#: Kinds of changes of which there are few at a place.
+_USUAL = frozenset(
+    "sign factor square trig angle degrees extra transposed cross swapped unit name index".split()  # noqa: SIM905
+)
+#: Change of a term that shows what it moves: large enough for the digits, small enough for what is curved.
+_NUDGE = 1e-4
+#: Steps by which a value is found: a length that is a thousand times too large takes ten to come near.
+_STEPS = 24
+#: Steps after which a root is as good as the digits of the model allow, once it is near.
+_REFINED = 3
+#: A root of a square is neared to a quarter of the way at each step; what is left of more has no root.
+_SLOW = 0.7
+#: Effects beyond this are those of a change that divides by next to nothing.
+_HUGE = 1e12
+#: What gravity is usually taken for [m/s²].
+_GRAVITY = (9.81, 9.8, 9.80665, 9.806, 10.0)
+#: A digit of a number costs so many bits.
+_DIGIT_BITS = 3.32
+
+Again = Callable[[str], Functions]
+Wrong = Mapping[str, Any]
+
+
+class Repaired(NamedTuple):
+    """Changes with which a model agrees, and its whole source with them."""
+
+    changes: tuple[Change, ...]
+    source: str
+
+    @property
+    def bits(self) -> float:
+        """How long the description of the changes is."""
+        return sum(change.bits for change in self.changes)
+
+
+def repaired(
+    functions: Functions,
+    again: Again,
+    targets: Mapping[str, Target],
+    known: Sequence[float],
+    until: float | None = None,
+    most: int = MOST,
+) -> Repaired | None:
+    """Return the changes with which a model gives what it should, None when none are found.
+
+    Args:
+        functions: the model's, with the file that they come from.
+        again: reads the functions out of another text of that file.
+        targets: what the functions should give.
+        known: numbers that are hardly the wrong ones, as the robot has them too.
+        until: when to give up, on the clock of the process [s].
+        most: changes that may be made.
+    """
+    until = time.process_time() + BUDGET if until is None else until
+    assert functions.origin is not None
+    trials = _Trials(Editor(functions.origin, targets, known), again, until)
+    steps = trials.steps()
+    best = trials.first_that_agrees((step.pick,) for step in steps if not step.left)
+    if most > 1 and (best is None or best.bits > trials.usual):
+        two = trials.first_that_agrees(trials.pairs())
+        best = min((one for one in (best, two) if one), key=lambda one: one.bits, default=None)
+    if best is not None or most == 1:
+        return best
+    going_on = [step.pick for step in steps][:_BEAM]
+    for k, pick in enumerate(going_on):
+        now = time.process_time()
+        if now > until or (best is not None and pick.bits + 0.5 * trials.usual > best.bits):
+            continue  # it cannot be shorter
+        if made := trials.made((pick,)):
+            share = now + (until - now) / (len(going_on) - k)
+            rest = repaired(made[1], again, targets, known, share, most - 1)
+            if rest is not None:
+                one = Repaired(made[0].changes + rest.changes, rest.source)
+                best = one if best is None or one.bits < best.bits else best
+                if best.bits <= trials.usual:
+                    break
+    return best or trials.first_that_agrees(trials.tried_pairs())
+
+
+class _Step(NamedTuple):
+    """A change that brings values into agreement and spoils none, and how many still differ then."""
+
+    left: int
+    ugly: bool
+    bits: float
+    pick: Pick
+
+
+class _Tried(NamedTuple):
+    """A change and what it changes, at the first rows."""
+
+    pick: Pick
+    effects: dict[str, Array]
+
+
+class _Trials:
+    """Everything that is tried on one source."""
+
+    def __init__(self, editor: Editor, again: Again, until: float) -> None:
+        """Take a source with its switches, what reads a changed one, and when to give up [s]."""
+        self.editor, self._again, self._until = editor, again, until
+        self._targets, self._blocks = editor.targets, editor.blocks
+        self._sites = max(sum(len(block.sites) for block in self._blocks), 1)
+        #: What two changes of the usual kinds take: what is longer has to be compared with others [bits].
+        self.usual = 2.0 * float(np.log2(self._sites * _KINDS))
+        self._tried: list[_Tried] = []
+        self._start = editor.outputs(editor.targets, ROWS)
+        start = self._start or {}
+        self._wrong = {name: self._away(name, x).any(axis=0) for name, x in start.items()}
+
+    def made(self, picks: Sequence[Pick]) -> tuple[Repaired, Functions] | None:
+        """Return changes as text with the functions that they make, None when the source then fails."""
+        changes = tuple(self.editor.change(pick) for pick in picks)
+        source = patched(self.editor.source, changes)
+        try:
+            with impatient():
+                return Repaired(changes, source), self._again(source)
+        except BaseException:  # a name that is not there yet, or a module that never ends
+            return None
+
+    def first_that_agrees(self, found: Iterable[Sequence[Pick]]) -> Repaired | None:
+        """Return the first changes that make a copy of the source agree."""
+        for picks in found:
+            if (made := self.made(picks)) and agree(made[1].calls, self._targets):
+                return made[0]
+        return None
+
+    def _over(self) -> bool:
+        return time.process_time() > self._until
+
+    def _away(self, name: str, values: Array) -> Any:
+        """Return which values differ from the reference's, (rows, m)."""
+        target = self._targets[name]
+        return ~(np.abs(values - target.values[: len(values)]) <= target.tolerance)
+
+    def _off(self, outputs: Mapping[str, Array]) -> Wrong:
+        return {name: self._away(name, values).any(axis=0) for name, values in outputs.items()}
+
+    def steps(self) -> list[_Step]:
+        """Return the changes that make all agree, else those that make the most agree; the best first."""
+        if self._start is None:
+            return []
+        picks = self._picks({name for name, w in self._wrong.items() if w.any()})
+        usual = [pick for pick in picks if pick.kind in _USUAL or pick.sure]
+        others = [pick for pick in picks if pick.kind not in _USUAL and not pick.sure]
+        found: list[_Step] = []
+        seen: set[bytes] = set()
+        # From what is tried fast to what takes long.
+        for more in (
+            self._helpful(usual, first=True),
+            self._fits(),
+            self._helpful(others, first=True),
+            self._helpful(picks, first=False),
+        ):
+            for pick in more:
+                step = self._step(pick, seen)
+                if step is not None:
+                    found.append(step)
+                    # The others have longer descriptions.
+                    if not step.left and not step.ugly and pick.kind in _USUAL:
+                        break
+            found.sort(key=lambda step: step[:3])
+            if found and not found[0].left:
+                break
+        return found
+
+    def _helpful(self, picks: list[Pick], first: bool) -> Iterator[Pick]:
+        """Yield the changes that make values agree and spoil none, at the first state.
+
+        Args:
+            picks: all changes.
+            first: look at the first function that differs; else at the others.
+        """
+        assert self._start is not None
+        for pick in picks:
+            if self._over():
+                return
+            differing = [n for n, w in self._wrong.items() if w.any() and n in pick.block.reaches]
+            names = differing[:1] if first else differing[1:]
+            if not names:
+                continue
+            with self.editor.making(pick):
+                outputs = self.editor.outputs(names, _FEW if "potential_energy" in names else 1)
+            if outputs is None:
+                continue
+            if first:
+                effects = {n: x[-1] - self._start[n][len(x) - 1] for n, x in outputs.items()}
+                self._tried.append(_Tried(pick, effects))
+            if self._helps(outputs):
+                yield pick
+
+    def _helps(self, outputs: Mapping[str, Array]) -> bool:
+        """Tell whether some values agree that did not, and all that did."""
+        off = self._off(outputs)
+        spoiled = any((off[name] & ~self._wrong[name]).any() for name in off)
+        return not spoiled and any((self._wrong[name] & ~off[name]).any() for name in off)
+
+    def _step(self, pick: Pick, seen: set[bytes]) -> _Step | None:
+        """Return how good a change is at all states; None when it does not help, or as others that do."""
+        with self.editor.making(pick):
+            outputs = self.editor.outputs(pick.block.reaches, ROWS)
+        if outputs is None or not self._helps(outputs):
+            return None
+        off = {**self._wrong, **self._off(outputs)}
+        left = sum(int(w.sum()) for w in off.values())
+        if left:
+            alike = b"".join(
+                (x / self._targets[n].tolerance * 1e-3).round().tobytes() for n, x in outputs.items()
+            )
+            if alike in seen:
+                return None
+            seen.add(alike)
+        return _Step(left, self._ugly(pick), pick.bits, pick)
+
+    def _ugly(self, pick: Pick) -> bool:
+        """Tell whether a change leaves a matrix that is right in its product with v alone."""
+        target = self._targets.get("coriolis_matrix")
+        if target is None or target.best is None:
+            return False
+        with self.editor.making(pick):
+            matrix = self.editor.matrix(tuple(x[0].copy() for x in target.states))
+        size = max(float(np.abs(target.best[0]).max()), 1e-3)
+        return matrix is None or bool(np.abs(matrix.ravel() - target.best[0]).max() > 1e-6 * size)
+
+    def _picks(self, differing: set[str]) -> list[Pick]:
+        """Return every change in what the functions that differ are made of, the usual kinds first."""
+        found = []
+        for block in self._blocks:
+            if not block.reaches & differing:
+                continue
+            terms = block.vectors()
+            for k, site in enumerate(block.sites):
+                if self.editor.is_right(site):
+                    continue
+                kinds = [kind for kind, _ in site.choices]
+                for c, kind in enumerate(kinds[: len(kinds) - site.fitted]):
+                    # Terms come in the order of their length.
+                    rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
+                    found.append(Pick(block, k, c, self._bits(rank), None, kind))
+                if terms and site.whole:
+                    found += self._vector_picks(block, k, terms, differing)
+        return sorted(found, key=lambda pick: pick.bits)
+
+    def _bits(self, rank: float) -> float:
+        """Return the length of a description: which place, which kind, and which one of that kind."""
+        return float(np.log2(self._sites * _KINDS * rank))
+
+    def _vector_picks(
+        self, block: Block, k: int, terms: Mapping[str, Array], differing: set[str]
+    ) -> Iterator[Pick]:
+        """Yield vectors that may be missing in a sum: where it is linear, those with a right effect."""
+        old = ast.unparse(block.sites[k].node)
+        now = block.values(old)
+        name = next((n for n in self._targets if n in differing & block.reaches), None)
+        if now is None or now.shape[1:] not in ((2,), (3,)) or name is None:
+            return
+        size = now.shape[1]
+        terms = {text: values for text, values in terms.items() if values.shape == now.shape}
+        choice = len(block.sites[k].choices) - 1
+        effects = []
+        for step in (np.zeros(size), *np.eye(size), np.ones(size)):
+            with self.editor.making(Pick(block, k, choice, 0.0, np.tile(step, (ROWS, 1)))):
+                outputs = self.editor.outputs([name], 1)
+            if outputs is None:
+                return
+            effects.append(outputs[name][0])
+        start, *axes, together = effects
+        slope = np.stack(axes) - start
+        rest = 1e-6 * (1.0 + np.abs(together).max())
+        linear = np.abs(together - start - slope.sum(axis=0)).max() <= rest
+        lacking, wrong = self._targets[name].values[0] - start, self._wrong[name]
+        for text, values in terms.items():
+            for sign in (1.0, -1.0):
+                effect = sign * values[0] @ slope
+                moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
+                if not linear or ((moved & right & wrong).any() and not (moved & ~wrong).any()):
+                    new = f"{old} {'+' if sign > 0.0 else '-'} {text}"
+                    bits = self._bits(2 * len(terms) + 1)
+                    yield Pick(block, k, choice, bits, sign * values, "term", new, bool(linear))
+
+    # Terms that are solved for.
+
+    def _fits(self) -> Iterator[Pick]:
+        """Yield terms that are missing: what each has to be is solved for, and looked up."""
+        for block in sorted(self._blocks, key=lambda b: not b.rebuilds):  # constants are found fast
+            if not block.once or len(block.calls) < ROWS:
+                continue
+            for k, site in enumerate(block.sites):
+                if not site.fitted or self._over() or self.editor.is_right(site):
+                    continue
+                for values in self._solved(block, k):
+                    for text, bits in _written(block, site, values):
+                        bits += self._bits(1)
+                        kind = "value" if site.literal else "term"
+                        yield Pick(block, k, len(site.choices) - 1, float(bits), values, kind, text)
+
+    def _solved(self, block: Block, k: int) -> Iterator[Array]:
+        """Yield terms with which some values agree and none is spoiled, at the rows."""
+        pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, np.zeros(ROWS))
+        constant = self.editor.is_constant(block, k)
+        for used in self._groups(*self._slope(pick, _FEW), constant):
+            values = self._root(pick, used, constant)
+            if values is None:
+                continue
+            with self.editor.making(pick._replace(values=values)):
+                outputs = self.editor.outputs(block.reaches, ROWS)
+            if outputs is not None and self._helps(outputs):
+                yield values
+                return
+
+    def _groups(self, slope: Mapping[str, Array], rest: Mapping[str, Array], constant: bool) -> list[Wrong]:
+        """Return which values may be wrong because of one term: all that it moves, those of one function, ...
+
+        ... or those that lack the same of it, where something else is wrong as well.
+        """
+        used = {name: (np.abs(x) > 0.0).any(axis=0) & self._wrong[name] for name, x in slope.items()}
+        used = {name: mask for name, mask in used.items() if mask.any()}
+        if not used:
+            return []
+        groups: list[Wrong] = [used, *({n: mask} for n, mask in used.items() if len(used) > 1)]
+        alike: dict[tuple[Any, ...], list[tuple[str, int]]] = {}
+        for name, mask in used.items():
+            for k in np.flatnonzero(mask).tolist():
+                with np.errstate(all="ignore"):
+                    moves = rest[name][:, k] / slope[name][:, k]
+                same = not constant or bool(abs(np.ptp(moves)) <= 1e-6 * abs(moves[0]))
+                if np.isfinite(moves).all() and same:
+                    alike.setdefault(tuple(float(f"{x:.5g}") for x in moves), []).append((name, k))
+        count = sum(int(mask.sum()) for mask in used.values())
+        for members in sorted(alike.values(), key=len, reverse=True)[:2]:
+            if len(members) < count and (len(members) > 1 or constant):
+                masks = {name: np.zeros_like(used[name]) for name, _ in members}
+                for name, column in members:
+                    masks[name][column] = True
+                groups.append(masks)
+        return groups
+
+    def _slope(self, pick: Pick, rows: int) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return how much a term moves what the functions give, and what that lacks; nothing if they fail."""
+        assert pick.values is not None
+        with self.editor.making(pick):
+            here = self.editor.outputs(pick.block.reaches, rows)
+        with self.editor.making(pick._replace(values=pick.values + _NUDGE)):
+            there = self.editor.outputs(pick.block.reaches, rows)
+        if here is None or there is None:
+            return {}, {}
+        slope = {name: (there[name] - here[name]) / _NUDGE for name in here}
+        return slope, {name: self._targets[name].values[:rows] - here[name] for name in here}
+
+    def _root(self, pick: Pick, used: Wrong, constant: bool) -> Array | None:
+        """Return the term for which some values agree, by Gauss and Newton; None without one."""
+        values, near, before = np.zeros(ROWS), 0, np.inf
+        for step in range(_STEPS if constant else _STEPS // 2):
+            # One number shows at two states whether it is right.
+            rows = _FEW if constant or step == 0 else ROWS
+            slopes, rests = self._slope(pick._replace(values=values), rows)
+            if not slopes:
+                return None
+            slope, rest = (
+                np.concatenate([x[n][:, u] / self._targets[n].tolerance[u] for n, u in used.items()], axis=1)
+                for x in (slopes, rests)
+            )
+            near += bool(step) and bool(np.abs(rest).max() <= 1.0)
+            if near == _REFINED:
+                return values
+            left = float(np.linalg.norm(rest))
+            if step > 1 and not near and left > _SLOW * before:
+                return None
+            before = left if step else np.inf
+            if constant:
+                slope, rest = slope.reshape(1, -1), rest.reshape(1, -1)
+            size = np.einsum("ij,ij->i", slope, slope)
+            if not (size > 0.0).all():
+                return None
+            move = np.einsum("ij,ij->i", slope, rest) / size
+            if step == 0 and not constant and _apart(slope, rest, move):
+                return None
+            values = values.copy()
+            values[: None if constant else rows] += move
+        return None
+
+    # Two changes at once.
+
+    def _candidates(self) -> tuple[str, list[_Tried], Array, Array]:
+        """Return a function that differs, what was tried on it with the effects, and what it lacks."""
+        differing = [name for name, w in self._wrong.items() if w.any()]
+        count = {n: sum(n in one.effects for one in self._tried) for n in differing}
+        name = max(count, key=lambda n: count[n], default="")
+        if self._start is None or not count.get(name):
+            return name, [], np.zeros((0, 0)), np.zeros(0)
+        unit = 1e3 * self._targets[name].tolerance
+        last = _FEW - 1 if name == "potential_energy" else 0
+        lacking = (self._targets[name].values[last] - self._start[name][last]) / unit
+        tried = [one for one in self._tried if name in one.effects]
+        effects = np.stack([one.effects[name] / unit for one in tried])
+        size = np.abs(effects).max(axis=1)
+        good = (size > 0.0) & (size < _HUGE / unit.min())
+        return name, [one for one, g in zip(tried, good, strict=True) if g], effects[good], lacking
+
+    def pairs(self) -> Iterator[tuple[Pick, Pick]]:
+        """Yield the pairs of changes whose effects add up to what differs, the short ones first."""
+        _, tried, effects, lacking = self._candidates()
+        if len(tried) < 2:
+            return
+        from scipy.spatial import cKDTree  # half of the time of importing this package, and rarely needed
+
+        tree, found = cKDTree(effects), []
+        for i, near in enumerate(tree.query_ball_point(lacking - effects, 1e-2 * np.sqrt(len(lacking)))):
+            found += [(tried[i].pick.bits + tried[j].pick.bits, i, j) for j in near[:20] if i < j]
+        for _, i, j in sorted(found)[:50]:
+            if self._both(tried[i].pick, tried[j].pick):
+                yield tried[i].pick, tried[j].pick
+
+    def tried_pairs(self) -> Iterator[tuple[Pick, Pick]]:
+        """Yield the pairs of usual changes that make all agree, of those that touch nothing that is right."""
+        name, tried, effects, _ = self._candidates()
+        if len(tried) < 2:
+            return
+        right = ~self._wrong[name]
+        inside = np.abs(effects[:, right]).max(axis=1, initial=0.0) <= 1e-3
+        picks = [one.pick for one, i in zip(tried, inside, strict=True) if i and one.pick.kind in _USUAL]
+        rows = _FEW if name == "potential_energy" else 1
+        # In the order of the longer one of both.
+        for later, two in enumerate(picks):
+            for one in picks[:later]:
+                if self._over():
+                    return
+                with self.editor.making(one, two):
+                    outputs = self.editor.outputs([name], rows)
+                if outputs is not None and not self._away(name, outputs[name]).any() and self._both(one, two):
+                    yield one, two
+
+    def _both(self, one: Pick, two: Pick) -> bool:
+        """Tell whether two changes make all agree."""
+        if one.block is two.block and one.site == two.site:
+            return False
+        with self.editor.making(one, two):
+            outputs = self.editor.outputs(self._targets, ROWS)
+        return outputs is not None and not any(w.any() for w in self._off(outputs).values())
+
+
+def _apart(slope: Array, rest: Array, move: Array) -> bool:
+    """Tell whether one number can hardly explain what several values lack."""
+    left = np.linalg.norm(rest - move[:, np.newaxis] * slope, axis=1)
+    return bool((left > 0.5 * np.linalg.norm(rest, axis=1)).any())
+
+
+def _written(block: Block, site: Site, values: Array) -> Iterator[tuple[str, float]]:
+    """Yield what an expression has to be where a term of known values is missing in it."""
+    if isinstance(site.node, ast.Constant):
+        yield from _number(site, float(values[0])) if np.ptp(values) <= 1e-9 * np.abs(values).max() else ()
+        if site.literal or site.node.value != 0:
+            return
+    old = ast.unparse(site.node)
+    dictionary = block.dictionary
+    if found := dictionary.term(values):
+        yield _sum(old, found.text), found.bits
+        return
+    # A factor that all of it lacks, or one of its parts.
+    for part, sign in _parts(site.node):
+        now = block.values(ast.unparse(part))
+        if now is None or now.shape != values.shape:
+            continue
+        with np.errstate(all="ignore"):
+            factor = 1.0 + sign * values / now
+        if np.isfinite(factor).all() and (found := dictionary.term(factor)):
+            new = ast.BinOp(ast.parse(f"({found.text})", mode="eval").body, ast.Mult(), part)
+            yield ast.unparse(_with_part(site.node, part, new)), found.bits + 1.0
+            return
+        if part is site.node and (found := dictionary.term(now + values)):
+            yield found.text, found.bits + 2.0
+            return
+
+
+def _parts(node: ast.expr, sign: float = 1.0) -> Iterator[tuple[ast.expr, float]]:
+    """Yield the terms of a sum with their signs."""
+    yield node, sign
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+        yield from _parts(node.left, sign)
+        yield from _parts(node.right, sign if isinstance(node.op, ast.Add) else -sign)
+
+
+def _with_part(node: ast.expr, part: ast.expr, new: ast.expr) -> ast.expr:
+    """Return a sum with another term in place of one."""
+    if node is part:
+        return new
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+        return ast.BinOp(_with_part(node.left, part, new), node.op, _with_part(node.right, part, new))
+    return node
+
+
+def _sum(old: str, term: str) -> str:
+    """Return a sum as text."""
+    return f"{old} - {term.removeprefix('-')}" if term.startswith("-") else f"{old} + {term}"
+
+
+def _number(site: Site, change: float) -> Iterator[tuple[str, float]]:
+    """Yield another number in place of one: one in another unit, one of few digits."""
+    assert isinstance(site.node, ast.Constant)
+    old = float(site.node.value)  # type: ignore[arg-type]
+    new = old + change
+    text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-9 * abs(new))
+    if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in _GRAVITY:
+        return  # nothing has the other sign by chance, and gravity is what it is
+    if site.literal or len(text) <= 4:
+        yield text, _DIGIT_BITS * len(text.lstrip("-0.").replace(".", ""))
