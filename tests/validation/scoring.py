@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import mutants
+import numpy as np
 import textbooks
 from scipy.stats import beta
 
@@ -75,17 +76,37 @@ def summary(found: list[Outcome]) -> str:
     )
 
 
-if __name__ == "__main__":
-    which, count, seed, mistakes = sys.argv[1], *map(int, sys.argv[2:5])
-    groups = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN}
-    arms = groups.get(which, tuple(which.split(",")))
-    done = []
+def alarms(arm: str, count: int, seed: int) -> list[int]:
+    """Return the seeds of random numbers for which a right model does not agree with the robot of these."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, found = Path(folder) / f"{arm}.py", []
+        for k in np.random.default_rng([seed, *arm.encode()]).integers(2**31, size=count).tolist():
+            source = textbooks.text(arm, k)
+            path.write_text(source, encoding="utf-8")
+            if not validate(path, textbooks.robot(arm, source)).agrees:
+                found.append(k)
+    return found
+
+
+def main(which: str, count: int, seed: int, mistakes: int) -> None:
+    """Score random mistakes, or right models when there are none, and print what went wrong."""
+    groups = {"seen": textbooks.SEEN, "unseen": textbooks.UNSEEN, "all": tuple(textbooks.ARMS)}
+    done, wrong, arms = [], [], groups.get(which, tuple(which.split(",")))
     for arm in arms:
+        if not mistakes:
+            wrong += alarms(arm, count, seed)
+            print(arm, "false alarms:", share(len(wrong), count * (arms.index(arm) + 1)), flush=True)
+            continue
         for one in outcomes([arm], count, seed, mistakes):
             done.append(one)
             if not one.right:
-                print(
-                    arm, one.mutant.kinds, "named" if one.named else "not named", one.text[:300], flush=True
-                )
+                told = "named" if one.named else "not named"
+                print(arm, one.mutant.kinds, told, one.text[:300], flush=True)
         print(arm, sum(o.right for o in done), "of", len(done), flush=True)
-    print(summary(done))
+    if done:
+        print(summary(done))
+
+
+if __name__ == "__main__":
+    # Arms or a group of them, mistakes (or sets of numbers) of each, seed, mistakes at once (0: none).
+    main(sys.argv[1], *map(int, sys.argv[2:5]))
