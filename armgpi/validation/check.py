@@ -13,9 +13,10 @@ from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
-from armgpi.validation import laws, repair, samples
+from armgpi.validation import laws, recursion, repair, samples
 from armgpi.validation.conventions import declared
 from armgpi.validation.diagnose import Cause, Vary, diagnose
+from armgpi.validation.edits import ROWS
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
@@ -147,7 +148,9 @@ def _compare(
     causes: list[Cause] = []
     repaired = None
     if not all(one.agrees for one in seen):
-        causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
+        way, told = _way(worker, problem, states)
+        notes = [*notes, *told]
+        causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows, way)
     functions = tuple(_diagnosed(one, causes) for one in seen)
     return DynamicsReport(
         worker.name,
@@ -170,16 +173,27 @@ def _causes(
     states: States,
     sampled: Mapping[str, Sampled],
     follows: Mapping[str, tuple[str, Mask]],
+    way: Array | None,
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
     references = {name: _reference(robot, problem, name, states) for name in sampled}
-    found, searched = repair.search(model, worker, states, problem, references)
+    found, searched = repair.search(model, worker, states, problem, references, way)
     if found is not None and worker.source is not None:
         return list(repair.causes(found, worker.source, problem)), found.source
     if problem.agreeing.all():  # not even quadratic in v, which no element shows
         return [], None
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
     return diagnose(problem, follows, vary, searched), None
+
+
+def _way(worker: Worker, problem: Problem, states: States) -> tuple[Array | None, list[str]]:
+    """Return what the robot has on the way of a recursion, and what first differs there, as a note."""
+    if "recursion" not in worker.functions:
+        return None, []
+    few = [x[:ROWS] for x in (states.q, states.v, states.a)]
+    seen = samples.call(worker, "recursion", *few)
+    robot = recursion.reference(problem.tree, few[0], few[1], few[2], seen)
+    return robot, [str(one) for one in list(recursion.differences(seen, robot))[:1]]
 
 
 def name_of(model: Any) -> str:

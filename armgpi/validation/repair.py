@@ -21,9 +21,17 @@ from armgpi.validation.worker import Worker
 
 
 def search(
-    model: Any, worker: Worker, states: States, problem: Problem, references: Mapping[str, Array]
+    model: Any,
+    worker: Worker,
+    states: States,
+    problem: Problem,
+    references: Mapping[str, Array],
+    way: Array | None = None,
 ) -> tuple[Repaired | None, bool]:
-    """Return the changes of the source with which a copy of the model agrees, and whether it was searched."""
+    """Return the changes of the source with which a copy of the model agrees, and whether it was searched.
+
+    `way` is what the robot has on the way of a recursion, (rows, 5, n), for a model that tells of that.
+    """
     if worker.source is None:
         return None, False
     few = States(*(x[:ROWS] for x in states))
@@ -40,6 +48,11 @@ def search(
             best = np.einsum("Nijk,Nk->Nij", H, few.v).reshape(len(few.q), -1)
         # At least what rounding leaves: an output that must be zero is compared with the others.
         targets[name] = Target(arguments, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
+    if way is not None:
+        flat = way[:ROWS, :4].reshape(ROWS, -1)
+        size = max(float(np.abs(flat).max()), 1e-3)
+        tolerance = np.full(flat.shape[1], 1e-8 * size)
+        targets["recursion"] = Target((few.q, few.v, few.a), flat, tolerance, soft=True)
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
         searched, found = copy.search(targets, known)

@@ -181,6 +181,10 @@ class _Trials:
     def _off(self, outputs: Mapping[str, Array]) -> Wrong:
         return {name: self._away(name, values).any(axis=0) for name, values in outputs.items()}
 
+    def _matters(self, off: Wrong) -> bool:
+        """Tell whether something differs that makes a model wrong."""
+        return any(w.any() and not self._targets[name].soft for name, w in off.items())
+
     def steps(self) -> list[_Step]:
         """Return the changes that make all agree, else those that make the most agree; the best first."""
         if self._start is None:
@@ -247,7 +251,7 @@ class _Trials:
         if outputs is None or not self._helps(outputs):
             return None
         off = {**self._wrong, **self._off(outputs)}
-        left = sum(int(w.sum()) for w in off.values())
+        left = sum(int(w.sum()) for w in off.values()) if self._matters(off) else 0
         if left:
             alike = b"".join(
                 (x / self._targets[n].tolerance * 1e-3).round().tobytes() for n, x in outputs.items()
@@ -428,7 +432,7 @@ class _Trials:
 
     def _candidates(self) -> tuple[str, list[_Tried], Array, Array]:
         """Return a function that differs, what was tried on it with the effects, and what it lacks."""
-        differing = [name for name, w in self._wrong.items() if w.any()]
+        differing = [n for n, w in self._wrong.items() if w.any() and not self._targets[n].soft]
         count = {n: sum(n in one.effects for one in self._tried) for n in differing}
         name = max(count, key=lambda n: count[n], default="")
         if self._start is None or not count.get(name):
@@ -481,7 +485,7 @@ class _Trials:
             return False
         with self.editor.making(one, two):
             outputs = self.editor.outputs(self._targets, ROWS)
-        return outputs is not None and not any(w.any() for w in self._off(outputs).values())
+        return outputs is not None and not self._matters(self._off(outputs))
 
 
 def _apart(slope: Array, rest: Array, move: Array) -> bool:
