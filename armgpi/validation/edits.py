@@ -179,6 +179,7 @@ class Block:
         self.terms: list[Any] = []
         self.reaches: set[str] = set()
         self.scope = Scope({})
+        self._dictionaries: dict[frozenset[str], Dictionary] = {}
 
     def compiled(self, path: str, arguments: tuple[str, ...]) -> CodeType:
         """Compile every alternative of every expression behind its switch."""
@@ -206,7 +207,8 @@ class Block:
             return new
         if isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
             return new
-        choices = list(alternatives(node, parent, self.scope))
+        later = self.later(node.lineno)
+        choices = [one for one in alternatives(node, parent, self.scope) if not later & _used(one[1])]
         literal = self.literals.get(node, "")
         if literal and isinstance(node, ast.Constant) and isinstance(node.value, float):
             choices += [("unit", ast.Constant(float(f"{node.value * unit:.12g}"))) for unit in _UNITS]
@@ -238,12 +240,30 @@ class Block:
         return ast.IfExp(at, among(0, len(choices)), new)
 
     @cached_property
-    def dictionary(self) -> Dictionary:
-        """The products of names that can be written in this block."""
+    def _first(self) -> dict[str, int]:
+        """The line in which each name of the block is assigned first."""
+        names = [n for s in self.body for n in ast.walk(s) if isinstance(n, ast.Name)]
+        stored = [(n.lineno, n.id) for n in names if isinstance(n.ctx, ast.Store)]
+        return {name: line for line, name in sorted(stored, reverse=True)}
+
+    def later(self, line: int) -> frozenset[str]:
+        """Return the names that have no value before a line."""
+        return frozenset(name for name, first in self._first.items() if first >= line)
+
+    def dictionary(self, line: int) -> Dictionary:
+        """Return the products of names that can be written in a line of this block."""
+        later = self.later(line)
+        if later not in self._dictionaries:
+            self._dictionaries[later] = self._products(later)
+        return self._dictionaries[later]
+
+    def _products(self, later: frozenset[str]) -> Dictionary:
+        """Return the products of all names but some."""
         texts = [name for name, kind in self.scope.kinds.items() if kind == "float"]
         constants, states = {}, {}
         for text in dict.fromkeys([*texts, *map(ast.unparse, (*self.scope.scalars, *self.scope.items))]):
-            values = self.values(text)
+            known = not later or not later & _used(ast.parse(text))
+            values = self.values(text) if known else None
             if values is None or values.ndim > 1:
                 continue
             if np.ptp(values) == 0.0:
@@ -289,6 +309,11 @@ def _literals(tree: ast.AST) -> dict[ast.AST, str]:
             found += [(str(k.value), v) for k, v in keys if isinstance(k, ast.Constant)]
     inner = [(name, v.operand if isinstance(v, ast.UnaryOp) else v) for name, v in found]
     return {v: name for name, v in inner if isinstance(v, ast.Constant) and not _is_text(v)}
+
+
+def _used(node: ast.AST) -> set[str]:
+    """Return the names in an expression."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
 
 
 def _is_text(node: ast.expr) -> bool:

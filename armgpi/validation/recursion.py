@@ -85,6 +85,7 @@ def reference(tree: Tree, q: Array, v: Array, a: Array, seen: Array) -> Array:
     plain, moments, levers = np.zeros((len(q), tree.n)), *np.zeros((2, len(q), tree.n, 3))
     for row, state in enumerate(zip(q, v, a, strict=True)):
         pin.rnea(model, data, *state)
+        pin.forwardKinematics(model, data, state[0])  # where the frames stand, which rnea leaves out
         for i, body in enumerate(tree.bodies):
             speed, push, wrench = data.v[i + 1], data.a_gf[i + 1], data.f[i + 1]
             w, dw = speed.angular, push.angular

@@ -192,8 +192,7 @@ class _Trials:
         picks = self._picks({name for name, w in self._wrong.items() if w.any()})
         usual = [pick for pick in picks if pick.kind in _USUAL or pick.sure]
         others = [pick for pick in picks if pick.kind not in _USUAL and not pick.sure]
-        found: list[_Step] = []
-        seen: set[bytes] = set()
+        found: dict[Any, _Step] = {}
         # From what is tried fast to what takes long.
         for more in (
             self._helpful(usual, first=True),
@@ -202,16 +201,16 @@ class _Trials:
             self._helpful(picks, first=False),
         ):
             for pick in more:
-                step = self._step(pick, seen)
+                step, does = self._step(pick)
                 if step is not None:
-                    found.append(step)
+                    # Of those that do the same the shortest one.
+                    found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
                     # The others have longer descriptions.
                     if not step.left and not step.ugly and pick.kind in _USUAL:
                         break
-            found.sort(key=lambda step: step[:3])
-            if found and not found[0].left:
+            if any(not step.left for step in found.values()):
                 break
-        return found
+        return sorted(found.values(), key=lambda step: step[:3])
 
     def _helpful(self, picks: list[Pick], first: bool) -> Iterator[Pick]:
         """Yield the changes that make values agree and spoil none, at the first state.
@@ -244,22 +243,18 @@ class _Trials:
         spoiled = any((off[name] & ~self._wrong[name]).any() for name in off)
         return not spoiled and any((self._wrong[name] & ~off[name]).any() for name in off)
 
-    def _step(self, pick: Pick, seen: set[bytes]) -> _Step | None:
-        """Return how good a change is at all states; None when it does not help, or as others that do."""
+    def _step(self, pick: Pick) -> tuple[_Step | None, Any]:
+        """Return how good a change is at all states, None when it does not help; and what it does."""
         with self.editor.making(pick):
             outputs = self.editor.outputs(pick.block.reaches, ROWS)
         if outputs is None or not self._helps(outputs):
-            return None
+            return None, None
         off = {**self._wrong, **self._off(outputs)}
         left = sum(int(w.sum()) for w in off.values()) if self._matters(off) else 0
-        if left:
-            alike = b"".join(
-                (x / self._targets[n].tolerance * 1e-3).round().tobytes() for n, x in outputs.items()
-            )
-            if alike in seen:
-                return None
-            seen.add(alike)
-        return _Step(left, self._ugly(pick), pick.bits, pick)
+        units = {name: 1e3 * self._targets[name].tolerance for name in outputs}
+        does = tuple((x / units[name]).round().tobytes() for name, x in sorted(outputs.items()))
+        # Those with which all agree are kept: their sources are tried one after the other.
+        return _Step(left, self._ugly(pick), pick.bits, pick), does if left else id(pick)
 
     def _ugly(self, pick: Pick) -> bool:
         """Tell whether a change leaves a matrix that is right in its product with v alone."""
@@ -501,7 +496,7 @@ def _written(block: Block, site: Site, values: Array) -> Iterator[tuple[str, flo
         if site.literal or site.node.value != 0:
             return
     old = ast.unparse(site.node)
-    dictionary = block.dictionary
+    dictionary = block.dictionary(site.node.lineno)
     if found := dictionary.term(values):
         yield _sum(old, found.text), found.bits
         return
