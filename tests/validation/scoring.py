@@ -54,10 +54,15 @@ def outcomes(arms: Iterable[str], count: int, seed: int, mistakes: int = 1) -> l
         return [outcome(mutant, Path(folder)) for mutant in drawn]
 
 
-def share(k: int, n: int) -> str:
-    """Return "k of n" with the interval of Clopper and Pearson at 95 %."""
+def interval(k: int, n: int) -> tuple[float, float]:
+    """Return the interval of Clopper and Pearson at 95 % of a share k of n."""
     low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
+    return low, float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
+
+
+def share(k: int, n: int) -> str:
+    """Return "k of n" with its interval."""
+    low, high = interval(k, n)
     return f"{k} of {n}, {100 * k / max(n, 1):.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
 
 

@@ -11,7 +11,7 @@ import pytest
 import textbooks
 from hand_models import in_coordinates, planar
 from mutants import same
-from scoring import outcomes, summary
+from scoring import alarms, interval, outcomes, summary
 
 from armgpi import errors, testing, validate
 from armgpi.validation import edits
@@ -239,27 +239,29 @@ def test_a_source_is_changed_where_it_has_to_be() -> None:
 
 # What is measured: `make search` draws new mistakes and numbers.
 
+#: Mistakes at once -> how many are drawn per arm, and the lower bounds of what docs/validate.md measured:
+#: of the names that are right, and of the mistakes that are named rightly.
+MEASURED = {1: (4, 0.9, 0.8), 2: (2, 0.9, 0.5)}
+
 
 @pytest.mark.search
-@pytest.mark.timeout(7200)
-@pytest.mark.parametrize(("mistakes", "precision", "recall"), [(1, 0.97, 0.9), (2, 0.9, 0.8)])
-def test_mistakes_in_arms_that_nobody_had_seen_are_named(
-    mistakes: int, precision: float, recall: float
-) -> None:
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("mistakes", MEASURED)
+def test_mistakes_in_arms_that_nobody_had_seen_are_named(mistakes: int) -> None:
+    count, precision, recall = MEASURED[mistakes]
     seed = int.from_bytes(os.urandom(4), "big")
-    found = outcomes(textbooks.UNSEEN, 20 // mistakes, seed, mistakes)
+    found = outcomes(textbooks.UNSEEN, count, seed, mistakes)
     text = f"seed {seed}\n{summary(found)}"
     print(text)
     assert all(one.found and one.proved for one in found), text
     right, named = sum(one.right for one in found), sum(one.named for one in found)
-    assert right >= precision * named, text
-    assert right >= recall * len(found), text
+    # Few draws say little: they must not be worse than what was measured.
+    assert interval(right, named)[1] >= precision, text
+    assert interval(right, len(found))[1] >= recall, text
 
 
 @pytest.mark.search
-@pytest.mark.timeout(7200)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("arm", textbooks.ARMS)
-def test_random_numbers_raise_no_alarm(arm: str, tmp_path: Path) -> None:
-    for seed in np.random.default_rng().integers(2**31, size=50).tolist():
-        source = textbooks.text(arm, seed)
-        assert validate(written(tmp_path, source), textbooks.robot(arm, source)).agrees, seed
+def test_random_numbers_raise_no_alarm(arm: str) -> None:
+    assert alarms(arm, 10, int.from_bytes(os.urandom(4), "big")) == []
