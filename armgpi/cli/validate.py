@@ -109,7 +109,6 @@ def validate(
     armgpi validate my_arm.py --suggest-urdf my_arm.urdf
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.validation.check import validate as validated
-    from armgpi.validation.skeleton import suggest_urdf as suggested
 
     if robot is None and (lock or keep or frame or absolute or from_vertical or rotor_inertia):
         told = "--lock, --keep, --frame, --absolute, --from-vertical and --rotor-inertia are about it"
@@ -136,6 +135,8 @@ def validate(
         say(report.to_json() if as_json else str(report), lines=True)
         _write(report, {"html": html, "markdown": markdown, "latex": latex})
         if suggest_urdf is not None:
+            from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
+
             suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
             write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
             say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
