@@ -116,6 +116,7 @@ class Change(NamedTuple):
         where: the function that it is in, "" for the module itself.
         name: of a number that has one, else "".
         bits: how long its description is.
+        reaches: the model's functions that depend on it.
     """
 
     kind: str
@@ -125,6 +126,7 @@ class Change(NamedTuple):
     where: str
     name: str
     bits: float
+    reaches: frozenset[str] = frozenset()
 
 
 def patched(source: str, changes: tuple[Change, ...]) -> str:
@@ -616,7 +618,8 @@ class Editor:
         span = (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
         old = ast.get_source_segment(self.source, node) or ast.unparse(node)
         text = pick.new or ast.unparse(new)
-        change = Change(pick.kind or kind, span, old, text, pick.block.name, site.literal, float(pick.bits))
+        where = (pick.block.name, site.literal, float(pick.bits), frozenset(pick.block.reaches))
+        change = Change(pick.kind or kind, span, old, text, *where)
         # Brackets where the new expression would not hold together.
         safe = change._replace(new=f"({text})")
         plain, bracketed = (patched(self.source, (one,)) for one in (change, safe))

@@ -101,10 +101,11 @@ _WRONG = {
 
 def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
     """Yield the mistakes that a repair undoes."""
-    elements = tuple(problem.elements[k] for k in np.flatnonzero(~problem.agreeing))
-    scope = "elements" if len(elements) <= _FEW else "model"
+    differing = tuple(problem.elements[k] for k in np.flatnonzero(~problem.agreeing))
+    scope = "elements" if len(differing) <= _FEW else "model"
     before, after = source.splitlines(), repair.source.splitlines()
     for change in repair.changes:
+        elements = tuple(one for one in differing if one.function in change.reaches) or differing
         first, _, last, _ = change.span
         line = f"line {first}" + (f", in {change.where}" if change.where else "")
         value = expected = None

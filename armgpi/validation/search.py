@@ -115,11 +115,21 @@ def repaired(
             share = now + (until - now) / (len(going_on) - k)
             rest = repaired(made[1], again, targets, known, share, most - 1)
             if rest is not None:
-                one = Repaired(made[0].changes + rest.changes, rest.source)
+                one = Repaired((*made[0].changes, *_before(rest.changes, made[0].changes[0])), rest.source)
                 best = one if best is None or one.bits < best.bits else best
                 if best.bits <= trials.usual:
                     break
     return best or trials.first_that_agrees(trials.tried_pairs())
+
+
+def _before(changes: tuple[Change, ...], first: Change) -> Iterator[Change]:
+    """Yield changes of a changed source with the lines that they had before the first change."""
+    begins, _, ends, _ = first.span
+    gone = ends - begins - first.new.count("\n")
+    for change in changes:
+        line, start, last, end = change.span
+        shift = gone if line > begins else 0
+        yield change._replace(span=(line + shift, start, last + shift, end))
 
 
 class _Step(NamedTuple):

@@ -88,6 +88,22 @@ def test_a_mistake_of_a_free_value_is_no_longer_named_by_one() -> None:
     assert any("strength of gravity: 8.77" in text for text in cause.alternatives)
 
 
+def test_two_mistakes_are_named_each_in_its_line_and_function(tmp_path: Path) -> None:
+    right = textbooks.text("rrr_christoffel")
+    wrong = right.replace("+ Ix2 * s2**2", "- Ix2 * s2**2", 1).replace(
+        "m3 * g * lc3 * c23]", "m3 * lc3 * c23]", 1
+    )
+    report = validate(written(tmp_path, wrong), textbooks.robot("rrr_christoffel", right))
+    assert report.repaired is not None
+    assert same(report.repaired, right, 99)
+    lines = wrong.splitlines()
+    inertia, gravity = sorted(report.causes, key=lambda cause: cause.line or 0)
+    assert "Ix2" in lines[(inertia.line or 0) - 1]
+    assert "lc3 * c23]" in lines[(gravity.line or 0) - 1]
+    assert {one.function for one in inertia.elements} == {"mass_matrix"}
+    assert {one.function for one in gravity.elements} == {"gravity"}
+
+
 # Conventions.
 
 REST = np.array([[1.0, 0.0], [-1.0, 1.0]])  # angles of the robot from absolute ones
