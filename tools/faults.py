@@ -140,7 +140,7 @@ def exported(name: str, gravity: str, given: tuple[tuple[str, Any], ...]) -> Exp
     """Return the controller as exported C, which takes a tenth of the time of Python."""
     robot = robot_of(name, gravity)
     supervisor = Supervisor(resolution=robot.encoder_count(BITS), **dict(given))
-    return ExportedController.of(GPI(robot, DT), supervisor=supervisor)
+    return ExportedController.of(GPI.untuned(robot, DT, bits=BITS), supervisor=supervisor)
 
 
 @cache
@@ -241,11 +241,32 @@ def own_bounds(matrix: Matrix, rated: list[Outcome]) -> list[Row]:
     return rows
 
 
+def least(name: str, seconds: float = 0.5) -> tuple[float, float]:
+    """Return how far a joint whose motor is dead travels, by itself and under the best of all laws [rad].
+
+    Without gravity and friction nothing but the other joints changes its share of momentum, (D v)_j. To first
+    order, D as it is when the motor dies: where the others end d_k away, it ends
+    ((D v)_j t - sum of D_jk d_k) / D_jj away. Each of them ends near where it was, or near its move: a law
+    that lets all joints travel by T moves this one by T times the sum of |D_jk| / D_jj at most.
+    """
+    robot = robot_of(name, "robot")
+    reference, begin = move_of(robot, rest=False)
+    now, later = reference.at(begin * DT), reference.at(begin * DT + seconds)
+    row, ahead, others = robot.mass_matrix(now.q)[1], later.q - now.q, np.arange(robot.n) != 1
+    misses = []
+    for on_its_way in np.ndindex(*(2,) * (robot.n - 1)):
+        moved = row[others] @ (on_its_way * ahead[others])
+        there = (row @ now.v * seconds - moved) / row[1]
+        misses.append(min(abs(there), abs(there - ahead[1])))
+    return min(misses), min(misses) / (1.0 + np.abs(row[others]).sum() / row[1])
+
+
 def page(matrix: Matrix, torques: Matrix, kept: list[Row]) -> str:
     """Return the page."""
     head = Path(__file__).with_suffix(".head.md").read_text(encoding="utf-8").rstrip("\n")
     table = "\n".join(["| bound | measured | |", "|---|---|---|", *map(str, kept)])
-    parts = [head.replace("BOUNDS", table)]
+    known = ", ".join(f"{name} {least(name)[1]:.3f}" for name in ARMS)
+    parts = [head.replace("BOUNDS", table).replace("LEAST", known)]
     heads = "| fault | after a second | travel [rad] | peak speed [rad/s] | at rest after |"
     heads += "\n|---|---|---|---|---|"
     for name in ARMS:

@@ -45,7 +45,7 @@ _COMPARISON = {
 }
 #: Of CasADi's numbers of operations, none.
 _SELECT = -1
-_LOGIC = {ca.OP_AND: "{0} & {1}", ca.OP_OR: "{0} | {1}", ca.OP_NOT: "v_not({0})"}
+_LOGIC = {ca.OP_AND: "v_and({0}, {1})", ca.OP_OR: "v_or({0}, {1})", ca.OP_NOT: "v_not({0})"}
 
 
 @dataclass

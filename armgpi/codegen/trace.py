@@ -27,7 +27,9 @@ from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
+from armgpi.control.controller import ControlStep
 from armgpi.control.splines import BSplineBasis
+from armgpi.control.supervisor import Supervised
 from armgpi.control.weights import Weights
 from armgpi.loop.running import Running, Sums
 from armgpi.parameter import parameters
@@ -153,6 +155,8 @@ class Trace:
         summed: expressions of the sums after a sample.
         early: expressions of them before the last seconds; a symbol of `sums` where nothing changes.
         places: of the parameters, shared and own, among all that the loop has.
+        usual: the same sample where its controller's usual step will do; see :meth:`Supervised.usual`.
+        holds: of that one: what has to hold before it is taken, and after it.
     """
 
     n: int
@@ -173,6 +177,8 @@ class Trace:
     summed: list[Any] = field(default_factory=list)
     early: list[Any] = field(default_factory=list)
     places: tuple[list[int], list[int]] = ([], [])
+    usual: Trace | None = None
+    holds: list[Any] = field(default_factory=list)
 
 
 class Tracer:
@@ -656,6 +662,31 @@ def trace(loop: Any, state: Any, signals: bool, running: Running | None = None) 
     Raises:
         NotElementwise: when the loop does what has no expression.
     """
+    result = _one_sample(loop, state, signals, running)
+    if isinstance(loop.controller, Supervised):
+        result.usual = _one_sample(loop, state, signals, running, usual=True)
+    return result
+
+
+class _Usual:
+    """A supervised controller whose step is the usual one."""
+
+    def __init__(self, controller: Supervised, holds: list[Any]) -> None:
+        self._controller, self._holds = controller, holds
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the controller has."""
+        return getattr(self._controller, name)
+
+    def step(self, measurement: Any, target: Target, state: Any) -> ControlStep:
+        """Return torque and next state, and note what has to hold."""
+        before, after, made = self._controller.usual(measurement, target, state)
+        self._holds += [flat(before)[0], flat(after)[0]]
+        return made
+
+
+def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool = False) -> Trace:
+    """Return a sample of a loop as expressions."""
     n = loop.plant.robot.n
     result = Trace(n, k=ca.SX.sym("k"))
     rollouts = loop.true_state(state).q.shape[:-1]
@@ -675,7 +706,7 @@ def trace(loop: Any, state: Any, signals: bool, running: Running | None = None) 
     before = unflatten(parts, [place(leaf.value) for leaf in numbers(parts)])
     result.values.start = columns(parts, rollouts)
     with tracer.unchanged():
-        result.recorded = _sampled(loop, before, tracer, result, signals)
+        result.recorded = _sampled(loop, before, tracer, result, running, signals, usual)
     if running is not None:
         _add_up(tracer(running), result)
     return result
@@ -711,11 +742,15 @@ def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
     return shape[1:] if rollouts and len(shape) > 1 else shape
 
 
-def _sampled(loop: Any, before: Any, tracer: Tracer, result: Trace, signals: bool) -> dict[str, list[Any]]:
+def _sampled(
+    loop: Any, before: Any, tracer: Tracer, result: Trace, running: Any, signals: bool, usual: bool
+) -> dict[str, list[Any]]:
     """Take one sample with symbols: note the state after it, and return what is recorded."""
     n = result.n
     looked = copy.copy(loop)  # the loop's own code takes the sample, with traced parts in it
     looked.plant, looked.controller = tracer(loop.plant), tracer(loop.controller)
+    if usual:
+        looked.controller = _Usual(looked.controller, result.holds)
     target = _target(loop, tracer, result)
     plant, controller, measured, tau = looked._sample(*before, target)
     # Torque is known only after the step: saturation and rate limits are part of it.
@@ -730,8 +765,9 @@ def _sampled(loop: Any, before: Any, tracer: Tracer, result: Trace, signals: boo
         "q_ref": target.q,
         "v_ref": target.v,
     }
-    if signals:
-        recorded.update(looked.controller.signals(controller))
+    if running is None:
+        said = looked.controller.signals if signals else looked.controller.reported
+        recorded.update(said(controller))
     return {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
 
 

@@ -30,6 +30,9 @@ typedef __mmask8 M;
 #define v_le(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_LE_OQ)
 #define v_eq(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_EQ_OQ)
 #define v_ne(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_NEQ_UQ)
+/* By name: compilers take & to another kind of register, and back. */
+#define v_and(a, b) _kand_mask8(a, b)
+#define v_or(a, b) _kor_mask8(a, b)
 #define v_not(m) ((M)~(m))
 static inline V v_only(M m, V x) { return (V)_mm512_maskz_mov_pd(m, (__m512d)x); }
 static inline V v_select(M m, V x, V y) { return (V)_mm512_mask_blend_pd(m, (__m512d)y, (__m512d)x); }
@@ -46,6 +49,8 @@ static inline M v_holding(const int *flags)
 static inline V v_lower(V a, V b) { return (V)_mm512_min_pd((__m512d)b, (__m512d)a); }
 static inline V v_upper(V a, V b) { return (V)_mm512_max_pd((__m512d)b, (__m512d)a); }
 #else
+#define v_and(a, b) ((a) & (b))
+#define v_or(a, b) ((a) | (b))
 #if LANES > 1
 typedef int64_t M __attribute__((vector_size(8 * LANES)));
 #define v_not(m) (~(m))

@@ -75,6 +75,7 @@ void run(const Job *job, int64_t first, int64_t last)
         V sums[2][NA + 1];
         /* Both: before the last seconds their sums are not written. */
         for (int i = 0; i < 2 && NA; ++i) memcpy(sums[i], job->sums + block * NA * LANES, NA * sizeof(V));
+        int usual = 0; /* of the last two samples, which were usual: a bit each */
         int turn = 0; /* the two states take turns, as the sample reads one while it writes the other */
         for (int64_t k = job->k0; k < job->k1; ++k, turn ^= 1) {
             V held[NR];
@@ -85,7 +86,9 @@ void run(const Job *job, int64_t first, int64_t last)
                 else table[i] = v_set(job->table[at]);
             }
             draw(job->draws, job->seeds + block * LANES, job->padded, k, u);
-            sample(state[turn], state[turn ^ 1], job->shared, own, table, u, v_set((double)k), now);
+            const int took = sample(state[turn], state[turn ^ 1], job->shared, own, table, u, v_set((double)k),
+                now, usual == 3);
+            usual = (usual << 1 | took) & 3;
             if (job->final) memcpy(now + HELD * N, held + HELD * N, (VARIABLES - HELD) * N * sizeof(V));
             /* The rule of armgpi.loop.runner.in_control; what is NaN is not <= anything. */
             M good = running;

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import json
+import re
 from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any, NamedTuple
 
 import casadi as ca
 
-from armgpi.codegen.emit import Dialect, straight_line
+from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.trace import Seed, Trace, trace
 from armgpi.loop.running import Running
@@ -73,28 +74,29 @@ def recorded_names(traced: Trace) -> list[str]:
 def trace_used(loop: Any, state: Any, signals: bool, running: Running | None = None) -> Trace:
     """Return one sample of a loop, with the parameters that it uses alone; see :func:`trace`."""
     traced = trace(loop, state, signals, running)
-    expressions = [
-        *traced.after,
-        *traced.summed,
-        *(x for call in traced.calls for x in call.arguments),
-        *(x for xs in traced.recorded.values() for x in xs),
-    ]
+    forms = [traced] if traced.usual is None else [traced, traced.usual]
+    expressions = [x for form in forms for x in (*form.after, *form.summed, *form.holds)]
+    expressions += [x for form in forms for xs in form.recorded.values() for x in xs]
+    calls = [call for form in forms for call in form.calls]
+    expressions += [x for call in calls for x in call.arguments]
     used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
-    for call in traced.calls:
+    for call in calls:
         used.update(map(str, call.parameters))
-    traced.places = tuple(  # type: ignore[assignment]
+    places = [
         [i for i, symbol in enumerate(symbols) if str(symbol) in used]
         for symbols in (traced.shared, traced.own)
-    )
-    shared, own = traced.places
-    traced.shared, traced.own = [traced.shared[i] for i in shared], [traced.own[i] for i in own]
+    ]
+    for form in forms:  # both have the same parameters, in the same order
+        shared, own = form.places = places[0], places[1]
+        form.shared, form.own = [form.shared[i] for i in shared], [form.own[i] for i in own]
     return traced
 
 
 def source(traced: Trace, lanes: int) -> str:
     """Return the C of a closed loop, whole; no number of :class:`armgpi.codegen.trace.Values` is in it."""
     dialect = Dialect()
-    kernels = {call.kernel.name: call.kernel for call in traced.calls}
+    calls = [*traced.calls, *(traced.usual.calls if traced.usual else ())]
+    kernels = {call.kernel.name: call.kernel for call in calls}
     parts = [f"const char *const layout = {json.dumps(json.dumps(layout(traced)))};"]
     parts += [f"#define {name} {value}" for name, value in sizes(traced, lanes).items()]
     parts.append(library_text("lanes.h"))
@@ -137,8 +139,47 @@ def function(kernel: Kernel, dialect: Dialect) -> list[str]:
     ]
 
 
+#: The arguments of a sample, and their names.
+_ARGUMENTS = """const V *restrict s, V *restrict z, const double *p,
+    const V *o, const V *t, const V *u, V k, V *restrict r, int kept"""
+_GIVEN = "s, z, p, o, t, u, k, r, kept"
+#: A line that writes what is always the same.
+_CONSTANT = re.compile(r"[zr]\[\d+\] = v_set\([^a-z]*\);")
+
+
 def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
-    """Return the lines of the function that takes one sample."""
+    """Return the lines of the function that takes one sample, and tells whether it was a usual one."""
+    head = "static __attribute__((noinline)) int"
+    form = traced.usual
+    if form is None:
+        return [f"{head} sample({_ARGUMENTS})", "{", *_lines(traced, names, dialect), "return 0;", "}"]
+    lines = _lines(form, names, dialect)
+    constant = [line for line in lines if _CONSTANT.fullmatch(line)]
+    # Bits do not change: what is left out decides nothing where all that is asked holds, in every lane.
+    return [
+        f"{head} usual({_ARGUMENTS})",
+        "{",
+        *(line for line in lines if not _CONSTANT.fullmatch(line)),
+        # What is always the same is there after two usual samples: two states take turns.
+        "if (!kept) {",
+        *constant,
+        "}",
+        "return !v_any(v_ne(after, v_set(1.0)));",
+        "}",
+        f"{head} whole({_ARGUMENTS})",
+        "{",
+        *_lines(traced, names, dialect),
+        "return 0;",
+        "}",
+        f"static inline int sample({_ARGUMENTS})",
+        "{",
+        f"return usual({_GIVEN}) || whole({_GIVEN});",
+        "}",
+    ]
+
+
+def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
+    """Return the lines that take one sample."""
     own = {str(symbol): i for i, symbol in enumerate(traced.own)}
 
     def used(i: int, call: Call) -> list[str]:
@@ -152,25 +193,24 @@ def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         used,
     )
     recorded = [x for name in names for x in traced.recorded[name]]
+    targets = [*_numbered("z", traced.after), *_numbered("r", recorded)]
+    outputs = [*calls.outputs, *traced.after, *recorded, *traced.holds]
+    sites = calls.sites
+    if traced.holds:
+        refused = "if (v_any(v_ne(before, v_set(1.0)))) return 0;"
+        sites = [CallSite((len(outputs) - 2, len(outputs) - 1), (), [refused]), *sites]
     lines = straight_line(
         [*_inputs(traced), *calls.inputs],
-        [*calls.outputs, *traced.after, *recorded],
-        [*calls.targets, *_numbered("z", traced.after), *_numbered("r", recorded)],
+        outputs,
+        [*calls.targets, *targets, *[f"const V {name}" for name in ("before", "after")[: len(traced.holds)]]],
         dialect,
-        calls.sites,
-        [*calls.order, *traced.joints, *(i % traced.n for i in range(len(recorded)))],
+        sites,
+        [*calls.order, *traced.joints, *(i % traced.n for i in range(len(outputs)))],
     ).lines
     buffers = [
         f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];" for i, call in enumerate(traced.calls)
     ]
-    return [
-        "static __attribute__((noinline)) void sample(const V *restrict s, V *restrict z, const double *p,",
-        "    const V *o, const V *t, const V *u, V k, V *restrict r)",
-        "{",
-        *buffers,
-        *lines,
-        "}",
-    ]
+    return [*buffers, *lines]
 
 
 def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:

@@ -78,6 +78,7 @@ class Controller(Parametrised, ABC):
         "_floor": "lower torque limits [N m or N]",
         "inertia_scale": "factor of all masses and inertias [-]",
     }
+    _unlimited: ClassVar[bool] = False
 
     robot: AnyRobot = field()
     dt: float = parameter("sample time", unit="s", least=1e-9, in_file=False, structural=True)
@@ -171,6 +172,8 @@ class Controller(Parametrised, ABC):
         Returns:
             The torque within +-`effort` [N m or N], same shape.
         """
+        if self._unlimited:
+            return tau
         cut: Array = np.minimum(np.maximum(tau, self._floor), self.effort)
         return cut
 
@@ -185,8 +188,18 @@ class Controller(Parametrised, ABC):
         vars(made).update(vars(self), _floor=lower, effort=upper)
         return made
 
+    def unlimited(self) -> Controller:
+        """Return the same controller without torque limits: whoever steps it looks at the torque."""
+        made = self.within(self._floor, self.effort)
+        vars(made).update(_unlimited=True)
+        return made
+
     def signals(self, state: Any) -> Mapping[str, Array]:
         """Return inner signals worth recording, name -> array (..., n); none by default."""
+        return {}
+
+    def reported(self, state: Any) -> Mapping[str, Array]:
+        """Return those of its signals that every recording has, name -> array (..., n); none by default."""
         return {}
 
     def describe(self) -> dict[str, Any]:

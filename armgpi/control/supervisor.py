@@ -10,13 +10,14 @@ It is elementwise, like a law: what NumPy runs here is what exported C does.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import LARGEST, Array, check_type, check_whole, per_joint, quantity
+from armgpi.arrays import LARGEST, Array, check_type, check_whole, new, per_joint, quantity
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
@@ -62,7 +63,7 @@ _FROZEN_TIME = 0.05
 #: Counts by which a reference has to move before a measurement has to.
 _FROZEN_COUNTS = 16.0
 #: Share of the reference's velocity above which a joint was in motion, and cannot stand still at once.
-_IN_MOTION = 0.1
+_IN_MOTION = 0.5
 #: Time constant of the velocities from which a stop begins [s].
 _SMOOTHING = 5e-3
 #: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
@@ -71,6 +72,8 @@ _NEAR = 0.05
 _BITS = 16
 #: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
 _DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
+#: Configurations in which inertias are looked at.
+_POSES = 16
 #: Standard deviations of noise that count as resolution.
 _SIGMAS = 6.0
 #: Samples since a fault are counted up to here, which single precision can.
@@ -188,17 +191,19 @@ class Bounds(NamedTuple):
 
     Attributes:
         jump: by how much a position may miss where its last change leads [rad or m].
+        turn: a change in a sample of which a joint may turn round at once [rad or m].
         step: likewise the reference [rad or m].
         lower: lowest position [rad or m].
         upper: highest position [rad or m].
         following: largest distance from the reference [rad or m].
         travel: of the reference, which asks a position to change [rad or m].
-        slowing: change of velocity in a sample of a stop [rad/s or m/s].
-        stop_velocity: at which a stop begins, at most [rad/s or m/s].
+        slowing: change of velocity in a sample of a stop [rad or m per sample].
+        stop_velocity: at which a stop begins, at most [rad or m per sample].
         rate: change of torque in a sample, at most [N m or N].
     """
 
     jump: Array
+    turn: Array
     step: Array
     lower: Array
     upper: Array
@@ -223,15 +228,16 @@ class Watch(NamedTuple):
         ready: 1 when there was a good measurement.
         bad: samples in a row without a good measurement of the joint.
         q: last good measurement [rad or m].
-        change: of it, in its sample; 0 where there was none [rad or m].
-        v: its velocity, smoothed [rad/s or m/s].
+        change: of it, in its sample, the last that was not zero and over no gap [rad or m].
+        v: its velocity, smoothed [rad or m per sample].
         r: reference that is followed [rad or m].
-        rv: its velocity, smoothed [rad/s or m/s].
+        rv: its velocity, smoothed [rad or m per sample].
         tau: last torque [N m or N].
         still: samples for which the measurement should have changed; :data:`COUNTED` of a joint that FAULT
             does not trust.
         mark: reference when the measurement last changed [rad or m].
-        cut: samples for which the torque was at its limit.
+        cut: samples for which the torque was at its limit, before the last one.
+        calm: 1 when it is RUN and nothing is counted: the next sample may be a usual one, (1,) or (batch, 1).
     """
 
     status: Array
@@ -250,6 +256,7 @@ class Watch(NamedTuple):
     still: Array
     mark: Array
     cut: Array
+    calm: Array
 
 
 class SupervisedState(NamedTuple):
@@ -316,6 +323,13 @@ class Supervised(Controller):
         frozen_samples: samples that make a measurement frozen, 0 for no check.
     """
 
+    derived: ClassVar[Mapping[str, str]] = {
+        **Controller.derived,
+        "_damping": "torque per velocity by which FAULT damps a joint alone [N m s]",
+        "_pushed": "half the change of a position in a sample, by torque [rad / (N m)]",
+        "_sound": "torque below which none is cut [N m or N]",
+    }
+
     def __init__(self, law: Controller, supervisor: Supervisor | None = None) -> None:
         """Put a controller under a supervisor.
 
@@ -344,12 +358,18 @@ class Supervised(Controller):
         self.frozen_samples = supervisor.frozen_samples
         if self.frozen_samples is None:
             self.frozen_samples = frozen_samples(self.dt)
-        self._lost = max(supervisor.jump - 1.0, 0.0) * self.dt
+        self._lost = max(supervisor.jump - 1.0, 0.0)
         self._cut_samples = supervisor.saturated / self.dt
+        # Bounds of the tightest joint, which take less to load than each its own.
+        self._tightest = new(Bounds, [np.min(x, axis=-1, keepdims=True) for x in self.bounds])
+        # A torque below this is within its limit, and so is the sum of all.
+        self._sound = np.minimum(self.effort, LARGEST / self.robot.n)
         # PID with a nominal model of its own for gravity brakes by that one.
         self._brakes = getattr(law, "bias_robot", law.robot).dynamics
         self._uses = _uses(law)
         self._damping = _damping(law)
+        # Half the change of a position in a sample, by torque; a push has half the motor's.
+        self._pushed = 0.5 * self.dt**2 * _lightest(law.robot)
 
     def init(self, measurement: Any, target: Target) -> SupervisedState:
         """Return the state before the first sample; FAULT, with torque zero, when it is implausible."""
@@ -385,6 +405,7 @@ class Supervised(Controller):
             still=zero,
             mark=r,
             cut=zero,
+            calm=none,
         )
         return SupervisedState(watch, law)
 
@@ -419,7 +440,8 @@ class Supervised(Controller):
         watch = state.supervisor
         if elapsed - 1 > self.supervisor.missed:
             one = np.ones_like(watch.late)
-            late = watch._replace(late=one, bad=np.full_like(watch.bad, min(elapsed - 1.0, COUNTED)))
+            bad = np.full_like(watch.bad, min(elapsed - 1.0, COUNTED))
+            late = watch._replace(late=one, bad=bad, calm=np.zeros_like(one))
             return self.step(measurement, target, state._replace(supervisor=late))
         for i in range(1, elapsed):
             part = i / elapsed
@@ -431,26 +453,103 @@ class Supervised(Controller):
 
     def step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`. Neither is ever NaN."""
+        if isinstance(measurement.q, np.ndarray) and self._calm(measurement, target, state.supervisor).all():
+            sound, made = self._run(measurement, target, state)
+            if sound.all():
+                return made
+        return self._any_step(measurement, target, state)
+
+    def usual(
+        self, measurement: Any, target: Target, state: SupervisedState
+    ) -> tuple[Mask, Mask, ControlStep]:
+        """Return a step that takes a fraction of the work, and what has to hold for it to be that of `step`.
+
+        Returns:
+            What has to hold before it is taken, after it, both (1,) or (batch, 1); and torque and next state.
+        """
+        return self._calm(measurement, target, state.supervisor), *self._run(measurement, target, state)
+
+    def _calm(self, measurement: Any, target: Target, watch: Watch) -> Mask:
+        """Tell whether it is RUN, nothing is counted, and no check of this sample can find anything."""
+        bounds, given = self._tightest, measurement.q
+        change = given - watch.q
+        # Each is false of NaN.
+        good = np.abs(change - watch.change) <= np.minimum(bounds.jump, bounds.turn)
+        good = good & (given >= self.bounds.lower) & (given <= self.bounds.upper)
+        good = good & (np.abs((target.q - watch.r) - watch.rv) <= bounds.step)
+        good = good & (np.abs(given - target.q) <= bounds.following)
+        good = good & ((change != 0.0) | (np.abs(target.q - watch.mark) <= bounds.travel))
+        if self.measurement_type is FullState:
+            good = good & (np.abs(measurement.v) <= _FASTEST)
+        for used, rate in zip(self._uses, target[1:], strict=True):
+            if used:
+                good = good & (np.abs(rate) <= _FASTEST)
+        return (watch.calm > 0.0) & _all(good)
+
+    def _run(self, measurement: Any, target: Target, state: SupervisedState) -> tuple[Mask, ControlStep]:
+        """Return whether the torque is within its limits, and the step in RUN where nothing is wrong."""
         watch, before = state
+        q, r = measurement.q, target.q
+        change, law = q - watch.q, self.law.unlimited()
+        lower, upper = self._limits(watch)
+        if self.supervisor.torque_rate is not None:
+            law = self.law.within(lower, upper)
+        asked, after = law.step(measurement, target, before)
+        sound = np.abs(asked) < self._sound
+        if self.supervisor.torque_rate is not None:
+            sound = sound & (asked >= lower) & (asked <= upper)
+        zero = np.zeros_like(q)
+        none = zero[..., :1]
+        made = Watch(
+            status=none + float(State.RUN),
+            reason=none,
+            joint=none,
+            since=none,
+            late=none,
+            ready=none + 1.0,
+            bad=zero,
+            q=q,
+            change=np.where(change != 0.0, change, watch.change),
+            v=watch.v + self._smoothing * (change - watch.v),
+            r=r + zero,
+            rv=watch.rv + self._smoothing * ((r - watch.r) - watch.rv),
+            tau=asked,
+            still=zero,
+            mark=np.where(change != 0.0, r, watch.mark),
+            cut=zero,
+            calm=none + 1.0,
+        )
+        return _all(sound), ControlStep(asked, SupervisedState(made, after))
+
+    def _limits(self, watch: Watch) -> tuple[Array, Array]:
+        """Return the lowest and the highest torque of a sample."""
+        lower, upper = self._floor, self.effort
+        if self.supervisor.torque_rate is not None:
+            lower = np.maximum(lower, watch.tau - self.bounds.rate)
+            upper = np.minimum(upper, watch.tau + self.bounds.rate)
+        return lower, upper
+
+    def _any_step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
+        """Return torque and next state, whatever comes."""
+        watch, before = state
+        watch = watch._replace(cut=np.maximum(watch.cut + self._at_limit(watch.tau, -1.0), 0.0))
         active = watch.status <= float(State.RUN)
         seen = self._checked(measurement, target, watch, active)
         entering = active & (seen.worst > 0.0)
         stopping = ~active | entering
         dead = (watch.status == float(State.FAULT)) | seen.dead | (~active & seen.failing)
-        aim = self._aim(target, watch, seen, entering, stopping)
+        aim, pace = self._aim(target, watch, seen, entering, stopping)
         # Not over a gap: a quotient there would not have the same bits in C.
         gap = seen.bad + watch.bad > 0.0
-        change = np.where(gap, 0.0, seen.q - watch.q)
-        v = watch.v + self._smoothing * np.where(gap, 0.0, change * (1.0 / self.dt) - watch.v)
+        change = seen.q - watch.q
+        v = watch.v + self._smoothing * np.where(gap, 0.0, change - watch.v)
+        change = np.where(gap | (change == 0.0), watch.change, change)
 
-        lower, upper = self._floor, self.effort
-        if self.supervisor.torque_rate is not None:
-            lower = np.maximum(lower, watch.tau - self.bounds.rate)
-            upper = np.minimum(upper, watch.tau + self.bounds.rate)
+        lower, upper = self._limits(watch)
         # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
         unused = dead | seen.lost
         law = self.law.within(np.where(unused, -LARGEST, lower), np.where(unused, LARGEST, upper))
-        shown = watch.v
+        shown = watch.v * (1.0 / self.dt)
         if self.measurement_type is FullState:
             shown = np.where(seen.lost, shown, measurement.v)
         asked, after = law.step(self._shown(seen.q, shown), self._given(aim, target, stopping), before)
@@ -468,7 +567,6 @@ class Supervised(Controller):
         stopped = np.where(_any(aim.v != 0.0) | seen.lost, float(State.STOPPING), float(State.HOLD))
         broken = unsound & (watch.reason == 0.0)
         reason = np.where(entering, seen.worst, np.where(broken, float(Reason.NOT_FINITE), watch.reason))
-        at_limit = np.where(np.abs(tau) >= self.effort, 1.0, -1.0)
         made = Watch(
             status=np.where(dead, float(State.FAULT), np.where(stopping, stopped, going)),
             reason=reason,
@@ -481,13 +579,21 @@ class Supervised(Controller):
             change=change,
             v=v,
             r=aim.q,
-            rv=np.where(stopping, aim.v, watch.rv + self._smoothing * (aim.v - watch.rv)),
+            rv=np.where(stopping, pace, watch.rv + self._smoothing * (pace - watch.rv)),
             tau=tau,
             still=np.where(dead & seen.distrusted, COUNTED, seen.still),
             mark=np.where(seen.q == watch.q, watch.mark, aim.q),
-            cut=np.where(entering, 0.0, np.maximum(watch.cut + at_limit, 0.0)),
+            cut=np.where(entering, 0.0, watch.cut),
+            calm=watch.calm,
         )
+        counted = made.bad + made.still + made.cut + self._at_limit(tau, 0.0)
+        calm = (made.status == float(State.RUN)) & _all(counted == 0.0)
+        made = made._replace(calm=np.where(calm, 1.0, 0.0))
         return ControlStep(tau, SupervisedState(made, _chosen(waits, before, after)))
+
+    def _at_limit(self, tau: Array, otherwise: float) -> Array:
+        """Return 1 where a torque is at its limit."""
+        return np.where(np.abs(tau) >= self.effort, 1.0, otherwise)
 
     def report(self, state: SupervisedState) -> FaultReport:
         """Return what a state of one rollout says of itself."""
@@ -496,11 +602,14 @@ class Supervised(Controller):
         return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
 
     def signals(self, state: SupervisedState) -> dict[str, Array]:
-        """Return what :data:`SIGNALS` names, the same for all joints, and the signals of the law."""
+        """Return its own signals and those of the law."""
+        return {**self.reported(state), **self.law.signals(state.law)}
+
+    def reported(self, state: SupervisedState) -> dict[str, Array]:
+        """Return what :data:`SIGNALS` names, the same for all joints."""
         watch = state.supervisor
         own = (watch.status, watch.reason, watch.joint, watch.since)
-        said = {name: value + np.zeros_like(watch.q) for name, value in zip(SIGNALS, own, strict=True)}
-        return {**said, **self.law.signals(state.law)}
+        return {name: value + np.zeros_like(watch.q) for name, value in zip(SIGNALS, own, strict=True)}
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data."""
@@ -516,7 +625,13 @@ class Supervised(Controller):
         finite = ~self._not_finite(measurement)
         # From where it was, or where its last change leads, as what moves fast goes on doing so.
         change = given - watch.q
-        good = finite & (np.abs(change - watch.change) <= bounds.jump * (1.0 + watch.bad))
+        samples = 1.0 + watch.bad
+        # It went on for a while, and all at once goes back as fast: its encoder counts backwards.
+        turn = np.maximum(bounds.turn, self._pushed * (0.5 * self.effort + np.abs(watch.tau)))
+        last = np.abs(watch.change)
+        turned = (last > turn) & (watch.v * watch.change > turn * last) & (watch.late == 0.0)
+        turned = turned & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
+        good = finite & ~turned & (np.abs(change - watch.change) <= bounds.jump * samples)
         strayed = self._strayed(target, watch)
         r = np.where(active & ~strayed, target.q, watch.r)
         q = np.where(good, given, watch.q)
@@ -555,8 +670,7 @@ class Supervised(Controller):
 
     def _strayed(self, target: Target, watch: Watch) -> Mask:
         """Tell which joints have a reference that is no number, or that jumps."""
-        missed = (target.q - watch.r) - self.dt * watch.rv
-        wrong = _beyond(missed, self.bounds.step * (1.0 + watch.bad))
+        wrong = _beyond((target.q - watch.r) - watch.rv, self.bounds.step * (1.0 + watch.bad))
         for used, rate in zip(self._uses, target[1:], strict=True):
             if used:  # what the law does not use need not be there
                 wrong = wrong | _beyond(rate, _FASTEST)
@@ -567,30 +681,32 @@ class Supervised(Controller):
         if not self.frozen_samples:
             return unmoved & ~unmoved
         # A joint that moved with its reference cannot stand still at once: there is no need to wait. One that
-        # starts, or turns round, may stick.
+        # starts, or turns round, has slow changes first, and may stick.
         far = moved > self.bounds.travel + self._lost * np.abs(watch.rv)
-        moving = watch.v * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
+        moving = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
         return (still >= float(self.frozen_samples)) | (unmoved & far & moving)
 
-    def _aim(self, target: Target, watch: Watch, seen: _Seen, entering: Mask, stopping: Mask) -> Target:
-        """Return the reference to follow: the one given, or the one of a stop."""
+    def _aim(
+        self, target: Target, watch: Watch, seen: _Seen, entering: Mask, stopping: Mask
+    ) -> tuple[Target, Array]:
+        """Return the reference to follow, the one given or that of a stop, and its way in a sample."""
         # Where the joint did not follow, or nobody looked, the stop begins where it is, and as fast as it is.
         late = (watch.late > 0.0) & ~seen.lost
         apart = entering & (~seen.near | late)
         # After a gap as fast as if it had changed its velocity evenly there.
-        gap = (2.0 / self.dt) / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
+        gap = 2.0 / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
         own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
         r, v = np.where(apart, seen.q, watch.r), np.where(apart, own, watch.rv)
         v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
         less = np.minimum(np.maximum(v, -self.bounds.slowing), self.bounds.slowing)
         after = v - less
-        r = r + (0.5 * self.dt) * (v + after)
-        now = (target.q - watch.r) * (1.0 / self.dt)
-        return Target(
-            np.where(stopping, r, target.q),
-            np.where(stopping, after, now),
-            np.where(stopping, less * (-1.0 / self.dt), 0.0),
+        pace = np.where(stopping, after, target.q - watch.r)
+        aim = Target(
+            np.where(stopping, r + 0.5 * (v + after), target.q),
+            pace * (1.0 / self.dt),
+            np.where(stopping, less * (-1.0 / self.dt**2), 0.0),
         )
+        return aim, pace
 
     def _given(self, aim: Target, target: Target, stopping: Mask) -> Target:
         """Return the target for the law: its rates are those given, while there is no stop."""
@@ -610,7 +726,9 @@ class Supervised(Controller):
         else:
             damped = dead & ~seen.distrusted
             aim = aim._replace(q=np.where(damped, seen.q, aim.q))
-            return self._brakes.inverse_where(on, *aim) + np.where(damped, self._damping * (aim.v - v), 0.0)
+            return self._brakes.inverse_where(on, *aim) + np.where(
+                damped, self._damping * (aim.v - v * (1.0 / self.dt)), 0.0
+            )
         return self._brakes.inverse_where(on, *aim)
 
     def _held_back(self, asked: Array, lower: Array, upper: Array) -> Mask:
@@ -673,13 +791,14 @@ def _bounds(law: Controller, given: Supervisor) -> Bounds:
     shape = np.broadcast_shapes(count.shape, least.shape)
     return Bounds(
         jump=np.minimum(np.broadcast_to(jumps, shape), LARGEST),
+        turn=4.0 * count if given.jump else np.full(shape, LARGEST),
         step=np.minimum(np.broadcast_to(steps, shape), FARTHEST),
         lower=least,
         upper=most,
         following=joints("following"),
         travel=_FROZEN_COUNTS * count,
-        slowing=dt * joints("deceleration"),
-        stop_velocity=joints("stop_velocity", known),
+        slowing=dt * (dt * joints("deceleration")),
+        stop_velocity=dt * joints("stop_velocity", known),
         rate=dt * joints("torque_rate", LARGEST),
     )
 
@@ -704,9 +823,21 @@ def _uses(law: Controller) -> tuple[bool, bool]:
 def _damping(law: Controller) -> Array:
     """Return the torque per velocity by which each joint is damped alone, as if no other one were [N m s]."""
     robot: Any = law.robot
-    inverse = np.linalg.inv(robot.mass_matrix(robot.middle()))
-    rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
-    return np.asarray(rate / np.diagonal(inverse, axis1=-2, axis2=-1))
+    return np.asarray(min(_DAMPING, _DAMPED_AT_ONCE / law.dt) / _alone(robot, robot.middle()))
+
+
+def _alone(robot: Any, q: Array) -> Array:
+    """Return the acceleration of each joint by a torque of its own, the others free [1 / (kg m^2)]."""
+    inverse: Array = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
+    return inverse
+
+
+def _lightest(robot: Any) -> Array:
+    """Return the largest of these accelerations over the joints' ranges."""
+    lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
+    drawn = np.random.default_rng(0).uniform(size=(_POSES, robot.n))
+    largest: Array = np.max([_alone(robot, lower + share * (upper - lower)) for share in drawn], axis=0)
+    return largest
 
 
 def _beyond(x: Array, limit: Array | float) -> Mask:
@@ -719,6 +850,14 @@ def _any(mask: Mask) -> Mask:
     found = mask[..., :1]
     for j in range(1, mask.shape[-1]):
         found = found | mask[..., j : j + 1]
+    return found
+
+
+def _all(mask: Mask) -> Mask:
+    """Tell whether all joints are, shape (1,) or (batch, 1)."""
+    found = mask[..., :1]
+    for j in range(1, mask.shape[-1]):
+        found = found & mask[..., j : j + 1]
     return found
 
 

@@ -157,6 +157,15 @@ def _traced(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> 
     step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, first)])
     step.calls.extend(taken())
 
+    # What no step reads is not kept: C takes no shorter way, and so need not know whether it might.
+    read = _used(step)
+    keep = [any(x.element_hash() in read for x in part.symbols) for part in parts]
+    entries = [kept for kept, part in zip(keep, parts, strict=True) for _ in part.symbols]
+    init.outputs[:] = [x for x, kept in zip(init.outputs, entries, strict=True) if kept]
+    step.outputs[n:] = [x for x, kept in zip(step.outputs[n:], entries, strict=True) if kept]
+    state = [leaf for leaf, kept in zip(state, keep, strict=True) if kept]
+    parts = [part for part, kept in zip(parts, keep, strict=True) if kept]
+
     arguments = {name: flat(x) for name, x in inputs.items()}
     used = _used(init, step)
     # The supervision needs positions and their reference, used by the law or not.

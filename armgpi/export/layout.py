@@ -14,6 +14,8 @@ _ELEMENTARY = {
     "v_le": "static inline uint32_t v_le({R} a, {R} b) { return (a <= b) ? 1U : 0U; }",
     "v_eq": "static inline uint32_t v_eq({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 1U : 0U; }",
     "v_ne": "static inline uint32_t v_ne({R} a, {R} b) { return ((a <= b) && (a >= b)) ? 0U : 1U; }",
+    "v_and": "static inline uint32_t v_and(uint32_t a, uint32_t b) { return a & b; }",
+    "v_or": "static inline uint32_t v_or(uint32_t a, uint32_t b) { return a | b; }",
     "v_not": "static inline uint32_t v_not(uint32_t m) { return (m != 0U) ? 0U : 1U; }",
     "v_only": "static inline {R} v_only(uint32_t m, {R} x) { return (m != 0U) ? x : 0.0{F}; }",
     "v_select": "static inline {R} v_select(uint32_t m, {R} x, {R} y) { return (m != 0U) ? x : y; }",

@@ -131,9 +131,8 @@ class PreparedLoop:
         self._divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
         self._metrics, self._backend = record == "metrics", backend
         self._spent = 0.0
-        # Its signals say what the faults were.
         self._supervised = isinstance(loop.controller, Supervised) and not self._metrics
-        self._signals = signals or self._supervised
+        self._signals = signals and not self._metrics
         self._known: dict[Any, Any] = {}
         self._variables: dict[str, Variable] | None = None
         self._reference_checked = False

@@ -174,8 +174,10 @@ class NumPyRun:
             "tau_command": commands,
             "tau": [truth.tau for truth in after],
         }
-        if self.signals:
-            values = [self.loop.controller.signals(state) for state in controllers]
+        controller = self.loop.controller
+        if self.running is None:
+            said = controller.signals if self.signals else controller.reported
+            values = [said(state) for state in controllers]
             columns.update({name: [value[name] for value in values] for name in values[0]})
         if self.inputs:
             columns["v_measured"] = [seen.v for seen in measured]
