@@ -143,7 +143,7 @@ def _export(options: dict[str, Any]) -> int:
         option = "--name"
         check_name(options["prefix"], code.source)
     except ParameterError as error:
-        raise refusal(option, str(error)) from None
+        raise refusal(option, str(error)) from error
     experiments.prepare(options["out"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
     done = export_controller(

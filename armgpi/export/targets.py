@@ -10,7 +10,7 @@ import numpy as np
 from armgpi import __version__
 from armgpi.control.controller import FullState, Measurement
 from armgpi.control.supervisor import Reason, State, Supervised
-from armgpi.errors import ParameterError
+from armgpi.errors import ParameterError, Remedy
 from armgpi.export.code import ABI, Code, template
 from armgpi.export.names import plain
 from armgpi.references.reference import Target
@@ -72,7 +72,11 @@ def check_target(target: str, controller: Supervised) -> None:
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"
         raise ParameterError("target", target, expected)
     if robot.n != COMPENSATING[target]:
-        raise ParameterError("target", target, f"for {COMPENSATING[target]} joints; this arm has {robot.n}")
+        refused = ParameterError(
+            "target", target, f"for {COMPENSATING[target]} joints; this arm has {robot.n}"
+        )
+        fingers = [x for x in robot.provenance.get("grippers", ()) if x in robot.joint_names]
+        raise refused.suggesting(Remedy("lock", tuple(fingers))) if fingers else refused
     rate = controller.supervisor.torque_rate
     if target == "fci" and (rate is None or np.any(np.asarray(rate) > FCI_RATE)):
         raise ParameterError("target", target, f"a torque_rate of at most {FCI_RATE:g} N m/s, as libfranka's")
