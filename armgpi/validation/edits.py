@@ -479,7 +479,9 @@ class Editor:
 
     def _assignments(self) -> None:
         """Put switches into what the module assigns: constants that are computed, expressions of SymPy."""
-        body: list[ast.stmt] = [s for s in self._tree.body if isinstance(s, ast.Assign | ast.AugAssign)]
+        body: list[ast.stmt] = [
+            s for s in self._tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For)
+        ]
         if not body:
             return
         block = Block(len(self.blocks), "", body, vars(self._module), self._tree)
@@ -588,10 +590,14 @@ class Editor:
             values.append(called(calls[name], name, self.targets[name], k))
         return stacked(name, values, self.targets[name])
 
-    def matrix(self, state: tuple[Array, ...]) -> Array | None:
-        """Return the Coriolis matrix at a state, None when it raises."""
+    def matrix(self) -> Array | None:
+        """Return the Coriolis matrix at the first state, None when it raises."""
+        state = [x[0].copy() for x in self.targets["coriolis_matrix"].states]
         try:
-            return np.asarray(self._calls["coriolis_matrix"](*state), dtype=np.float64)
+            value = (
+                self._at(0)["coriolis_matrix"] if self._symbolic else self._calls["coriolis_matrix"](*state)
+            )
+            return np.asarray(value, dtype=np.float64)
         except Exception:
             return None
 

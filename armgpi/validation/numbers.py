@@ -22,14 +22,11 @@ class Number:
     def __init__(self, value: float, derivative: Callable[[Any], Any] | None = None) -> None:
         """Take a value and what gives its derivative by a symbol, nothing for a symbol itself."""
         self.value = float(value)
-        self.derivative = derivative or (lambda x: 1.0 if x is self else 0.0)
+        self.derivative = derivative or (lambda x: 1.0 if x is self else 0.0)  # plain numbers, to be left out
 
     def diff(self, *symbols: Any) -> Any:
         """Return the derivative by one symbol after the other."""
-        result: Any = self
-        for symbol in symbols:
-            result = diff(result, symbol)
-        return result
+        return diff(self, *symbols)
 
     def __float__(self) -> float:
         """Return the value."""
@@ -37,24 +34,28 @@ class Number:
 
     def __neg__(self) -> Number:
         """Return the negative."""
-        return Number(-self.value, lambda x: -self.derivative(x))
+        return Number(-self.value, lambda x: _product(-1.0, self.derivative(x)))
 
     def __add__(self, other: Any) -> Any:
         """Return a sum."""
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return Number(self.value + float(other), lambda x: self.derivative(x) + diff(other, x))
+        return Number(self.value + float(other), lambda x: _sum(self.derivative(x), _slope(other, x)))
 
     def __mul__(self, other: Any) -> Any:
         """Return a product."""
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return Number(self.value * float(other), lambda x: self.derivative(x) * other + self * diff(other, x))
+
+        def derivative(x: Any) -> Any:
+            return _sum(_product(self.derivative(x), other), _product(self, _slope(other, x)))
+
+        return Number(self.value * float(other), derivative)
 
     def __pow__(self, exponent: Any) -> Number:
         """Return a power with a constant exponent."""
         k = float(exponent)
-        return Number(self.value**k, lambda x: k * self ** (k - 1.0) * self.derivative(x))
+        return Number(self.value**k, lambda x: _product(self.derivative(x), k, lambda: self ** (k - 1.0)))
 
     def __sub__(self, other: Any) -> Any:
         """Return a difference."""
@@ -75,11 +76,35 @@ class Number:
     __radd__, __rmul__ = __add__, __mul__
 
 
-def diff(value: Any, *symbols: Any) -> Any:
+def diff(value: Any, *symbols: Any) -> Number:
     """Return the derivative of a number; that of a constant is zero."""
     for symbol in symbols:
-        value = value.derivative(symbol) if isinstance(value, Number) else 0.0
-    return value
+        value = _slope(value, symbol)
+    return value if isinstance(value, Number) else _constant(value)
+
+
+def _slope(value: Any, symbol: Any) -> Any:
+    """Return a derivative, 0.0 itself for a constant."""
+    return value.derivative(symbol) if isinstance(value, Number) else 0.0
+
+
+def _constant(value: Any) -> Number:
+    return Number(value, lambda _: 0.0)
+
+
+def _sum(a: Any, b: Any) -> Any:
+    """Return a sum without what is plainly zero: derivatives of derivatives have many zeros."""
+    if isinstance(a, float) and a == 0.0:
+        return b
+    return a if isinstance(b, float) and b == 0.0 else a + b
+
+
+def _product(a: Any, b: Any, more: Callable[[], Any] = lambda: 1.0) -> Any:
+    """Return a product with a factor more, which is not formed where a factor is plainly zero."""
+    if any(isinstance(x, float) and x == 0.0 for x in (a, b)):
+        return 0.0
+    c = more()
+    return a * b * c if isinstance(c, Number) else a * b
 
 
 def _inverse(value: Any) -> Any:
@@ -87,11 +112,11 @@ def _inverse(value: Any) -> Any:
 
 
 def _sin(x: Any) -> Number:
-    return Number(math.sin(float(x)), lambda s: _cos(x) * diff(x, s))
+    return Number(math.sin(float(x)), lambda s: _product(_slope(x, s), 1.0, lambda: _cos(x)))
 
 
 def _cos(x: Any) -> Number:
-    return Number(math.cos(float(x)), lambda s: -_sin(x) * diff(x, s))
+    return Number(math.cos(float(x)), lambda s: _product(_slope(x, s), -1.0, lambda: _sin(x)))
 
 
 class Matrix(np.ndarray):
@@ -100,6 +125,9 @@ class Matrix(np.ndarray):
     def __new__(cls, rows: Any) -> Matrix:
         """Make it of rows, or of a column's entries."""
         array = np.array(rows, dtype=object)
+        for k, x in enumerate(array.flat):
+            if not isinstance(x, Number):  # so that every entry has its derivatives
+                array.flat[k] = _constant(x)
         return (array[:, np.newaxis] if array.ndim == 1 else array).view(cls)
 
     def __getitem__(self, index: Any) -> Any:

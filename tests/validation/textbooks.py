@@ -44,6 +44,7 @@ SEEN = (
     "scara_tau",
     "rrp_points",
     "cart_hanging",
+    "prr_lagrange",
 )
 #: Written and committed before anything was tried on them.
 UNSEEN = (
@@ -53,9 +54,11 @@ UNSEEN = (
     "ne3_roll",
     "rr_kane",
     "rrrr_chain",
-    "prr_lagrange",
     "rrpr_matlab",
     "rr_complex",
+    "rp_lagrange",
+    "rr_elbow",
+    "rrp_newton",
 )
 
 Numbers = Mapping[str, float]
@@ -110,6 +113,17 @@ def _rp_polar(p: Numbers) -> list[Joint]:
         _turn(LIFT, NONE, p["m1"], (p["lc1"], 0, 0), _round(p["I1"])),
         _slide("1 0 0", NONE, p["m2"], NONE, _round(p["I2"])),
     ]
+
+
+def _rp_lagrange(p: Numbers) -> list[Joint]:
+    return [
+        _turn(LIFT, NONE, p["m1"], (p["lc1"], 0, 0), _round(p["I1"])),
+        _slide("1 0 0", NONE, p["m2"], (-p["lc2"], 0, 0), _round(p["I2"])),
+    ]
+
+
+def _rrp_newton(p: Numbers) -> list[Joint]:
+    return _scara({**p, "lc1": p["r1"], "lc2": p["r2"]})
 
 
 def _ppp_gantry(p: Numbers) -> list[Joint]:
@@ -321,6 +335,9 @@ ARMS: dict[str, tuple[Callable[[Numbers], list[Joint]], Callable[[Numbers], Vect
     "prr_lagrange": (_prr_lagrange, lambda _: NONE),
     "rrpr_matlab": (_rrpr_matlab, lambda _: NONE),
     "rr_complex": (_rr_complex, lambda _: NONE),
+    "rp_lagrange": (_rp_lagrange, lambda _: NONE),
+    "rr_elbow": (_lifting, lambda _: NONE),
+    "rrp_newton": (_rrp_newton, lambda _: NONE),
 }
 
 
