@@ -17,6 +17,7 @@ from armgpi.validation import laws, recursion, repair, samples
 from armgpi.validation.conventions import declared
 from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.edits import ROWS
+from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
@@ -177,12 +178,16 @@ def _causes(
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
     references = {name: _reference(robot, problem, name, states) for name in sampled}
+    vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
     found, searched = repair.search(model, worker, states, problem, references, way)
     if found is not None and worker.source is not None:
+        # One convention of the whole model is shorter than several changes that undo it.
+        told = diagnose(problem, {}, vary, sourced=True) if len(found.changes) > 1 else []
+        if told and told[0].kind in CONVENTIONS:
+            return told, None
         return list(repair.causes(found, worker.source, problem)), found.source
     if problem.agreeing.all():  # not even quadratic in v, which no element shows
         return [], None
-    vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
     return diagnose(problem, follows, vary, searched), None
 
 

@@ -127,6 +127,24 @@ def test_another_convention_may_be_declared(
     assert validate(model, robot, **options).agrees
 
 
+def test_a_convention_that_was_not_declared_is_named_before_changes_that_undo_it(tmp_path: Path) -> None:
+    right = textbooks.text("rr_textbook")
+    absolute = """
+A = np.array([[1.0, 0.0], [-1.0, 1.0]])
+
+def M(t):
+    return A.T @ _mass_matrix(A @ t) @ A
+
+def G(t):
+    return A.T @ _gravity(A @ t)
+"""
+    path = written(tmp_path, right.replace("def ", "def _") + absolute)
+    robot = textbooks.robot("rr_textbook", right)
+    assert validate(path, robot, absolute=True).agrees
+    (cause,) = validate(path, robot).causes
+    assert cause.kind == "absolute-angles"
+
+
 def test_rotor_inertia_and_short_names_may_be_declared() -> None:
     robot, right = planar(1)
     rotors = {"M": lambda q: right["mass_matrix"](q) + np.diag([0.1, 0.2]), "G": right["gravity"]}
