@@ -44,6 +44,7 @@ CASES = {
     "a term of a vector in the plane forgotten": ("rr_recursive", "b2 = joint + ", "b2 = "),
     "the end of a loop": ("rrr_numeric", "range(k + 1)", "range(k)"),
     "a factor forgotten in a function of a comprehension": ("ne4", "st * sa]", "st]"),
+    "a factor forgotten in a loop of SymPy": ("prr_lagrange", "c * V[k] / 2", "c * V[k]"),
     "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
 }
 
