@@ -192,7 +192,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=6, help="draws of each arm that are searched on")
     parser.add_argument("--seed", type=int, default=15)
     parser.add_argument("--judge", type=Path, metavar="FILE", help="numbers to judge in place of fitting")
-    parser.add_argument("--count", type=int, default=72, help="draws of each arm to judge on")
+    parser.add_argument("--parts", nargs="+", default=["fit", "held-out"], help="arms to judge on")
+    parser.add_argument("--count", type=int, default=16, help="draws of each arm to judge on")
     given = parser.parse_args(arguments)
     if given.judge is None:
         given.out.mkdir(parents=True, exist_ok=True)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import Answer
 
-from armgpi import Robot
+from armgpi import GPI, Robot
+from armgpi.control.payload import DELAY_SHARE
 from armgpi.errors import RolloutError
 from armgpi.health import reality as health
 from armgpi.plants.reality import Reality
@@ -65,3 +68,17 @@ def test_what_cannot_be_tuned_is_refused(options: list[str], said: str, cli: Cal
     answer = cli("zoo", ARM, "--tune", 9, *options)
     assert answer.code == 2
     assert said in answer.err
+
+
+def test_the_fitted_rule_is_the_rule_with_other_numbers() -> None:
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "rule.py"))
+    late = {"dt": 4e-3, "delay": 4e-3}
+    before = GPI.untuned(Robot.load(ARM), **late)
+    today = tool["Rule"]()
+    with tool["rule"]({**today.keys(today.start), "DELAY_SHARE": 0.5}) as section:
+        slower = GPI.untuned(Robot.load(ARM), **late)
+    after = GPI.untuned(Robot.load(ARM), **late)
+    assert section == {"type": "untuned", "zeta": 1.0}
+    omega = [law.gains.nominal().omega_c for law in (before, slower, after)]
+    np.testing.assert_allclose(omega[1], omega[0] * 0.5 / DELAY_SHARE)
+    np.testing.assert_array_equal(omega[2], omega[0])
