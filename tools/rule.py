@@ -96,11 +96,13 @@ class Arms:
     """Runs candidates on draws of arms; an evaluator of a :class:`Study`."""
 
     def __init__(self, names: Sequence[str], reality: Reality, every: int) -> None:
-        """Draw so many of every arm that can be."""
+        """Draw so many of every arm that has motors."""
         self.by_arm: dict[str, list[Draw]] = {}
         for name in names:
             try:
-                self.by_arm[name] = health.draws(reality, name, every)
+                drawn = health.draws(reality, name, every)
+                _ = drawn[0].plant  # of an arm without motors there is none
+                self.by_arm[name] = drawn
             except ArmgpiError as error:
                 print(f"not run: {name}: {error}", file=sys.stderr)
         self.draws = [draw for found in self.by_arm.values() for draw in found]
