@@ -326,7 +326,9 @@ class Supervised(Controller):
     derived: ClassVar[Mapping[str, str]] = {
         **Controller.derived,
         "_damping": "torque per velocity by which FAULT damps a joint alone [N m s]",
-        "_pushed": "half the change of a position in a sample, by torque [rad / (N m)]",
+        "_driven": "half of what all torques at their limits change of a motion in a sample [rad or m]",
+        "_pushed": "half of what a push by half its motor's torque does [rad or m]",
+        "_share": "one over the torque limits [1/(N m) or 1/N]",
         "_sound": "torque below which none is cut [N m or N]",
     }
 
@@ -368,8 +370,8 @@ class Supervised(Controller):
         self._brakes = getattr(law, "bias_robot", law.robot).dynamics
         self._uses = _uses(law)
         self._damping = _damping(law)
-        # Half the change of a position in a sample, by torque; a push has half the motor's.
-        self._pushed = 0.5 * self.dt**2 * _lightest(law.robot)
+        self._pushed, self._driven = _turning(law)
+        self._share = 1.0 / self.effort
 
     def init(self, measurement: Any, target: Target) -> SupervisedState:
         """Return the state before the first sample; FAULT, with torque zero, when it is implausible."""
@@ -627,7 +629,9 @@ class Supervised(Controller):
         change = given - watch.q
         samples = 1.0 + watch.bad
         # It went on for a while, and all at once goes back as fast: its encoder counts backwards.
-        turn = np.maximum(bounds.turn, self._pushed * (0.5 * self.effort + np.abs(watch.tau)))
+        turn = np.maximum(
+            bounds.turn, self._pushed + self._driven * _largest(self._share * np.abs(watch.tau))
+        )
         last = np.abs(watch.change)
         turned = (last > turn) & (watch.v * watch.change > turn * last) & (watch.late == 0.0)
         turned = turned & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
@@ -823,21 +827,37 @@ def _uses(law: Controller) -> tuple[bool, bool]:
 def _damping(law: Controller) -> Array:
     """Return the torque per velocity by which each joint is damped alone, as if no other one were [N m s]."""
     robot: Any = law.robot
-    return np.asarray(min(_DAMPING, _DAMPED_AT_ONCE / law.dt) / _alone(robot, robot.middle()))
+    return np.asarray(min(_DAMPING, _DAMPED_AT_ONCE / law.dt) / _alone(robot))
 
 
-def _alone(robot: Any, q: Array) -> Array:
+def _alone(robot: Any) -> Array:
     """Return the acceleration of each joint by a torque of its own, the others free [1 / (kg m^2)]."""
-    inverse: Array = np.diagonal(np.linalg.inv(robot.mass_matrix(q)), axis1=-2, axis2=-1)
-    return inverse
+    inverse = np.linalg.inv(robot.mass_matrix(robot.middle()))
+    return np.asarray(np.diagonal(inverse, axis1=-2, axis2=-1))
 
 
-def _lightest(robot: Any) -> Array:
-    """Return the largest of these accelerations over the joints' ranges."""
+def _turning(law: Controller) -> tuple[Array, Array]:
+    """Return half of what a push, and all torques, change of a motion in a sample, at most [rad or m].
+
+    A push is by half the torque of the joint's motor; torques are at their limits.
+    """
+    robot: Any = law.robot
     lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
-    drawn = np.random.default_rng(0).uniform(size=(_POSES, robot.n))
-    largest: Array = np.max([_alone(robot, lower + share * (upper - lower)) for share in drawn], axis=0)
-    return largest
+    effort, half = np.minimum(law.effort, LARGEST), 0.5 * law.dt**2
+    pushed, driven = [], []
+    for share in np.random.default_rng(0).uniform(size=(_POSES, robot.n)):
+        inverse = np.abs(np.linalg.inv(robot.mass_matrix(lower + share * (upper - lower))))
+        pushed.append(half * 0.5 * effort * np.diagonal(inverse, axis1=-2, axis2=-1))
+        driven.append(half * (inverse @ effort[..., None])[..., 0])
+    return np.max(pushed, axis=0), np.max(driven, axis=0)
+
+
+def _largest(x: Array) -> Array:
+    """Return the largest over the joints, shape (1,) or (batch, 1)."""
+    found = x[..., :1]
+    for j in range(1, x.shape[-1]):
+        found = np.maximum(found, x[..., j : j + 1])
+    return found
 
 
 def _beyond(x: Array, limit: Array | float) -> Mask:
@@ -872,9 +892,7 @@ def _sum(x: Array) -> Array:
 def _worst(code: Array) -> tuple[Array, Array]:
     """Return the highest number, and the first joint that has it, each of shape (1,) or (batch, 1)."""
     joints = [code[..., j : j + 1] for j in range(code.shape[-1])]
-    worst = joints[0]
-    for other in joints[1:]:
-        worst = np.maximum(worst, other)
+    worst = _largest(code)
     first = np.zeros_like(worst)
     for j in reversed(range(len(joints))):
         first = np.where(joints[j] == worst, float(j), first)
