@@ -7,8 +7,10 @@ Usage:
 
 For each arm the first of the loads and bandwidths that is certified is taken: `--loads` in their order, each
 at the default bandwidth and then at others. The numbers are searched; the time is that of one certificate.
-`ratio` is certified over worst found in the frozen arm, joint by joint; `observed` the worst of random and
-adversarial rollouts of the whole arm over what is certified, and never above 1.
+`ratio` is certified over worst found in the frozen arm, joint by joint. `gain`, `stated` and `jump` are the
+worst of random and adversarial rollouts of the whole arm over what is certified, and never above 1: under the
+largest torque certified, under a share of it that was stated for each joint, and after a jump of the load by
+the largest of some that is certified.
 """
 
 from __future__ import annotations
@@ -35,6 +37,9 @@ from armgpi.robot import robots
 #: Bandwidths that are tried after the default one [rad/s].
 OMEGAS = (None, 20.0, 45.0, 15.0)
 HEAD = ("arm", "rotor inertia added", "load", "speed", "omega", "largest delta", "certified", "ratio", "time")
+OBSERVED = ("gain", "stated", "jump")
+#: Other loads that may jump [kg], how far the arm may be off then [rad or m], and the share of the torque.
+JUMPS, RADIUS, SHARE = (0.02,), 0.05, 0.5
 
 
 class Attempt(NamedTuple):
@@ -92,8 +97,29 @@ def row(name: str, inertia: float, given: argparse.Namespace) -> tuple[list[str]
     cells += [f"{ratios.min():.2f} to {ratios.max():.2f}", f"{seconds:.0f} s"]
     if not given.rollouts:
         return cells, 0
-    seen = observe(asked, made, given.rollouts)
-    return [*cells, f"{np.nanmax(seen.gain):.3f}"], seen.rollouts
+    seen = observe(asked, made, given.rollouts, claims=OBSERVED[:1])
+    if given.gain_alone:
+        return [*cells, f"{seen.gain.max():.3f}", "-", "-"], seen.rollouts
+    stated, found = disturbed(asked, made)
+    more = observe(stated, found, given.rollouts, claims=OBSERVED[1:])
+    for ratio in (seen.gain.max(), more.stated.max(), more.jump.max()):
+        cells.append("-" if np.isnan(ratio) else f"{ratio:.3f}")
+    if "jump" in found.data["solutions"]:
+        cells[-1] += f" ({stated.loads[1]:g} kg)"
+    return cells, seen.rollouts + more.rollouts
+
+
+def disturbed(asked: Asked, made: Certificate) -> tuple[Asked, Certificate]:
+    """Return a certificate for stated torques and a jump of the load: of a smaller one where that may not."""
+    size = SHARE * float(made.data["inputs"]["gain"]["torque"])
+    torque = size / asked.robot.n / np.sqrt([float(x) for x in made.data["numbers"]["inverse"]])
+    options: dict[str, Any] = {"speed": asked.setting.speed, "gains": made.gains, "radius": RADIUS}
+    for load in (asked.loads[1], *(x for x in JUMPS if x < asked.loads[1])):
+        stated = ask(asked.robot, 1e-3, payload=(0.0, load), torque=torque, jump=True, **options)
+        found = certificate(stated, searched(stated.setting))
+        if "jump" in found.data["solutions"]:
+            break
+    return stated, found
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -104,10 +130,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--loads", nargs="+", type=float, default=[0.5, 0.1], help="heaviest loads [kg]")
     parser.add_argument("--speed", type=float, default=0.2, help="of every joint [rad/s or m/s]")
     parser.add_argument("--worst", type=int, default=20, help="configurations of the frozen adversary")
-    parser.add_argument("--rollouts", type=int, default=0, help="for each certificate")
+    parser.add_argument("--rollouts", type=int, default=0, help="for each claim")
+    parser.add_argument("--gain-alone", action="store_true", help="roll out the first claim alone")
     parser.add_argument("--out", type=Path, help="write the table as Markdown")
     given = parser.parse_args(arguments)
-    head = [*HEAD, *(["observed"] if given.rollouts else [])]
+    head = [*HEAD, *(OBSERVED if given.rollouts else [])]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     print("\n".join(lines))
     total, largest = 0, 0.0
@@ -123,7 +150,8 @@ def main(arguments: list[str] | None = None) -> int:
             lines.append("| " + " | ".join(cells) + " |")
             print(lines[-1], flush=True)
             total += rollouts
-            largest = max(largest, float(cells[-1])) if rollouts else largest
+            ratios = [float(x.split()[0]) for x in cells[len(HEAD) :] if x != "-"]
+            largest = max([largest, *ratios])
             if given.out:
                 given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
     if given.rollouts:

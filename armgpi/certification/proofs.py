@@ -1,14 +1,9 @@
 """The numbers of an arm, proved: branch and bound over cells of configurations.
 
-Each number is the largest norm, or eigenvalue, of ``D(q)^-1/2 X(q) D(q)^-1/2``, with X one of a few matrices
-that are linear in trigonometric polynomials (:mod:`armgpi.certification.trigonometric`). In a cell it is
-bounded by its value at the center, first and second derivatives there, and bounds on third derivatives
-everywhere. Cells with large bounds are split until the largest bound is near the largest value that was seen.
-
-For any number x, and Z = X - x D, the largest eigenvalue of D^-1 X is at most x where Z is negative all over
-the cell, and at most ``x + z / (1 - d)`` otherwise: z bounds the largest one of D_c^-1 Z, D_c is D at the
-center, and D is at least (1 - d) D_c in the cell. With x a little above the maximum, cells are soon small
-enough. For a norm, Z is ``[[-x D, X], [X^T, -x D]]``.
+Each number is the largest norm of ``D(q)^-1/2 X(q) D(q)^-1/2``, or a length in the metric of D(q), with D and
+X matrices of trigonometric polynomials. "At most x" is then a linear matrix inequality of D and X, so where
+it holds at the corners of a hull of both (:mod:`armgpi.certification.trigonometric`), it holds in the whole
+cell. A cell where it does not is halved along the joint in which the values bend most.
 
 The arithmetic is that of double precision; every bound is raised by :data:`OUTWARD` of itself, which is far
 more than rounding does to it (tested).
@@ -18,7 +13,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,70 +22,64 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.certification.quantities import MARGIN, Number, Numbers, Setting, corners, norms, searched
-from armgpi.certification.trigonometric import Expandable, Expansion, Polynomial, polynomials_of, stacked
+from armgpi.certification.trigonometric import Cell, Polynomial, pieces, polynomials_of, stacked
 
 #: Share by which every bound is raised.
 OUTWARD = 1e-6
+#: How far above the largest value that was seen a bound is that uses the metric of a cell's center.
+_LOOSE = 0.5
+#: Tolerances that are tried one after the other while there is time, as multiples of the one wanted.
+_LADDER = (4.0, 1.0)
+#: How much longer the next one may take.
+_LONGER = 5.0
 #: Numbers below this are as good as zero.
 _TINY = 1e-9
-#: Cells that are looked at together.
-_TOGETHER = 128
 #: Share of a joint's width in the choice of what to split, where nothing else tells.
 _EVEN = 1e-6
 
 
-class Cells(NamedTuple):
-    """Boxes of configurations.
-
-    Attributes:
-        center: [rad or m], shape (k, n).
-        half: half of their widths, shape (k, n).
-    """
-
-    center: Array
-    half: Array
-
-
-class Values(NamedTuple):
-    """What is known of a quantity in cells.
-
-    Attributes:
-        seen: largest value at the centers, shape (k,).
-        upper: bound in each cell, infinite where there is none, shape (k,).
-        shares: what each joint's width adds to the bound, shape (k, n).
-    """
-
-    seen: Array
-    upper: Array
-    shares: Array
-
-
-class Bound(NamedTuple):
-    """What branch and bound gives.
-
-    Attributes:
-        upper: proved; infinite when no bound was found in time.
-        seen: the largest value that was seen.
-        cells: how many were looked at.
-    """
-
-    upper: float
-    seen: float
-    cells: int
-
-
-#: (cells, a number near the maximum) -> what is known.
-Quantity = Callable[[Cells, float], Values]
-
-
 class Model(NamedTuple):
-    """D and G of a true arm and of the nominal model, and how far sliding joints may be from zero."""
+    """D and G of a true arm and of the nominal model."""
 
     D: Polynomial
     G: Polynomial
     D_nominal: Polynomial
     G_nominal: Polynomial
-    reach: Array
+
+
+class Bounds(NamedTuple):
+    """What is known of some members of a quantity in a cell.
+
+    Attributes:
+        upper: at most this there; infinite for nothing, shape (members,).
+        seen: the largest values where they exceed what was asked about, or less, shape (members,).
+    """
+
+    upper: Array
+    seen: Array
+
+
+class Quantity(ABC):
+    """What is bounded: several members, of which each has a bound, or all together one.
+
+    Attributes:
+        polynomials: what its values are made of, the metric first.
+        members: how many there are.
+        together: whether they share a bound.
+    """
+
+    polynomials: tuple[Polynomial, ...]
+    members: int = 1
+    together: bool = True
+
+    @property
+    def margin(self) -> Array:
+        """By how much larger than a cell is what is looked at [rad or m], shape (n,)."""
+        return np.zeros(len(self.polynomials[0].center))
+
+    @abstractmethod
+    def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
+        """Return bounds on some members in a cell, exact where they exceed x."""
 
 
 def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Numbers:
@@ -98,7 +88,7 @@ def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Nu
     Args:
         setting: what they are taken over.
         tolerance: how far above the largest value seen a bound may be, as a share.
-        budget: time for each number [s]; a bound of up to twice the searched number is taken when it is over.
+        budget: processor time for each number [s].
 
     Raises:
         ParameterError: when D and G are no trigonometric polynomials of degree two.
@@ -114,90 +104,103 @@ class _Prover:
 
     def __init__(self, setting: Setting, tolerance: float, budget: float) -> None:
         self.setting, self.tolerance, self.budget = setting, tolerance, budget
-        half = (setting.upper - setting.lower) / 2
-        self.star = Cells(((setting.lower + setting.upper) / 2)[None], half[None])
-        self.around = self.star._replace(half=self.star.half + setting.radius)
-        *arms, nominal = polynomials_of([*setting.arms, setting.nominal])
-        reach = np.abs(self.around.center[0]) + self.around.half[0]
-        self.models = [Model(*arm, *nominal, reach) for arm in arms]
+        self.star = (setting.upper - setting.lower) / 2
+        self.around = self.star + setting.radius
+        center = (setting.lower + setting.upper) / 2
+        *arms, nominal = polynomials_of([*setting.arms, setting.nominal], center)
+        self.models = [Model(*arm, *nominal) for arm in arms]
+
+    def each(
+        self,
+        found: Sequence[Number],
+        quantities: Sequence[Quantity],
+        half: Array | None = None,
+        tolerance: float | None = None,
+    ) -> tuple[Number, ...]:
+        """Return bounds where they are proved in time, or else what a search found."""
+        near = np.maximum([each.value for each in found], _TINY) / (1.0 + MARGIN)
+        half = self.around if half is None else half
+        tolerance = self.tolerance if tolerance is None else tolerance
+        bounds, left = np.full(len(near), np.inf), self.budget
+        for loose in _LADDER:
+            begin = time.process_time()
+            closer = largest(quantities, half, near, loose * tolerance, left)
+            bounds, spent = np.fmin(bounds, closer), time.process_time() - begin
+            left -= spent
+            if left < _LONGER * spent:
+                break
+        return tuple(
+            Number((1.0 + OUTWARD) * float(bound), "proved") if np.isfinite(bound) else number
+            for bound, number in zip(bounds, found, strict=True)
+        )
 
     def number(
-        self,
-        found: Number,
-        quantity: Callable[[Model], Quantity],
-        cells: Cells | None = None,
-        loose: float = 2.0,
+        self, found: Number, quantity: Callable[[Model], Quantity], tolerance: float | None = None
     ) -> Number:
-        """Return a bound where it is proved and at most `loose` times what a search found, or else that."""
-        most = max(found.value, _TINY)
-        made, where = [quantity(each) for each in self.models], self.around if cells is None else cells
-        bound = largest(made, where, most / (1.0 + MARGIN), self.tolerance, self.budget)
-        proven = bound.upper <= loose * most
-        return Number((1.0 + OUTWARD) * bound.upper, "proved") if proven else found
-
-    def root(self, found: Number, quantity: Callable[[Model], Quantity]) -> Number:
-        """Return the bound on a number whose square is the largest value of a quantity."""
-        square = self.number(Number(found.value**2), quantity, loose=4.0)
-        return square._replace(value=math.sqrt(square.value))
+        """Return a bound on a number of all true arms; see :meth:`each`."""
+        return self.each([found], [quantity(m) for m in self.models], tolerance=tolerance)[0]
 
     def of_motion(self, made: Numbers) -> dict[str, Any]:
         """Return what the matrix inequality takes: delta, what motion and gravity add, and D^-1."""
-        setting, v = self.setting, corners(self.setting.speed)
-
-        def inverted(number: Number) -> Number:
-            return number._replace(value=1.0 / number.value)
-
+        v, first = corners(self.setting.speed), self.models[-1]
         low = Number(1.0, "proved")
-        first = self.models[-1]
         # Loads add to D, so the nominal model with the heaviest one is at least the true D.
         if not np.array_equal(first.D.coefficients, first.D_nominal.coefficients):
-            low = inverted(
-                self.number(inverted(made.delta_low), lambda m: Eigenvalue(m.D_nominal, m.D, m.reach))
-            )
+            above = self.number(_inverted(made.delta_low), lambda m: Norm(m.D_nominal, _one(m.D)))
+            low = _inverted(above)
+        axes = [x._replace(value=math.sqrt(x.value)) for x in made.inverse]
+        made_of = [Lengths(m.D, _axes(m.D), together=False) for m in self.models]
+        lengths = self.each(axes, made_of, tolerance=math.sqrt(1.0 + self.tolerance) - 1.0)
         return {
             "delta_low": low,
-            "delta_high": self.number(made.delta_high, lambda m: Eigenvalue(m.D, m.D_nominal, m.reach)),
-            "sigma": self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), m.reach, v)),
-            "kappa_v": self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), m.reach, v)),
-            "kappa_e": self.number(made.kappa_e, lambda m: Stiffness(m, setting, m.G), self.star),
-            "kappa_g": self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)), m.reach)),
-            "inverse": tuple(
-                self.number(each, lambda m, j=j: Eigenvalue(m.D, _unit(m.D, j), m.reach))  # type: ignore[misc]
-                for j, each in enumerate(made.inverse)
-            ),
-            "sigma_error": self.number(
-                made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D), m.reach), loose=3.0
-            ),
-            "kappa_error": self.number(
-                made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D), m.reach), loose=3.0
-            ),
+            "delta_high": self.number(made.delta_high, lambda m: Norm(m.D, _one(m.D_nominal))),
+            "sigma": self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), v)),
+            "kappa_v": self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), v)),
+            "kappa_e": self.stiffness(made.kappa_e, lambda m: m.G),
+            "kappa_g": self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)))),
+            "inverse": tuple(x._replace(value=x.value**2) for x in lengths),
+            "sigma_error": self.number(made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D)), _LOOSE),
+            "kappa_error": self.number(made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D)), _LOOSE),
         }
+
+    def stiffness(self, found: Number, torque: Callable[[Model], Polynomial]) -> Number:
+        """Return a bound on the stiffness of a torque beside that of what v* makes."""
+        made = [Stiffness(m, self._held(m), torque(m), self.setting.radius) for m in self.models]
+        return self.each([found], made, self.star)[0]
 
     def of_torques(self, found: Numbers) -> dict[str, Any]:
         """Return what the motors must give, and what a jump of the load does, from what is proved of D."""
-        low, high, reach = found.delta_low, found.delta_high, self.models[0].reach
-        nominal = self.models[0].D_nominal
+        low, high, n = found.delta_low, found.delta_high, len(self.star)
+        nominal, radius = self.models[0].D_nominal, self.setting.radius
         light, heavy = (self._held(m) for m in (self.models[0], self.models[-1]))
         changed = light._replace(coefficients=heavy.coefficients - light.coefficients)
-        at = [self.setting.lower[None], self.setting.upper[None]]
         # The length of v* in the metric of D^, and of its change between the loads.
         jump, *lengths = (
-            self._length_of(nominal, each, np.concatenate(at)) for each in (changed, light, heavy)
+            self.each([Number(0.0)], [Lengths(nominal, _one(each))], self.star)[0]
+            for each in (changed, light, heavy)
         )
+        if any(each.status != "proved" for each in (jump, *lengths)):
+            return {}  # what a search found
         length = max(each.value for each in lengths)
         largest_v = length * np.sqrt([each.value / low.value for each in found.inverse])
-        hold, reaches = [], []
-        for j in range(len(reach)):
-            moves = nominal.mapped(lambda c, j=j: c[:, j])  # type: ignore[misc]
-            steps = np.stack([moves.bound(reach, k) for k in range(len(reach))])
-            held = self.number(found.hold[j], lambda m, j=j: _scalar(m.G, reach, j), self.star)  # type: ignore[misc]
-            more = held.value + float(self.setting.radius @ steps @ largest_v)
-            hold.append(_from(more, held, low, *lengths, *found.inverse))
-            square = self.squared(found.reach[j], lambda m, j=j: _scalar(m.D_nominal, reach, j, j))  # type: ignore[misc]
-            reaches.append(_from(square.value * math.sqrt(high.value), square, high))
+        held = self.each(found.hold, [Sizes(m.G, np.eye(n), together=False) for m in self.models], self.star)
+        # By how much D^ v* changes within the radius.
+        more = np.einsum("k,kij,j->i", radius, most(_slopes(nominal), self.around), largest_v)
+        diagonal = nominal.mapped(lambda c: c[:, range(n), range(n)])
+        squares = self.each(
+            [x._replace(value=x.value**2) for x in found.reach],
+            [Sizes(diagonal, np.eye(n), together=False)],
+        )
         jumps = self.setting.arms[0] is not self.setting.arms[-1]
         jumped = _from(jump.value / math.sqrt(low.value), jump, low) if jumps else found.jump
-        return {"jump": jumped, "hold": tuple(hold), "reach": tuple(reaches)}
+        return {
+            "jump": jumped,
+            "hold": tuple(
+                _from(x.value + float(y), x, low, *lengths, *found.inverse)
+                for x, y in zip(held, more, strict=True)
+            ),
+            "reach": tuple(_from(math.sqrt(x.value) * math.sqrt(high.value), x, high) for x in squares),
+        }
 
     def of_inputs(self, found: Numbers) -> dict[str, Any]:
         """Return how large what disturbs is."""
@@ -208,23 +211,22 @@ class _Prover:
                 ends = corners(bound)
                 made[name] = self.number(
                     getattr(found, name),
-                    lambda m, v=ends: Norm(*_bordered(m.D, _axes(m.D)), m.reach, v),  # type: ignore[misc]
+                    lambda m, v=ends: Lengths(m.D, _constant(m.D, v)),  # type: ignore[misc]
                 )
         for name in ("velocity", "acceleration", "encoder"):
             if (bound := getattr(setting, name)).any():
                 ends = corners(bound)
                 squares = (ends[:, :, None] * ends[:, None]).reshape(len(ends), -1)
-                made[name] = self.squared(
-                    getattr(found, name),
-                    lambda m, v=squares: _scalar(m.D, m.reach, weights=v),  # type: ignore[misc]
-                    4.0 * 4.0,
+                square = getattr(found, name)
+                square = self.number(
+                    square._replace(value=square.value**2),
+                    lambda m, v=squares: Sizes(m.D, v),  # type: ignore[misc]
                 )
+                made[name] = square._replace(value=math.sqrt(square.value))
         if setting.velocity.any():
             stiffness = found.kappa_e
             if setting.feedforward != "none":
-                stiffness = self.number(
-                    found.kappa_e, lambda m: Stiffness(m, setting, self._held(m)), self.star, 9.0
-                )
+                stiffness = self.stiffness(found.kappa_e, self._held)
             moved = made["velocity"]
             made["shift"] = _from(stiffness.value * moved.value / low.value, stiffness, moved, low)
         if setting.acceleration.any() and setting.feedforward == "model":
@@ -233,16 +235,11 @@ class _Prover:
                 corners(setting.radius),
                 Number(float(np.max(setting.radius / setting.speed)) * found.sigma.value),
             )
-            rate = self.number(far, lambda m: Norm(m.D, _slopes(m.D_nominal), m.reach, v), loose=math.inf)
+            rate = self.number(far, lambda m: Norm(m.D, _slopes(m.D_nominal), v))
             share = max(high.value - 1.0, 1.0 - low.value) + high.value * math.expm1(rate.value / low.value)
             moved = made["acceleration"]
             made["acceleration"] = _from(share * moved.value, moved, low, high, rate)
         return made
-
-    def squared(self, found: Number, quantity: Callable[[Model], Quantity], loose: float = 4.0) -> Number:
-        """Return the bound on a number whose square is the largest value of a quantity."""
-        square = self.number(found._replace(value=found.value**2), quantity, loose=loose)
-        return square._replace(value=math.sqrt(square.value))
 
     def _held(self, model: Model) -> Polynomial:
         """Return D^ v*: what the feedforward holds, v* does not."""
@@ -250,12 +247,10 @@ class _Prover:
             return model.G
         return model.G._replace(coefficients=model.G.coefficients - model.G_nominal.coefficients)
 
-    def _length_of(self, D: Polynomial, held: Polynomial, ends: Array) -> Number:
-        """Return a bound on the length of a torque in the metric of D^-1; `ends` are two configurations."""
-        torque, inverse = held.at(ends), np.linalg.inv(D.at(ends))
-        near = math.sqrt(float(np.einsum("ka,kab,kb->k", torque, inverse, torque).max()))
-        bordered = _bordered(D, _one(held))
-        return self.number(Number(near), lambda m: Norm(*bordered, m.reach), self.star, math.inf)
+
+def _inverted(number: Number) -> Number:
+    """Return one over a number."""
+    return number._replace(value=1.0 / number.value)
 
 
 def _from(value: float, *used: Number) -> Number:
@@ -264,249 +259,289 @@ def _from(value: float, *used: Number) -> Number:
     return Number((1.0 + OUTWARD) * value, "proved" if proven else "searched")
 
 
-def largest(quantities: list[Quantity], cells: Cells, near: float, tolerance: float, budget: float) -> Bound:
-    """Return a bound on the largest of some quantities over cells.
+def largest(
+    quantities: Sequence[Quantity], half: Array, near: Array, tolerance: float, budget: float
+) -> Array:
+    """Return bounds on the largest values of a quantity's members, of all quantities together.
 
     Args:
-        quantities: what is bounded.
-        cells: where.
-        near: about the maximum.
-        tolerance: how far above the largest value seen the bound may be, as a share.
-        budget: time [s].
+        quantities: what is bounded, with the same members each.
+        half: half the widths of the box around the center of their polynomials [rad or m], shape (n,).
+        near: about the maxima, or less; shape (members,), or (1,) for members together.
+        tolerance: how far above the largest value seen a bound is, as a share.
+        budget: processor time [s]; bounds are infinite when it is over.
     """
-    end = time.monotonic() + budget
-    seen, upper, looked = 0.0, 0.0, 0
-    waiting = [(np.inf, cells)]
-    while waiting:
-        bound = max(each[0] for each in waiting)
-        if time.monotonic() > end:
-            return Bound(max(upper, bound), seen, looked)
-        waiting.sort(key=lambda each: each[0])
-        some = waiting.pop()[1]
-        enough = (1.0 + tolerance) * max(seen, near)
-        values = _worst([quantity(some, enough) for quantity in quantities])
-        looked += len(some.center)
-        seen = max(seen, float(values.seen.max()))
-        done = values.upper <= enough
-        upper = max(upper, float(values.upper[done].max(initial=0.0)))
-        waiting += _split(some, values, np.asarray(~done))
-    return Bound(upper, seen, looked)
+    end = time.process_time() + budget
+    seen = np.array(near)
+    for quantity in quantities:
+        members = np.zeros(quantity.members, int) if quantity.together else np.arange(quantity.members)
+        for whole in pieces(quantity.polynomials, half, quantity.margin):
+            waiting = [(whole, np.arange(quantity.members))]
+            while waiting:
+                if time.process_time() > end:
+                    return np.full(len(seen), np.inf)
+                cell, which = waiting.pop()
+                known = quantity.bounds(cell, which, (1.0 + tolerance) * seen[members[which]])
+                np.maximum.at(seen, members[which], known.seen)
+                left = which[known.upper > (1.0 + tolerance) * seen[members[which]]]
+                if len(left):
+                    waiting += [(each, left) for each in cell.halves(_bent(cell))]
+    return np.asarray((1.0 + tolerance) * seen)
 
 
-def _worst(each: list[Values]) -> Values:
-    """Return the largest of several quantities in the same cells."""
-    shares = np.max([values.shares for values in each], axis=0)
-    return Values(np.max([v.seen for v in each], axis=0), np.max([v.upper for v in each], axis=0), shares)
+def most(polynomial: Polynomial, half: Array) -> Array:
+    """Return bounds on the magnitudes of a polynomial in a box, of its shape."""
+    found = np.zeros(polynomial.shape)
+    for cell in pieces([polynomial], half, 0.0 * half):
+        (hull,) = _flat(cell)
+        found = np.maximum(found, np.abs(hull).max(axis=0) + cell.piece.beyond[0])
+    return found
 
 
-def _split(cells: Cells, values: Values, which: npt.NDArray[np.bool_]) -> list[tuple[float, Cells]]:
-    """Return halves of some cells in portions, each with the largest bound in it."""
-    order = np.flatnonzero(which)
-    order = order[np.argsort(-values.upper[order], kind="stable")]
-    portions = []
-    for rows in np.array_split(order, -(-2 * len(order) // _TOGETHER)) if len(order) else []:
-        center, half = cells.center[rows], cells.half[rows].copy()
-        across = np.arange(len(rows)), np.argmax(values.shares[rows], axis=1)
-        half[across] /= 2
-        step = np.zeros_like(half)
-        step[across] = half[across]
-        halves = Cells(np.concatenate([center - step, center + step]), np.concatenate([half, half]))
-        portions.append((float(values.upper[rows].max()), halves))
-    return portions
+def _flat(cell: Cell) -> list[Array]:
+    """Return the hulls of a cell, the corners one after the other: (corners, *shape)."""
+    joints = len(cell.half)
+    return [each.reshape(-1, *each.shape[joints:]) for each in cell.hull()]
 
 
-class _Metric:
-    """What a cell has of D: the root of its inverse at the center, slopes, and how much less it may be."""
-
-    def __init__(self, D: Expandable, cells: Cells, half: Array) -> None:
-        """Take D(q) at the centers; `half` is how far q is from there."""
-        self.cells, self.half = cells, half
-        expansion = D.at(cells.center)
-        self.root = np.linalg.inv(np.linalg.cholesky(expansion.value))
-        self.slopes = self.normal(expansion.slopes)
-        self.sizes = _sizes(self.slopes)
-        self.beyond = self.beyond_of(D, expansion)
-        self.loss = np.sum(half * self.sizes + self.beyond, axis=1)
-
-    def normal(self, X: Array) -> Array:
-        """Return L^-1 X L^-T with D = L L^T at the center; X of shape (k, ..., n, n)."""
-        root = self.root.reshape(len(self.root), *(1 for _ in X.shape[3:]), *self.root.shape[1:])
-        return np.asarray(root @ X @ root.swapaxes(-1, -2))
-
-    def spread(self, bound: Array) -> Array:
-        """Return bounds on the norms of L^-1 E L^-T for all ``|E| <= bound``, shape (k, ...)."""
-        root = np.abs(self.root).reshape(len(self.root), *(1 for _ in bound.shape[3:]), *self.root.shape[1:])
-        return np.asarray(np.sqrt(np.sum((root @ bound @ root.swapaxes(-1, -2)) ** 2, axis=(-2, -1))))
-
-    def beyond_of(self, X: Expandable, expansion: Expansion) -> Array:
-        """Return bounds on the norm of what is beyond first order, by joints; shape (k, joints, ...)."""
-        half = self.half
-        flat = self.spread(_cubes(X.thirds, half))
-        found = np.repeat(flat[:, None] / half.shape[1], half.shape[1], axis=1)
-        sizes = np.sqrt(np.sum(self.normal(expansion.seconds) ** 2, axis=(-2, -1)))
-        pad = (1,) * (flat.ndim - 1)
-        for (i, j), size in zip(X.pairs, np.moveaxis(sizes, 1, 0), strict=True):
-            part = 0.5 * (half[:, i] * half[:, j]).reshape(-1, *pad) * size
-            found[:, i] += part
-            found[:, j] += part if i != j else 0.0
-        return found
-
-    def values(self, seen: Array, near: float, parts: Array, shares: Array | None = None) -> Values:
-        """Return what is known; eigenvalues of D_c^-1 Z are at most seen - near and the sum of `parts`."""
-        lost: npt.NDArray[np.bool_] = np.asarray(
-            ~np.isfinite(parts).all(axis=1)
-        )  # a cell in which v* may be anything
-        shares = np.where(lost[:, None], self.cells.half * self.sizes, parts if shares is None else shares)
-        excess = np.where(lost, np.inf, seen - near + parts.sum(axis=1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            upper = near + excess / (1.0 - self.loss)
-        # Where Z is negative all over the cell, X is at most near D whatever D is.
-        upper = np.where(excess <= 0.0, near, np.where(self.loss < 1.0, upper, np.inf))
-        return Values(seen, upper, shares + _EVEN * self.cells.half)
+def _ends(cell: Cell) -> npt.NDArray[np.bool_]:
+    """Return which corners of the hull are configurations: those with an end for each joint."""
+    ends = np.zeros(cell.piece.table.shape[:-1], bool)
+    ends[tuple(slice(None, None, 2) for _ in cell.half)] = True
+    return ends.ravel()
 
 
-class Eigenvalue:
-    """The largest eigenvalue of D^-1 X, with X a symmetric matrix."""
+def _bent(cell: Cell) -> int:
+    """Return the joint along which the values in a cell bend most, as shares of the largest of each kind."""
+    bends = np.zeros(len(cell.half))
+    for values in cell.hull():
+        joints = range(len(bends))
+        largest_one = max(float(np.abs(values).max()), _TINY)
+        size = np.maximum(np.abs(values).max(axis=tuple(joints)), 1e-3 * largest_one)
+        for j in joints:
+            if values.shape[j] > 1:
+                means = values.mean(axis=tuple(i for i in joints if i != j))
+                bends[j] += np.linalg.norm((means[1] - 0.5 * (means[0] + means[2])) / size)
+    return int(np.argmax(bends + _EVEN * cell.half))
 
-    def __init__(self, D: Polynomial, X: Polynomial, reach: Array) -> None:
-        """Take D and X; `reach` is the largest distance of sliding joints from zero."""
-        self.D, self.X = Expandable(D, reach), Expandable(X, reach)
 
-    def __call__(self, cells: Cells, near: float) -> Values:
-        """Return what is known in cells."""
-        metric, X = _Metric(self.D, cells, cells.half), self.X.at(cells.center)
-        seen = np.asarray(np.linalg.eigvalsh(metric.normal(X.value))[:, -1])
-        steps = cells.half * _sizes(metric.normal(X.slopes) - near * metric.slopes)
-        return metric.values(seen, near, steps + metric.beyond_of(self.X, X) + near * metric.beyond)
+def _roots(D: Array, beyond: Array) -> Array | None:
+    """Return L^-1 of matrices D = L L^T less what may be beyond them; None where they are not positive."""
+    size = np.sqrt(np.abs(np.diagonal(D[0])))
+    less = np.sum(beyond * size[:, None] / size, axis=1)
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(D - np.diag(less))))
+    except np.linalg.LinAlgError:
+        return None
 
 
-class Norm:
+def _normal(root: Array, X: Array) -> Array:
+    """Return L^-1 X L^-T, matrices (k, n, n) for X of shape (k, ..., n, n)."""
+    root = root.reshape(len(root), *(1 for _ in X.shape[3:]), *root.shape[1:])
+    return np.asarray(root @ X @ root.swapaxes(-1, -2))
+
+
+def _error(root: Array, beyond: Array) -> Array:
+    """Return bounds on the norms of L^-1 E L^-T for all ``|E| <= beyond``, shape (k,)."""
+    away = np.abs(root)
+    return np.asarray(np.linalg.norm(away @ beyond @ away.swapaxes(-1, -2), axis=(-2, -1)))
+
+
+def _sizes(X: Array) -> Array:
+    """Return bounds on :func:`norms`, at most n^(1/8) times them and in a tenth of the time."""
+    squares = X.swapaxes(-1, -2) @ X
+    return np.asarray(np.sum((squares @ squares) ** 2, axis=(-2, -1)) ** 0.125)
+
+
+def _nothing(count: int) -> Bounds:
+    """Return what is known where D is not positive at all corners."""
+    return Bounds(np.full(count, np.inf), np.zeros(count))
+
+
+class Norm(Quantity):
     """The largest norm of D^-1/2 X D^-1/2, with X the sum of some matrices times given weights."""
 
-    def __init__(self, D: Polynomial, X: Polynomial, reach: Array, weights: Array | None = None) -> None:
+    def __init__(self, D: Polynomial, X: Polynomial, weights: Array | None = None) -> None:
         """Take D, matrices X (m, n, n) and weights of them (w, m): all ones when not given."""
-        self.D, self.X = Expandable(D, reach), Expandable(X, reach)
-        self.weights = np.ones((1, X.coefficients.shape[1])) if weights is None else weights
+        self.polynomials = (D, X)
+        self.weights = np.ones((1, X.shape[0])) if weights is None else weights
+        self.members = len(self.weights)
 
-    def __call__(self, cells: Cells, near: float) -> Values:
-        """Return what is known in cells."""
-        metric, X = _Metric(self.D, cells, cells.half), self.X.at(cells.center)
-        seen = norms(self._weighted(metric.normal(X.value)))
-        slopes = _sizes(self._weighted(metric.normal(X.slopes)))
-        parts = cells.half[:, :, None] * slopes + metric.beyond_of(self.X, X) @ np.abs(self.weights).T
-        parts += near * (cells.half * metric.sizes + metric.beyond)[:, :, None]
-        worst = np.argmax(seen + parts.sum(axis=1), axis=1)
-        # That of the worst weights, whose own center may be lower.
-        rows = np.arange(len(worst))
-        values = metric.values(seen[rows, worst], near, parts[rows, :, worst])
-        return values._replace(seen=seen.max(axis=1))
-
-    def _weighted(self, X: Array) -> Array:
-        """Return the sums of matrices (k, ..., m, n, n) with all weights, shape (k, ..., w, n, n)."""
-        return np.asarray(np.einsum("...mab,wm->...wab", X, self.weights))
+    def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
+        """Return what is known of some weights in a cell."""
+        (D, X), (less, beyond), weights = _flat(cell), cell.piece.beyond, self.weights[which]
+        root = _roots(D, less)
+        if root is None:
+            return _nothing(len(which))
+        values = np.tensordot(weights, _normal(root, X), axes=(1, 1))
+        error = _error(root, np.max(np.tensordot(np.abs(weights), beyond, axes=1), axis=0))
+        upper = _sizes(values) + error
+        far = upper > x[:, None]
+        upper[far] = norms(values[far]) + np.broadcast_to(error, upper.shape)[far]
+        seen = np.where(far, upper, 0.0)[:, _ends(cell)].max(axis=1)
+        return Bounds(upper.max(axis=1), seen)
 
 
-class Unfolded:
+class Lengths(Quantity):
+    """The largest lengths of some vectors in the metric of D^-1."""
+
+    def __init__(self, D: Polynomial, vectors: Polynomial, together: bool = True) -> None:
+        """Take D, and vectors (m, n)."""
+        self.polynomials, self.members, self.together = (D, vectors), vectors.shape[0], together
+
+    def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
+        """Return what is known of some vectors in a cell."""
+        (D, vectors), (less, beyond) = _flat(cell), cell.piece.beyond
+        root = _roots(D, less)
+        if root is None:
+            return _nothing(len(which))
+        turned = root @ vectors[:, which].swapaxes(1, 2)
+        upper = np.linalg.norm(turned, axis=1).T
+        upper += np.linalg.norm(np.abs(root) @ beyond[which].T, axis=1).T
+        return Bounds(upper.max(axis=1), upper[:, _ends(cell)].max(axis=1))
+
+
+class Sizes(Quantity):
+    """The largest magnitudes of weighted sums of the entries of a polynomial."""
+
+    def __init__(self, P: Polynomial, weights: Array, together: bool = True) -> None:
+        """Take a polynomial, and weights of its entries (w, entries)."""
+        self.polynomials, self.weights = (P,), weights
+        self.members, self.together = len(weights), together
+
+    def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
+        """Return what is known of some sums in a cell."""
+        (entries,), weights = _flat(cell), self.weights[which]
+        upper = np.abs(weights @ entries.reshape(len(entries), -1).T)
+        upper += np.abs(weights) @ cell.piece.beyond[0].reshape(-1, 1)
+        return Bounds(upper.max(axis=1), upper[:, _ends(cell)].max(axis=1))
+
+
+def _beside(along: Array, X: Array) -> Array:
+    """Return at least the norms of sums of X_k u_k over vectors u = along^T w, w of length 1.
+
+    It is the norm of the matrices of the axes of w beside each other; X of shape (k, n, n, n), shape (k,).
+    """
+    each = np.tensordot(X, along, axes=(1, 1))  # (k, a, b, axis)
+    wide = each.reshape(*each.shape[:2], -1)
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(wide @ wide.swapaxes(1, 2))[:, -1]))
+
+
+class Unfolded(Quantity):
     """At least the largest norm of the sum of u_k X_k over velocities u of length 1, all in the metric of D.
 
-    It is the norm of all n matrices beside each other, for velocities along axes of length 1.
+    The velocities are those of length 1 in the metric of the cell's center, made longer.
     """
 
-    def __init__(self, D: Polynomial, X: Polynomial, reach: Array) -> None:
+    def __init__(self, D: Polynomial, X: Polynomial) -> None:
         """Take D and matrices X (n, n, n), one for each joint's velocity."""
-        self.D, self.X = Expandable(D, reach), Expandable(X, reach)
+        self.polynomials = (D, X)
 
-    def __call__(self, cells: Cells, near: float) -> Values:
-        """Return what is known in cells."""
-        metric, X = _Metric(self.D, cells, cells.half), self.X.at(cells.center)
-        seen = self._beside(metric, X.value[:, None])[:, 0]
-        parts = cells.half * self._beside(metric, X.slopes)
-        parts += np.einsum("kjm,km->kj", metric.beyond_of(self.X, X), np.linalg.norm(metric.root, axis=1))
-        lost = metric.loss >= 1.0
-        with np.errstate(invalid="ignore"):  # each of the three is as long in the metric elsewhere
-            upper = np.where(lost, np.inf, (seen + parts.sum(axis=1)) / (1.0 - metric.loss) ** 1.5)
-        shares = parts + 1.5 * near * (cells.half * metric.sizes + metric.beyond)
-        return Values(seen, upper, shares + _EVEN * cells.half)
-
-    @staticmethod
-    def _beside(metric: _Metric, X: Array) -> Array:
-        """Return the norms of matrices (k, j, n, n, n) beside each other."""
-        along = np.einsum("kjmab,kum->kjuab", metric.normal(X), metric.root)
-        squares = np.einsum("kjuab,kjucb->kjac", along, along)
-        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(squares)[..., -1], 0.0)))
+    def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
+        """Return what is known in a cell."""
+        (D, X), (less, beyond), (middle, there) = _flat(cell), cell.piece.beyond, cell.middle()
+        root, center = _roots(D, less), _roots(middle[None], less)
+        if root is None or center is None:
+            return _nothing(1)
+        upper = _beside(center[0], _normal(root, X))
+        for each, length in zip(beyond, np.linalg.norm(center[0], axis=0), strict=True):
+            upper += length * _error(root, each)
+        # D is at least this share of D at the center.
+        share = 1.0 / norms(_inverses(root, middle)).max() ** 2
+        seen = _beside(center[0], _normal(center, there[None]))
+        return Bounds(np.array([upper.max() / math.sqrt(share)]), seen)
 
 
-class Stiffness:
-    """The largest norm of D^-1/2 K D^-1/2 with K = d(G - D^ v*)/dq and v* = D^^-1 G at a reference.
+def _inverses(root: Array, D: Array) -> Array:
+    """Return L^-1 M with D = M M^T: its squared norm is the largest eigenvalue of (L L^T)^-1 D."""
+    return np.asarray(root @ np.linalg.cholesky(D))
+
+
+class Stiffness(Quantity):
+    """The largest norm of D^-1/2 K D^-1/2 with K = d(torque - D^ v*)/dq and v* = D^^-1 held at a reference.
 
     D is taken at one configuration near the reference, K at another one.
     """
 
-    def __init__(self, model: Model, setting: Setting, torque: Polynomial) -> None:
-        """Take the models, and G or another torque, within `setting.radius` of the reference."""
-        self.radius = setting.radius
-        held = model.G.coefficients
-        if setting.feedforward != "none":  # what the feedforward holds, v* does not
-            held = held - model.G_nominal.coefficients
-        resting = model.G._replace(coefficients=held)
-        # dG/dq, and d(D^ e_k)/dq for every joint k.
-        nominal = _slopes(model.D_nominal).mapped(lambda c: c.transpose(0, 3, 2, 1))
-        gradient = _one(_gradient(torque))
-        whole = np.concatenate([gradient.coefficients, -nominal.coefficients], axis=1)
-        reach = model.reach
-        self.D, self.D_nominal = Expandable(model.D, reach), Expandable(model.D_nominal, reach)
-        self.K = Expandable(nominal._replace(coefficients=whole), reach)
-        self.held = Expandable(resting, reach)
-        self.seconds = _seconds(resting, reach), _seconds(model.D_nominal, reach)
+    def __init__(self, model: Model, held: Polynomial, torque: Polynomial, radius: Array) -> None:
+        """Take the models, what v* holds, the torque, and how far from the reference D and K may be."""
+        # d(D^ e_k)/dq for every joint k.
+        moves = _slopes(model.D_nominal).mapped(lambda c: c.transpose(0, 3, 2, 1))
+        gradients = _gradient(torque), _gradient(held)
+        self.polynomials = (model.D, model.D_nominal, held, *gradients, moves, _slopes(model.D))
+        self.radius = radius
 
-    def __call__(self, cells: Cells, near: float) -> Values:
-        """Return what is known in cells of references."""
-        half, wide = cells.half, cells.half + self.radius
-        metric = _Metric(self.D, cells, wide)
-        v, slope, rest = self._resting(cells)
-        weights = np.concatenate([np.ones((len(v), 1)), v], axis=1)
-        K = self.K.at(cells.center)
-        bases, slopes = metric.normal(K.value), metric.normal(K.slopes)
-        seen = norms(np.einsum("km,kmab->kab", weights, bases))
-        apart = np.einsum("km,kjmab->kjab", weights, slopes)
-        together = apart + np.einsum("kjm,kmab->kjab", slope, bases[:, 1:])
-        sizes = _sizes(together)
-        parts = half * sizes + self.radius * _sizes(apart)
-        # Second order: K in q, v* in q*, and the product of both.
-        beyond = metric.beyond_of(self.K, K)
-        change = np.einsum("kj,kjm->km", half, np.abs(slope)) + rest
-        parts += np.einsum("km,kjm->kj", np.abs(weights), beyond)
-        parts += np.einsum(
-            "km,kjm->kj", change, beyond[:, :, 1:] + wide[:, :, None] * _sizes(slopes[:, :, 1:])
-        )
-        parts += np.einsum("km,km->k", rest, _sizes(bases[:, 1:]))[:, None] / half.shape[1]
-        parts += near * (wide * metric.sizes + metric.beyond)
-        # What the radius adds, no split makes less.
-        share = (
-            half * (sizes + near * metric.sizes)
-            + np.divide(half, wide, where=wide > 0.0, out=0 * wide) * beyond[:, :, 0]
-        )
-        return metric.values(seen, near, parts, share)
+    @property
+    def margin(self) -> Array:
+        """How far D and K may be from the reference."""
+        return self.radius
 
-    def _resting(self, cells: Cells) -> tuple[Array, Array, Array]:
-        """Return v* at the centers, its slopes (k, joints, n), and bounds on what is beyond them."""
-        half, D, held = cells.half, self.D_nominal.at(cells.center), self.held.at(cells.center)
-        metric = _Metric(self.D_nominal, cells, half)
-        inverse = np.linalg.inv(D.value)
-        v = np.einsum("kab,kb->ka", inverse, held.value)
-        # D^ (v* - v) = held - D^ v =: r, which is zero at the center.
-        r_slopes = held.slopes - np.einsum("kjab,kb->kja", D.slopes, v)
-        slopes = np.einsum("kab,kjb->kja", inverse, r_slopes)
-        r_rest = _rest(self.seconds[0], half)
-        r_rest = r_rest + np.einsum("kab,kb->ka", _rest(self.seconds[1], half), np.abs(v))
-        rest = np.einsum("kab,kb->ka", np.abs(inverse), r_rest)
-        # What D^ in the cell adds to D^ at the center, in its metric.
-        r = np.einsum("kj,kja->ka", half, np.abs(r_slopes)) + r_rest
-        size = np.linalg.norm(np.einsum("kab,kb->ka", np.abs(metric.root), r), axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            more = np.where(metric.loss < 1.0, metric.loss / (1.0 - metric.loss) * size, np.inf)
-        rest = rest + np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * more[:, None]
-        return v, slopes, rest
+    def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
+        """Return what is known in a cell of references.
+
+        With v* = v + y + z, v at the center, y = D^_c^-1 (held - D^ v) and z what is left, ``K`` is
+        ``torque' - D^' v - D^'_c y`` and second order; the first part is in the hull of its values.
+        """
+        wide = cell._replace(half=cell.half + self.radius)
+        hulls, beyond, middle = _flat(wide), cell.piece.beyond, cell.middle()
+        D, nominal, held, gradient, slope, moves, rates = hulls
+        center, base = (_roots(middle[i][None], beyond[i]) for i in (0, 1))
+        if center is None or base is None:
+            return _nothing(1)
+        inverse = base[0].T @ base[0]
+        v = inverse @ middle[2]
+        away = np.abs(v)
+        y, y_beyond = (held - nominal @ v) @ inverse, np.abs(inverse) @ (beyond[2] + beyond[1] @ away)
+        fixed, fixed_beyond = np.tensordot(v, moves, axes=(0, 1)), np.tensordot(away, beyond[5], axes=1)
+        K = gradient - fixed - np.tensordot(y, middle[5], axes=1)
+        K_beyond = beyond[3] + fixed_beyond + np.tensordot(y_beyond, np.abs(middle[5]), axes=1)
+        # In the metric of the center, from here on. What D loses between the two configurations ...
+        apart, less = self._apart(center, middle[6], rates, beyond[6])
+        root = _roots(_normal(center, D) - less, _error(center, beyond[0]) * np.eye(len(v)))
+        root_there = _roots(np.eye(len(v))[None] - apart, 0.0 * apart)
+        if root is None or root_there is None:
+            return _nothing(1)
+        upper = norms(_normal(root, _normal(center, K)))
+        # ... what y changes between K's and the reference, and what is of second order.
+        there = _normal(center, middle[5][None])[0]
+        turns = inverse @ (slope - fixed)
+        first = _sizes(np.tensordot(turns.swapaxes(1, 2), there, axes=1)) @ self.radius
+        slack = np.abs(inverse) @ (beyond[4] + fixed_beyond) @ self.radius
+        length, loss = self._length(base[0], y, y_beyond), self._loss(base, nominal, beyond[1])
+        if loss >= 1.0:
+            return _nothing(1)
+        change = _beside(base[0], _normal(center, moves - middle[5])).max()
+        for each, most_of in zip(beyond[5], np.linalg.norm(base[0], axis=0), strict=True):
+            change += most_of * _error(center, each)[0]
+        whole = change + _beside(base[0], there[None])[0]
+        rest = change * length + whole * (loss / (1.0 - loss) * length + self._length(base[0], slack, 0.0))
+        rest += first.max() + _error(center, K_beyond)[0]
+        K_there = _normal(center, (middle[3] - np.tensordot(v, middle[5], axes=1))[None])
+        seen = norms(_normal(root_there, K_there)) + first.min()
+        return Bounds(np.array([upper.max() + rest * norms(root).max() ** 2]), seen)
+
+    def _apart(self, center: Array, middle: Array, rates: Array, beyond: Array) -> tuple[Array, Array]:
+        """Return what D may lose from K's configuration to its own: at the center, and anywhere in a cell."""
+        away = 2.0 * self.radius
+        there = _normal(center, middle[None])[0]
+        values, vectors = np.linalg.eigh(there)
+        loss = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
+        more = norms(_normal(center, rates - middle)).max(axis=0)
+        more = more + [_error(center, each)[0] for each in beyond]
+        return loss, loss + float(away @ more) * np.eye(len(loss))
+
+    @staticmethod
+    def _length(base: Array, y: Array, beyond: Array | float) -> float:
+        """Return a bound on the lengths of vectors in the metric of D^ at the center."""
+        metric = np.linalg.inv(base)
+        size = np.linalg.norm(np.atleast_2d(y) @ metric, axis=1).max()
+        return float(size + np.linalg.norm(np.abs(metric.T) @ np.broadcast_to(beyond, len(base))))
+
+    @staticmethod
+    def _loss(base: Array, nominal: Array, beyond: Array) -> float:
+        """Return by how much D^ differs from that at the center, in its metric."""
+        change = _normal(base, nominal) - np.eye(nominal.shape[-1])
+        return float(np.abs(np.linalg.eigvalsh(change)).max() + _error(base, beyond)[0])
 
 
 def _one(P: Polynomial) -> Polynomial:
@@ -516,76 +551,32 @@ def _one(P: Polynomial) -> Polynomial:
 
 def _slopes(D: Polynomial) -> Polynomial:
     """Return the partial derivatives of D, shape (n, n, n), the joint first."""
-    return stacked([D.derivative(j) for j in range(D.frequencies.shape[1])])
+    return stacked([D.derivative(j) for j in range(len(D.center))])
 
 
 def _christoffel(D: Polynomial) -> Polynomial:
     """Return the matrices C_k of C(q, v) = sum of v_k C_k, shape (n, n, n)."""
 
-    def combined(S: Any) -> Any:
-        return 0.5 * (S + S.transpose(0, 3, 2, 1) - S.transpose(0, 3, 1, 2))
+    def combined(S: Array) -> Array:
+        return np.asarray(0.5 * (S + S.transpose(0, 3, 2, 1) - S.transpose(0, 3, 1, 2)))
 
     return _slopes(D).mapped(combined)
 
 
 def _gradient(G: Polynomial) -> Polynomial:
     """Return dG_i/dq_j, shape (n, n)."""
-    return stacked([G.derivative(j) for j in range(G.frequencies.shape[1])]).mapped(
-        lambda c: c.transpose(0, 2, 1)
-    )
+    slopes = stacked([G.derivative(j) for j in range(len(G.center))])
+    return slopes.mapped(lambda c: c.transpose(0, 2, 1))
 
 
-def _bordered(D: Polynomial, vectors: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """Return diag(D, 1) and [[0, g], [g^T, 0]] for vectors g (m, n): its norm is the length of g."""
-    terms, m, n = vectors.coefficients.shape
-    metric, beside = np.zeros((terms, n + 1, n + 1), complex), np.zeros((terms, m, n + 1, n + 1), complex)
-    metric[:, :n, :n], metric[0, n, n] = D.coefficients, 1.0
-    beside[:, :, :n, n] = beside[:, :, n, :n] = vectors.coefficients
-    return D._replace(coefficients=metric), D._replace(coefficients=beside)
+def _constant(like: Polynomial, value: Array) -> Polynomial:
+    """Return a polynomial that is a value everywhere."""
+    terms = like.coefficients.shape[: len(like.center)]
+    coefficients = np.zeros((*terms, *value.shape))
+    coefficients[(0,) * len(terms)] = value
+    return like._replace(coefficients=coefficients)
 
 
 def _axes(D: Polynomial) -> Polynomial:
     """Return the n constant unit vectors, (n, n)."""
-    coefficients = np.zeros_like(D.coefficients)
-    coefficients[0] = np.eye(coefficients.shape[-1])
-    return D._replace(coefficients=coefficients)
-
-
-def _scalar(P: Polynomial, reach: Array, *index: int, weights: Array | None = None) -> Norm:
-    """Return the magnitude of an entry of P, or of a weighted sum of all of them."""
-    entry: Any = (slice(None), *index)
-    entries = P.coefficients[entry].reshape(len(P.coefficients), -1, 1, 1)
-    one = np.zeros((len(entries), 1, 1), complex)
-    one[0] = 1.0
-    return Norm(P._replace(coefficients=one), P._replace(coefficients=entries), reach, weights)
-
-
-def _unit(D: Polynomial, joint: int) -> Polynomial:
-    """Return the constant matrix whose only entry that is not zero, on the diagonal, is one."""
-    coefficients = np.zeros_like(D.coefficients)
-    coefficients[0, joint, joint] = 1.0
-    return D._replace(coefficients=coefficients)
-
-
-def _seconds(P: Polynomial, reach: Array) -> Array:
-    """Return bounds on all second derivatives, shape (n, n, *shape)."""
-    joints = range(len(reach))
-    return np.stack([np.stack([P.derivative(i).bound(reach, j) for j in joints]) for i in joints])
-
-
-def _rest(second: Array, half: Array) -> Array:
-    """Return bounds on what is beyond first order in boxes, shape (k, *shape)."""
-    return np.asarray(0.5 * np.einsum("ij...,ki,kj->k...", second, half, half, optimize=True))
-
-
-def _cubes(third: Array, half: Array) -> Array:
-    """Return bounds on what is beyond second order in boxes, shape (k, *shape)."""
-    some = np.einsum("hij...,kh->kij...", third, half)
-    some = np.einsum("kij...,ki->kj...", some, half)
-    return np.asarray(np.einsum("kj...,kj->k...", some, half) / 6.0)
-
-
-def _sizes(X: Array) -> Array:
-    """Return bounds on :func:`norms`, at most n^(1/8) times them and in a tenth of the time."""
-    squares = X.swapaxes(-1, -2) @ X
-    return np.asarray(np.sum((squares @ squares) ** 2, axis=(-2, -1)) ** 0.125)
+    return _constant(D, np.eye(len(D.center)))

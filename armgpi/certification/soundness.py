@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -9,6 +11,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.certification.adversary import Worst, worst
 from armgpi.certification.asked import Asked
+from armgpi.certification.solve import checker, merged
 from armgpi.loop.prepared import prepare
 from armgpi.plants.loads import Step
 from armgpi.plants.rigid_body import RigidBodyPlant
@@ -33,31 +36,37 @@ class Observed(NamedTuple):
         rollouts: how many there were.
         gain: largest error over that certified for the same torque with the reference at rest, (n,).
         stated: largest error over that certified for all that was stated, (n,); NaN where nothing was.
+        jump: the same after a jump of the load, (n,); NaN where that is not claimed.
     """
 
     rollouts: int
     gain: Array
     stated: Array
+    jump: Array
 
 
-def observe(asked: Asked, made: Certificate, count: int, seed: int = 0) -> Observed:
+def observe(
+    asked: Asked, made: Certificate, count: int, seed: int = 0, claims: Sequence[str] = Observed._fields[1:]
+) -> Observed:
     """Return the worst of random and adversarial rollouts of the compiled loop.
 
     Half of the torques act on one joint and switch when the worst one at some configuration does, the others
     act on all joints and switch at random. A quarter of the rollouts is at the worst configurations that were
     found, a third at corners of the box, the others anywhere in it. With a feedforward only the heaviest load
-    is tried, and without one both: the loop has to start at rest.
+    is tried, and without one both: the loop has to start at rest. A jump is from there to the other load,
+    while error and speed are anything that what was stated may have led to.
 
     Args:
         asked: what the certificate is for.
         made: the certificate.
         count: of rollouts, for each claim that was made.
         seed: of all that is drawn.
+        claims: those that are tried, of those that were made.
     """
     rng, cases = np.random.default_rng(seed), worst(asked, count=40, samples=_SAMPLES, seed=seed)
     arms = asked.setting.arms if asked.setting.feedforward == "none" else asked.setting.arms[-1:]
-    ratios, rollouts = {name: np.full(asked.robot.n, np.nan) for name in ("gain", "stated")}, 0
-    for claim in ratios:
+    ratios, rollouts = {name: np.full(asked.robot.n, np.nan) for name in Observed._fields[1:]}, 0
+    for claim in claims:
         if claim in made.data["solutions"]:
             for arm in arms:
                 for size in _portions(-(-count // len(arms))):
@@ -94,12 +103,15 @@ class _Batch:
     def peaks(self, claim: str) -> Array:
         """Return the largest error of each joint, (n,)."""
         asked, arm, h = self.asked, self.arm, self.asked.controller.dt
+        light, heavy = asked.setting.arms[0], asked.setting.arms[-1]
+        moved = {"jump": light if arm is heavy else heavy}.get(claim, arm)
+        start: Any = self._excited() if claim == "jump" else {}
         tau, onsets = self._torques(claim), self._onsets()
         # After the first, each step turns the torque round.
         signs = [1.0, *(2.0 * (-1.0) ** k for k in range(1, _SWITCHES))]
         loads = [Step(sign * tau, onset=onset[:, None]) for sign, onset in zip(signs, onsets, strict=True)]
-        plant: Any = RigidBodyPlant(arm, loads=loads)
-        if asked.bits is not None and claim == "stated":
+        plant: Any = RigidBodyPlant(moved, loads=loads)
+        if asked.bits is not None and claim != "gain":
             plant = Encoder(plant, asked.bits)
         if asked.delay:
             plant = Delayed(plant, asked.delay)
@@ -108,7 +120,22 @@ class _Batch:
             controller = controller.with_values(bias_robot=arm)  # it starts with what holds the true arm
         reference = Hold(self.q) if claim == "gain" else self._moving()
         run = prepare(plant, controller, reference, h * _SAMPLES, record="metrics", backend="compiled")
-        return np.asarray(np.abs(run.run()["peak_error"].values).reshape(-1, arm.n).max(axis=0))
+        return np.asarray(np.abs(run.run(**start)["peak_error"].values).reshape(-1, arm.n).max(axis=0))
+
+    def _excited(self) -> dict[str, Array]:
+        """Return errors and speeds of a V that the stated inputs keep it at; integrators as at rest."""
+        data, n = self.made.data, self.arm.n
+        facts = merged(data["limits"], data["law"], data["numbers"], data["inputs"]["jump"])
+        solution, sizes = checker.exact(data["solutions"]["jump"]), checker.sample(facts)[4]
+        level = sum(x * y * y for x, y in zip(solution["a"], sizes, strict=True)) / solution["alpha"]
+        P = np.array([row[:2] for row in solution["P"][:2]], dtype=float)
+        # Of length 1 in the metric of P and D, of either sign in each part.
+        x = np.linalg.inv(np.linalg.cholesky(P)).T @ self.rng.standard_normal((self.count, 2, n))
+        D = self.arm.mass_matrix(self.q)
+        x *= _NEARLY * math.sqrt(level) / np.sqrt(np.einsum("kai,ab,kij,kbj->k", x, P, D, x))[:, None, None]
+        limits, far = self.arm.limits, np.abs(x[:, 0])
+        self.q = np.clip(self.q, limits.lower + far, limits.upper - far)
+        return {"q0": self.q + x[:, 0], "v0": float(max(facts["omega"])) * x[:, 1]}
 
     def _torques(self, claim: str) -> Array:
         """Return the torques that switch, (count, n)."""

@@ -1,15 +1,20 @@
-"""Functions of a robot's configuration as trigonometric polynomials, which bound their own derivatives.
+"""Functions of a robot's configuration as trigonometric polynomials, and hulls of their values in cells.
 
 Every entry of D(q) is a trigonometric polynomial of degree two at most in each revolute joint, and a
 polynomial of degree two at most in each prismatic one; G(q) is of degree one. So samples on a grid of five
-(three) values per joint give its coefficients, and sums of their magnitudes bound derivatives everywhere.
+(three) values per joint give its coefficients.
+
+In a piece of 0.2 rad each way, sin 2x and cos 2x are affine in sin x and cos x, but for 0.002: what is left
+out is bounded. The rest is affine in the point (cos x, sin x) of each joint alone, and that point is in
+a triangle: the two ends of its arc, and where the tangents at the ends meet. So all values in a cell are
+within the hull of those at the corners of a product of triangles. What is linear in a cell makes that hull no
+larger than need be, so its excess falls with the square of the width.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,226 +26,328 @@ from armgpi.robot.robot import Robot
 
 #: Most samples of a grid: eight revolute joints.
 _MOST = 5**8
-#: Coefficients below this share of the largest sum are rounding; what is dropped is far below the share
-#: by which :mod:`armgpi.certification.proofs` rounds outward.
-_DROPPED = 1e-14
 #: Share by which a polynomial may differ from what it was made from, at configurations off the grid.
 _EQUAL = 1e-11
-_Complex = npt.NDArray[np.complex128]
+#: Most that a joint may leave out of the first polynomial, as a share of its size.
+_LEFT_OUT = 3e-4
 
 
 class Polynomial(NamedTuple):
-    """A function of configurations with values of some shape: the real part of a sum.
+    """A function of configurations with values of some shape.
 
-    Each term is ``coefficient * exp(1j * frequencies @ q) * prod(q ** powers)``.
+    It is a sum of products of functions of one joint's distance x from a center each: 1, cos x, sin x, cos 2x
+    and sin 2x of a revolute joint; 1, x and x^2 of a prismatic one; 1 of a joint that does not enter.
 
     Attributes:
-        frequencies: of the revolute joints, zero for the others, shape (terms, n).
-        powers: of the prismatic joints, zero for the others, shape (terms, n).
-        coefficients: complex, shape (terms, *shape).
+        center: [rad or m], shape (n,).
+        prismatic: which joints are, shape (n,).
+        coefficients: of the products, shape (*functions of each joint, *shape).
     """
 
-    frequencies: Array
-    powers: Array
-    coefficients: _Complex
+    center: Array
+    prismatic: npt.NDArray[np.bool_]
+    coefficients: Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of a value."""
+        return self.coefficients.shape[len(self.center) :]
 
     def at(self, q: Array) -> Array:
         """Return values at configurations (k, n), shape (k, *shape)."""
-        waves = np.exp(1j * (q @ self.frequencies.T)) * np.prod(q[:, None] ** self.powers, axis=2)
-        return np.asarray(np.tensordot(waves, self.coefficients, axes=1).real)
-
-    def bound(self, reach: Array, joint: int) -> Array:
-        """Return bounds on the magnitude of the partial derivative by a joint, everywhere, shape `shape`.
-
-        Args:
-            reach: largest ``|q|`` of the prismatic joints [m], shape (n,).
-            joint: which one.
-        """
-        derivative = self.derivative(joint)
-        most = np.prod(np.where(self.powers > 0, reach**self.powers, 1.0), axis=1)
-        return np.asarray(np.tensordot(most, np.abs(derivative.coefficients), axes=1))
+        x, values = q - self.center, np.broadcast_to(self.coefficients, (len(q), *self.coefficients.shape))
+        for joint, slides in enumerate(self.prismatic):
+            each = _functions(x[:, joint], slides)[: values.shape[1]]
+            values = np.einsum("fk,kf...->k...", each, values)
+        return np.asarray(values)
 
     def derivative(self, joint: int) -> Polynomial:
-        """Return the partial derivative by a joint, with the same terms."""
-        shape = (-1, *(1 for _ in self.coefficients.shape[1:]))
-        coefficients = 1j * self.frequencies[:, joint].reshape(shape) * self.coefficients
-        slides = np.flatnonzero(self.powers[:, joint])
-        if len(slides):
-            terms = np.concatenate([self.frequencies, self.powers], axis=1)
-            row = {tuple(term): i for i, term in enumerate(terms.tolist())}
-            lower = terms[slides]
-            lower[:, self.powers.shape[1] + joint] -= 1
-            coefficients[[row[tuple(term)] for term in lower.tolist()]] += (
-                self.powers[slides, joint].reshape(shape) * self.coefficients[slides]
-            )
-        return self._replace(coefficients=coefficients)
+        """Return the partial derivative by a joint."""
+        matrix = np.zeros((5, 5))
+        if self.prismatic[joint]:
+            matrix[0, 1], matrix[1, 2] = 1.0, 2.0
+        else:
+            matrix[1, 2], matrix[2, 1], matrix[3, 4], matrix[4, 3] = 1.0, -1.0, 2.0, -2.0
+        size = self.coefficients.shape[joint]
+        return self._replace(coefficients=_along(self.coefficients, joint, matrix[:size, :size]))
 
-    def mapped(self, function: Callable[[_Complex], _Complex]) -> Polynomial:
-        """Return the polynomial with the coefficients that a linear function makes of these."""
-        return Polynomial(self.frequencies, self.powers, function(self.coefficients))
+    def mapped(self, function: Callable[[Array], Array]) -> Polynomial:
+        """Return the polynomial whose values a linear function makes of these; it takes (k, *shape)."""
+        terms = self.coefficients.shape[: len(self.center)]
+        values = function(self.coefficients.reshape(-1, *self.shape))
+        return self._replace(coefficients=values.reshape(*terms, *values.shape[1:]))
 
 
-class Expansion(NamedTuple):
-    """What a polynomial is near some configurations.
+class Cell(NamedTuple):
+    """A box of configurations within a piece, and the values that polynomials have in it.
 
     Attributes:
-        value: shape (k, *shape).
-        slopes: first derivatives, shape (k, n, *shape).
-        seconds: second ones, in the order of :attr:`Expandable.pairs`, shape (k, pairs, *shape).
+        piece: of which it is a part.
+        center: its distance from the piece's [rad or m], shape (n,).
+        half: half of its widths, shape (n,).
     """
 
-    value: Array
-    slopes: Array
-    seconds: Array
+    piece: Piece
+    center: Array
+    half: Array
+
+    def hull(self) -> list[Array]:
+        """Return values of each polynomial, shape (*3 or 1 for each joint, *shape): theirs are in the hull.
+
+        The first and the last one of each joint are those at the ends.
+        """
+        return self._values(_corners)
+
+    def middle(self) -> list[Array]:
+        """Return the values of each polynomial at the center, but for what is beyond, shape `shape`."""
+        values = self._values(lambda x, _, slides: _functions(x, slides)[None, :3])
+        return [each[(0,) * len(self.half)] for each in values]
+
+    def halves(self, joint: int) -> list[Cell]:
+        """Return the two halves of a cell along a joint."""
+        step = np.zeros_like(self.half)
+        step[joint] = self.half[joint] / 2
+        return [self._replace(center=self.center + x, half=self.half - step) for x in (step, -step)]
+
+    def _values(self, functions: Callable[[float, float, bool], Array]) -> list[Array]:
+        """Return sums of the piece's coefficients, weighted by functions of each joint."""
+        table = self.piece.table
+        for joint, (x, half, slides) in enumerate(
+            zip(self.center, self.half, self.piece.prismatic, strict=True)
+        ):
+            if table.shape[joint] > 1:
+                table = _along(table, joint, functions(x, half, slides))
+        return self.piece.split(table)
 
 
-class _Part(NamedTuple):
-    """Columns of an expansion that have the same terms: which terms and columns, and the different ones."""
+class Piece(NamedTuple):
+    """Polynomials in a box of configurations, of degree one in each revolute joint.
 
-    terms: npt.NDArray[np.intp]
-    columns: npt.NDArray[np.intp]
+    Attributes:
+        prismatic: which joints are, shape (n,).
+        table: coefficients of all polynomials beside each other, of products of 1, cos x and sin x, or of
+            1, x and x^2, of distances from the center.
+        beyond: bounds on what that leaves out of each polynomial, of their shapes.
+    """
+
+    prismatic: npt.NDArray[np.bool_]
     table: Array
-    back: npt.NDArray[np.intp]
+    beyond: list[Array]
+
+    def split(self, table: Array) -> list[Array]:
+        """Return the columns of each polynomial, in its shape."""
+        ends = np.cumsum([each.size for each in self.beyond])[:-1]
+        parts = zip(np.split(table, ends, axis=-1), self.beyond, strict=True)
+        return [part.reshape(*table.shape[:-1], *each.shape) for part, each in parts]
 
 
-class Expandable:
-    """A polynomial whose expansions are quickly had, with bounds on what is beyond them.
+def pieces(polynomials: Sequence[Polynomial], half: Array, margin: Array) -> Iterator[Cell]:
+    """Yield the box around the center of some polynomials as cells, each the whole of a piece.
+
+    Args:
+        polynomials: of the same joints and center; little is left out of the first one.
+        half: half of the widths of the box [rad or m], shape (n,).
+        margin: by how much cells may be made larger on each side [rad or m], shape (n,).
+    """
+    first = polynomials[0]
+    terms = first.coefficients.shape[: len(half)]
+    table = np.concatenate([each.coefficients.reshape(*terms, -1) for each in polynomials], axis=-1)
+    ends = np.cumsum([math.prod(each.shape) for each in polynomials])[:-1]
+    cut = _Cut(first, half, margin, table)
+    for plain, beyond in cut.visit(0, cut.table, cut.sups, np.zeros(table.shape[-1])):
+        split = zip(np.split(beyond, ends), polynomials, strict=True)
+        left = [part.reshape(each.shape) for part, each in split]
+        yield Cell(Piece(first.prismatic, plain, left), np.zeros(len(half)), cut.widths)
+
+
+class _Cut:
+    """How a box is cut into pieces.
 
     Attributes:
-        pairs: joints (i, j), i <= j, by which second derivatives are not zero everywhere.
-        thirds: bounds on the magnitudes of third derivatives, shape (n, n, n, *shape).
+        table: coefficients of the functions of :func:`_local`, for the whole box.
+        sups: the largest values of these functions, of each joint.
+        counts: into how many parts each joint's range is cut; 0 where nothing is left out.
+        widths: half the widths of the parts [rad or m], shape (n,).
     """
 
-    def __init__(self, polynomial: Polynomial, reach: Array) -> None:
-        """Take a polynomial; `reach` is the largest ``|q|`` of prismatic joints [m], shape (n,)."""
-        self.joints, self.shape = len(reach), polynomial.coefficients.shape[1:]
-        first = [polynomial.derivative(j) for j in range(self.joints)]
-        second = {
-            (i, j): first[i].derivative(j)
-            for i, j in itertools.combinations_with_replacement(range(self.joints), 2)
-        }
-        self.pairs = [pair for pair, each in second.items() if each.coefficients.any()]
-        self.thirds = np.zeros((self.joints,) * 3 + self.shape)
-        for (i, j), k in itertools.product(self.pairs, range(self.joints)):
-            self.thirds[i, j, k] = self.thirds[j, i, k] = second[i, j].bound(reach, k)
-        # Real values: a wave and its mirror image are one cosine and one sine.
-        frequencies = polynomial.frequencies
-        leading = np.array([next((x for x in row if x), 0) for row in frequencies])
-        kept = leading >= 0
-        self._frequencies, self._powers = frequencies[kept].T.astype(float), polynomial.powers[kept]
-        columns = [polynomial, *first, *(second[pair] for pair in self.pairs)]
-        table = np.stack([each.coefficients.reshape(len(kept), -1) for each in columns], axis=1)
-        table = (np.where(leading == 0, 1.0, 2.0)[:, None, None] * table)[kept].reshape(kept.sum(), -1)
-        self._columns = table.shape[1]
-        self._parts = self._sparse(table)
+    def __init__(self, first: Polynomial, half: Array, margin: Array, table: Array) -> None:
+        """Take coefficients of all polynomials; of the first one little is left out."""
+        self.prismatic, self.half, self.margin = first.prismatic, half, margin
+        terms = table.shape[:-1]
+        bases, most = zip(*map(_local, 0.0 * half, half + margin, first.prismatic), strict=True)
+        for j, size in enumerate(terms):
+            table = _along(table, j, bases[j][:size, :size])
+        self.table, self.sups = table, [sup[:size] for sup, size in zip(most, terms, strict=True)]
+        self._back = [np.linalg.inv(each) for each in bases]
+        scale = _scale(first)
+        self.counts = [0 if size < 5 else self._counted(j, scale) for j, size in enumerate(terms)]
+        self.widths = half / np.maximum(self.counts, 1)
 
-    def _sparse(self, table: _Complex) -> list[_Part]:
-        """Return the columns that are not zero, those of the same terms together: few have all of them."""
-        groups: dict[bytes, list[int]] = {}
-        for column, used in enumerate((table != 0.0).T):
-            if used.any():
-                groups.setdefault(self._joints_of(used).tobytes(), []).append(column)
-        parts = []
-        for columns in groups.values():
-            some = table[:, columns]
-            terms = np.flatnonzero((some != 0.0).any(axis=1))
-            # A symmetric matrix has every column twice.
-            unique, back = np.unique(some[terms], axis=1, return_inverse=True)
-            waves = np.concatenate([unique.real, -unique.imag])
-            parts.append(_Part(terms, np.asarray(columns), waves, np.ravel(back)))
-        return parts
+    def _counted(self, j: int, scale: Array) -> int:
+        """Return into how many parts a joint's range has to be cut."""
+        count = 1
+        while (next(self._parts(j, count, self.table, self.sups))[2][: len(scale)] > _LEFT_OUT * scale).any():
+            count += 1
+        return count
 
-    def _joints_of(self, used: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        """Return by which joints some terms differ."""
-        turns = self._frequencies[:, used].any(axis=1)
-        return np.asarray(turns | self._powers[used].any(axis=0))
+    def _parts(
+        self, j: int, count: int, table: Array, sups: list[Array]
+    ) -> Iterator[tuple[Array, list[Array], Array]]:
+        """Yield a table in each part of a joint's range, the maxima there, and bounds on what is left out."""
+        for k in range(count):
+            center = (2 * k + 1) * self.half[j] / count - self.half[j]
+            local, sup = _local(center, self.half[j] / count + self.margin[j], False)
+            low, high = np.split(_along(table, j, local @ self._back[j]), [3], axis=j)
+            beyond = _sum(np.abs(high), [*sups[:j], sup[3:], *sups[j + 1 :]])
+            yield low, [*sups[:j], sup[:3], *sups[j + 1 :]], beyond
 
-    def at(self, q: Array) -> Expansion:
-        """Return the expansions at configurations (k, n)."""
-        phase = q @ self._frequencies
-        cosines, sines = np.cos(phase), np.sin(phase)
-        for joint in np.flatnonzero(self._powers.any(axis=0)):
-            scale = q[:, [joint]] ** self._powers[:, joint]
-            cosines, sines = cosines * scale, sines * scale
-        values = np.zeros((len(q), self._columns))
-        for part in self._parts:
-            waves = np.concatenate([cosines[:, part.terms], sines[:, part.terms]], axis=1)
-            values[:, part.columns] = (waves @ part.table)[:, part.back]
-        values = values.reshape(len(q), -1, *self.shape)
-        return Expansion(values[:, 0], values[:, 1 : 1 + self.joints], values[:, 1 + self.joints :])
+    def visit(self, j: int, table: Array, sups: list[Array], beyond: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield the tables of all pieces, cut along the joints from j on, and what is left out of each."""
+        if j == len(self.counts):
+            yield _plain(table, self.widths + self.margin, self.prismatic), beyond
+        elif not self.counts[j]:
+            yield from self.visit(j + 1, table, sups, beyond)
+        else:
+            for low, most, more in self._parts(j, self.counts[j], table, sups):
+                yield from self.visit(j + 1, low, most, beyond + more)
+
+
+def _plain(table: Array, half: Array, prismatic: npt.NDArray[np.bool_]) -> Array:
+    """Return coefficients of 1, cos x and sin x for those of 1, sin x and cos x less its middle."""
+    for joint, slides in enumerate(prismatic):
+        if table.shape[joint] > 1 and not slides:
+            matrix = np.array([[1.0, 0.0, -_middle(half[joint])], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+            table = _along(table, joint, matrix)
+    return table
+
+
+def _scale(polynomial: Polynomial) -> Array:
+    """Return how large the entries are: of a matrix by its diagonal, which is positive, of others at most."""
+    joints = len(polynomial.center)
+    if len(polynomial.shape) == 2:
+        size = np.sqrt(np.abs(np.diagonal(polynomial.coefficients[(0,) * joints])))
+        return np.asarray(np.outer(size, size)).ravel()
+    most = np.abs(polynomial.coefficients).sum(axis=tuple(range(joints)))
+    return np.full(most.size, most.max())
+
+
+def _functions(x: Array | float, slides: bool) -> Array:
+    """Return the functions of a joint at distances from its center, shape (functions, ...)."""
+    x = np.asarray(x)
+    one = np.ones_like(x)
+    if slides:
+        return np.stack([one, x, x * x])
+    return np.stack([one, np.cos(x), np.sin(x), np.cos(2 * x), np.sin(2 * x)])
+
+
+def _corners(x: float, half: float, slides: bool) -> Array:
+    """Return 1 and a corner of a joint's triangle in each row: an end, where tangents meet, the other end."""
+    ends = [_functions(x - half, slides)[:3], _functions(x + half, slides)[:3]]
+    if slides:
+        apex = np.array([1.0, x, x * x - half * half])
+    else:
+        apex = np.array([1.0, math.cos(x) / math.cos(half), math.sin(x) / math.cos(half)])
+    return np.array([ends[0], apex, ends[1]])
+
+
+def _middle(half: float) -> float:
+    """Return the middle of the values of cos x for x within half a width."""
+    return 0.5 * (1.0 + math.cos(min(half, math.pi)))
+
+
+def _local(center: float, half: float, slides: bool) -> tuple[Array, Array]:
+    """Return what makes coefficients of 1, sin t, cos t - m, r and s of those of a joint, and their maxima.
+
+    t is the distance from a center, at most `half`; r and s are what is left of sin 2t and cos 2t.
+    """
+    if slides:
+        return np.eye(3), half ** np.arange(3.0)
+    half = min(half, math.pi)
+    m, away, near = _middle(half), 0.5 * (1.0 - math.cos(half)), 0.25 * (1.0 + 3.0 * math.cos(half))
+    # sin 2t - 2 b sin t is largest at an end or where its derivative 4 c^2 - 2 b c - 2 is zero, c = cos t.
+    turns = [0.25 * (near + sign * math.sqrt(near * near + 8.0)) for sign in (1.0, -1.0)]
+    inside = [half, *(math.acos(c) for c in turns if -1.0 <= c <= 1.0 and math.acos(c) <= half)]
+    r = max(abs(math.sin(2 * t) - 2.0 * near * math.sin(t)) for t in inside)
+    sup = np.array([1.0, math.sin(min(half, math.pi / 2)), away, r, away * away])
+    # cos 2t = 2 (m + x)^2 - 1 with x = cos t - m, and 2 x^2 is away^2 but for away^2.
+    even = np.array([2 * m * m - 1 + away * away, 0.0, 4 * m, 0.0, 1.0])
+    odd = np.array([0.0, 2.0 * near, 0.0, 1.0, 0.0])
+    C, S, C2, S2 = (f(k * center) for k in (1, 2) for f in (math.cos, math.sin))
+    cosine, sine = np.array([m, 0.0, 1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0, 0.0, 0.0])
+    columns = [C * cosine - S * sine, S * cosine + C * sine, C2 * even - S2 * odd, S2 * even + C2 * odd]
+    return np.stack([np.eye(5)[0], *columns], axis=1), sup
+
+
+def _along(table: Array, axis: int, matrix: Array) -> Array:
+    """Return a matrix times a table along an axis."""
+    shape = table.shape
+    flat = table.reshape(math.prod(shape[:axis]), shape[axis], -1)
+    return np.asarray((matrix @ flat).reshape(*shape[:axis], len(matrix), *shape[axis + 1 :]))
+
+
+def _sum(table: Array, weights: Sequence[Array]) -> Array:
+    """Return the sum of a table over its first axes, weighted along each."""
+    for each in weights:
+        table = np.tensordot(each, table, axes=1)
+    return table
 
 
 def stacked(polynomials: Sequence[Polynomial]) -> Polynomial:
-    """Return polynomials of the same terms as one, with a first axis for which."""
+    """Return polynomials as one, with a first axis of its values for which."""
     first = polynomials[0]
-    coefficients = np.stack([each.coefficients for each in polynomials], axis=1)
-    return Polynomial(first.frequencies, first.powers, coefficients)
+    joints = len(first.center)
+    return first._replace(coefficients=np.stack([each.coefficients for each in polynomials], axis=joints))
 
 
-def polynomials_of(robots: Sequence[Robot]) -> list[tuple[Polynomial, Polynomial]]:
-    """Return D and G of robots with the same joints, all with the same terms.
+def polynomials_of(robots: Sequence[Robot], center: Array) -> list[tuple[Polynomial, Polynomial]]:
+    """Return D and G of robots with the same joints.
+
+    Args:
+        robots: whose they are.
+        center: of the polynomials [rad or m], shape (n,).
 
     Raises:
         ParameterError: when there are too many joints, or a robot's D or G is no such polynomial (a joint
             that follows another turns by a multiple of it).
     """
-    robot = robots[0]
-    n = robot.n
+    robot, n = robots[0], robots[0].n
     grids = [
         np.array([-1.0, 0.0, 1.0]) if slides else 2 * np.pi * np.arange(5) / 5 for slides in robot.prismatic
     ]
-    count = math.prod(map(len, grids))
-    if count > _MOST:
+    if math.prod(map(len, grids)) > _MOST:
         raise ParameterError("robot", robot.name, f"at most 8 joints for a proof, not {n}; lock some")
-    q = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, n)
-    samples = np.concatenate(
-        [
-            np.concatenate([each.mass_matrix(q), each.gravity(q)[..., None]], axis=-1)[:, None]
-            for each in robots
-        ],
-        axis=1,
-    )
-    values: _Complex = samples.reshape(*map(len, grids), *samples.shape[1:]).astype(complex)
-    inverse = np.linalg.inv(np.vander([-1.0, 0.0, 1.0], 3, increasing=True))
-    for joint, slides in enumerate(robot.prismatic):
-        if slides:
-            values = np.moveaxis(np.tensordot(inverse, values, axes=(1, joint)), 0, joint)
-        else:
-            values = np.fft.fft(values, axis=joint) / 5
-    terms = np.array(
-        list(itertools.product(*([0, 1, 2] if s else [0, 1, 2, -2, -1] for s in robot.prismatic)))
-    )
-    values = values.reshape(len(terms), *samples.shape[1:])
-    large = np.abs(values) > _DROPPED * _scale(np.abs(values).sum(axis=0))
-    constant = ~terms.any(axis=1)
-    # With sliding joints all: a derivative has the terms of lower powers.
-    kept = large.reshape(len(terms), -1).any(axis=1) | constant | robot.prismatic.any()
-    terms, values = terms[kept], values[kept]
-    whole = Polynomial(np.where(robot.prismatic, 0, terms), np.where(robot.prismatic, terms, 0), values)
-    _check(robots, whole)
-    return [
-        (whole.mapped(lambda c, i=i: c[:, i, :, :n]), whole.mapped(lambda c, i=i: c[:, i, :, n]))  # type: ignore[misc]
-        for i in range(len(robots))
-    ]
+    grids = [grid if enters else grid[:1] for grid, enters in zip(grids, _entering(robots), strict=True)]
+    q = center + np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, n)
+    found = []
+    for each in robots:
+        table = np.concatenate([each.mass_matrix(q), each.gravity(q)[..., None]], axis=-1)
+        table = table.reshape(*map(len, grids), n, n + 1)
+        for joint, (grid, slides) in enumerate(zip(grids, robot.prismatic, strict=True)):
+            functions = _functions(grid, slides)[: len(grid)]
+            table = _along(table, joint, np.asarray(np.linalg.inv(functions.T), float))
+        whole = Polynomial(center, robot.prismatic, table)
+        _check(each, whole)
+        found.append((whole.mapped(lambda c: c[..., :-1]), whole.mapped(lambda c: c[..., -1])))
+    return found
 
 
-def _scale(size: Array) -> Array:
-    """Return how large entries of D and G are as parts of their matrix or vector, (robots, n, n + 1)."""
-    D, G = size[..., :-1], size[..., -1:]
-    diagonal = np.sqrt(np.diagonal(D, axis1=-2, axis2=-1))
-    whole = diagonal[..., :, None] * diagonal[..., None, :]
-    return np.asarray(
-        np.concatenate([whole, np.broadcast_to(G.max(axis=1, keepdims=True), G.shape)], axis=-1)
-    )
+def _entering(robots: Sequence[Robot]) -> list[bool]:
+    """Return by which joints D and G of some robots change."""
+    rng, n = np.random.default_rng(1), robots[0].n
+    q = rng.uniform(-3.0, 3.0, (16, n))
+    found = []
+    for j in range(n):
+        other = np.where(np.arange(n) == j, rng.uniform(-3.0, 3.0, q.shape), q)
+        pairs = [(f(q), f(other)) for each in robots for f in (each.mass_matrix, each.gravity)]
+        found.append(any(np.abs(x - y).max() > _EQUAL * np.abs(x).max() for x, y in pairs))
+    return found
 
 
-def _check(robots: Sequence[Robot], whole: Polynomial) -> None:
-    """Hold the polynomials against what they were made from, off the grid."""
-    q = np.random.default_rng(0).uniform(-3.0, 3.0, (32, robots[0].n))
-    values = whole.at(q)
-    for i, robot in enumerate(robots):
-        D, G = robot.mass_matrix(q), robot.gravity(q)
-        for made, given in ((values[:, i, :, :-1], D), (values[:, i, :, -1], G)):
-            if np.abs(made - given).max() > _EQUAL * max(np.abs(given).max(), 1e-30):
-                expected = "a robot in which no joint follows another, for a proof; lock those that do"
-                raise ParameterError("robot", robot.name, expected)
+def _check(robot: Robot, whole: Polynomial) -> None:
+    """Hold a polynomial against what it was made from, off the grid."""
+    q = np.random.default_rng(0).uniform(-3.0, 3.0, (32, robot.n))
+    values, D, G = whole.at(q), robot.mass_matrix(q), robot.gravity(q)
+    for made, given in ((values[..., :-1], D), (values[..., -1], G)):
+        if np.abs(made - given).max() > _EQUAL * max(np.abs(given).max(), 1e-30):
+            expected = "a robot in which no joint follows another, for a proof; lock those that do"
+            raise ParameterError("robot", robot.name, expected)

@@ -80,9 +80,10 @@ _Jump = Annotated[
 ]
 _Prove = Annotated[
     bool,
-    typer.Option(
-        "--prove", metavar=opt.FLAG, help="Prove the numbers of the arm, as far as 30 s for each do."
-    ),
+    typer.Option("--prove", metavar=opt.FLAG, help="Prove the numbers of the arm, as far as --budget does."),
+]
+_Budget = Annotated[
+    float, typer.Option(metavar="SECONDS", help="Time for the proof of each number of the arm.")
 ]
 _Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
@@ -129,6 +130,7 @@ def certify(
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,
     prove: _Prove = False,
+    budget: _Budget = 30.0,
     out: _Out = None,
     report: opt.ReportPage = None,
     refute: _Refute = None,
@@ -162,6 +164,7 @@ def certify(
         gains=_gains(omega, zeta, pole, rate),
         rate="auto" if rate == "auto" else None,
         prove=prove,
+        budget=budget,
         **{**vectors, **law, **stated},
     )
     sys.exit(_told(found, arm, out, report, as_json))

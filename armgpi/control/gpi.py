@@ -407,7 +407,9 @@ class GPI(Controller):
         told["gains"] = {"type": type(self.gains).__name__, **self.gains.describe()}
         if self.payload is not None:  # its nominal model is the robot
             told["payload"] = {
-                key: plain(value) for key, value in self.payload._asdict().items() if key != "nominal"
+                key: plain(value)
+                for key, value in self.payload._asdict().items()
+                if key not in ("nominal", "member")
             }
         return told
 

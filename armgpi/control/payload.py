@@ -68,6 +68,7 @@ class PayloadRange(NamedTuple):
             the robot is one.
         delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations checked.
         omega_c: bandwidth that serves the range [rad/s]; of a batch of robots (batch, n).
+        member: of the family of laws, that it is for.
     """
 
     lightest: float
@@ -77,14 +78,26 @@ class PayloadRange(NamedTuple):
     nominal: Robot
     delta: tuple[float, float]
     omega_c: float
+    member: Member = PRINTED
 
-    def certifiable(self, member: Member = PRINTED) -> bool:
+    def certifiable(self, member: Member | None = None) -> bool:
         """Tell whether delta stays in :func:`certified_sector`: outside of it there is no certificate.
 
         Args:
-            member: of the family.
+            member: of the family; that of the range when not given.
         """
-        return self.delta[1] <= certified_sector(member).upper
+        return self.delta[1] <= certified_sector(self.member if member is None else member).upper
+
+    def __str__(self) -> str:
+        """Return the range in a sentence, and whether there may be a certificate for it."""
+        sector, (low, high) = certified_sector(self.member).upper, self.delta
+        verdict = f"is within the certified sector, 1 to {sector:.3g}"
+        if not self.certifiable():
+            verdict = f"leaves the certified sector, 1 to {sector:.3g}: no certificate at any speed"
+        return (
+            f"{self.lightest:g} to {self.heaviest:g} kg at {self.frame!r}: omega_c = "
+            f"{np.min(self.omega_c):.4g} rad/s; delta from {low:.3g} to {high:.3g} {verdict}"
+        )
 
 
 @with_parameters
@@ -198,6 +211,7 @@ def payload_range(
     bandwidth is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5
     dt + delay) is at most 0.3, where the printed law tolerates 0.36 or more. Another member uses the same
     share of its delay margin at that delta; one with a roll-off has none beyond a delta of 2 to 5.
+    Printed, what it returns says whether delta stays in the certified sector.
 
     Args:
         robot: the arm without load.
@@ -234,7 +248,8 @@ def payload_range(
         asked = (lightest, heaviest)
         raise PayloadError(robot.name, frame, asked, delta, omega_c, slowest, heaviest_too, lightest_too)
     point = as_float_array(com, "com").tolist()
-    return PayloadRange(lightest, heaviest, frame, tuple(point), nominal, (1.0, delta), min(omega_c, fastest))
+    place = frame, tuple(point)
+    return PayloadRange(lightest, heaviest, *place, nominal, (1.0, delta), min(omega_c, fastest), member)
 
 
 def largest_payload(

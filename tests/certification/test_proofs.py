@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,7 @@ from strategies import robots
 from armgpi import Robot
 from armgpi.certification import proofs, quantities
 from armgpi.certification.quantities import Numbers, Setting
-from armgpi.certification.trigonometric import Expandable, polynomials_of
+from armgpi.certification.trigonometric import pieces, polynomials_of
 from armgpi.errors import ParameterError
 
 TOLERANCE = 0.1
@@ -92,35 +94,60 @@ def test_no_configuration_of_any_arm_exceeds_what_is_proved(robot: Robot, load: 
 @settings(max_examples=30)
 @given(robots(max_joints=4), st.integers(0, 2**32 - 1))
 def test_polynomials_and_their_derivatives_are_those_of_the_robot(robot: Robot, seed: int) -> None:
-    q = np.random.default_rng(seed).uniform(-1.5, 1.5, (3, robot.n))
-    ((D, G),) = polynomials_of([robot])
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (3, robot.n))
+    ((D, G),) = polynomials_of([robot], rng.uniform(-1.0, 1.0, robot.n))
     scale = np.abs(robot.mass_matrix(q)).max()
     np.testing.assert_allclose(D.at(q), robot.mass_matrix(q), atol=1e-11 * scale)
     np.testing.assert_allclose(
         G.at(q), robot.gravity(q), atol=1e-11 * max(np.abs(robot.gravity(q)).max(), 1.0)
     )
-    expandable = Expandable(D, np.full(robot.n, 1.5))
-    expansion, step = expandable.at(q), 1e-5
-    np.testing.assert_allclose(expansion.value, D.at(q), atol=1e-12 * scale)
+    step = 1e-5
     for j, unit in enumerate(np.eye(robot.n)):
-        difference = expandable.at(q + step * unit).value - expandable.at(q - step * unit).value
-        np.testing.assert_allclose(expansion.slopes[:, j], difference / (2 * step), atol=1e-8 * scale)
-    for row, (i, j) in enumerate(expandable.pairs):
-        unit = step * np.eye(robot.n)[j]
-        difference = expandable.at(q + unit).slopes[:, i] - expandable.at(q - unit).slopes[:, i]
-        np.testing.assert_allclose(expansion.seconds[:, row], difference / (2 * step), atol=1e-8 * scale)
-        third = expandable.at(q).seconds[:, row]
-        for k, other in enumerate(np.eye(robot.n)):
-            moved = np.abs(expandable.at(q + 0.1 * other).seconds[:, row] - third)
-            assert np.all(moved <= 0.1 * expandable.thirds[i, j, k] + 1e-12 * scale)
+        difference = (D.at(q + step * unit) - D.at(q - step * unit)) / (2 * step)
+        np.testing.assert_allclose(D.derivative(j).at(q), difference, atol=1e-8 * scale)
+
+
+@settings(max_examples=30)
+@given(robots(max_joints=4), st.floats(0.0, 0.6), st.integers(0, 2**32 - 1))
+def test_every_value_in_a_cell_is_within_the_hull_of_its_corners(
+    robot: Robot, half: float, seed: int
+) -> None:
+    """So along any direction it is at most the largest corner; at ends of the cell it is a corner."""
+    rng = np.random.default_rng(seed)
+    center = rng.uniform(-1.0, 1.0, robot.n)
+    ((D, G),) = polynomials_of([robot], center)
+    halves, found = np.full(robot.n, half), 0
+    place = np.zeros(robot.n)
+    for whole in pieces([D, G], halves, np.full(robot.n, 0.02)):
+        count = np.maximum(1, np.rint(halves / np.maximum(whole.half, 1e-300))).astype(int)
+        index = np.array(np.unravel_index(found, count))
+        place = center - halves + (2 * index + 1) * whole.half
+        found += 1
+        cell = whole.halves(int(rng.integers(robot.n)))[int(rng.integers(2))]
+        for part in (whole, cell, whole._replace(half=whole.half + 0.02)):
+            q = place + part.center + part.half * rng.uniform(-1.0, 1.0, (50, robot.n))
+            q[0], q[1] = place + part.center - part.half, place + part.center + part.half
+            for values, hull, beyond in zip((D.at(q), G.at(q)), part.hull(), whole.piece.beyond, strict=True):
+                corners = hull.reshape(-1, beyond.size)
+                sides = rng.standard_normal((20, beyond.size))
+                most = (corners @ sides.T).max(axis=0) + np.abs(sides) @ beyond.ravel()
+                inner = values.reshape(len(q), -1) @ sides.T
+                size = np.abs(corners).max() * np.abs(sides).sum(axis=1) + 1e-9
+                assert np.all(inner <= most + 1e-12 * size)
+                rounding = beyond.ravel() + 1e-12 * np.abs(corners).max()
+                assert np.all(np.abs(corners[0] - values[0].ravel()) <= rounding)
+                assert np.all(np.abs(corners[-1] - values[1].ravel()) <= rounding)
+    assert found == np.prod(count)
 
 
 def test_rounding_is_far_less_than_what_bounds_are_raised_by(arm: Robot) -> None:
-    ((D, _),) = polynomials_of([arm])
+    ((D, _),) = polynomials_of([arm], arm.middle())
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (200, arm.n))
-    phase = q.astype(np.longdouble) @ D.frequencies.T.astype(np.longdouble)
-    exact = np.tensordot(np.cos(phase), D.coefficients.real.astype(np.longdouble), 1)
-    exact -= np.tensordot(np.sin(phase), D.coefficients.imag.astype(np.longdouble), 1)
+    exact: Any = np.broadcast_to(D.coefficients.astype(np.longdouble), (len(q), *D.coefficients.shape))
+    for x in (q - arm.middle()).astype(np.longdouble).T:
+        functions = [np.ones_like(x), np.cos(x), np.sin(x), np.cos(2 * x), np.sin(2 * x)]
+        exact = np.einsum("fk,kf...->k...", functions[: exact.shape[1]], exact)
     error = np.abs(D.at(q) - exact).max() * np.linalg.norm(np.linalg.inv(D.at(q)), 2, axis=(1, 2)).max()
     assert error < 1e-3 * proofs.OUTWARD
 
@@ -141,15 +168,28 @@ FOLLOWS = """<robot name="geared">
 
 def test_what_has_no_such_polynomials_is_refused() -> None:
     with pytest.raises(ParameterError, match="no joint follows another"):
-        polynomials_of([Robot.from_xml(FOLLOWS, mimic="follow")])
-    polynomials_of([Robot.from_xml(FOLLOWS, lock="elbow")])
+        polynomials_of([Robot.from_xml(FOLLOWS, mimic="follow")], np.zeros(1))
+    polynomials_of([Robot.from_xml(FOLLOWS, lock="elbow")], np.zeros(1))
 
 
 @settings(max_examples=1)
 @given(robots(min_joints=9, max_joints=9, types=["revolute"]))
 def test_many_joints_are_refused(robot: Robot) -> None:
     with pytest.raises(ParameterError, match="at most 8 joints"):
-        polynomials_of([robot])
+        polynomials_of([robot], np.zeros(robot.n))
+
+
+def test_the_sector_of_an_arm_of_seven_joints_is_proved_on_a_task_box() -> None:
+    robot = Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
+    case = setting(robot.with_armature(robot.armature + 0.1), 1.0, 0.4)
+    first, second, nominal = polynomials_of([*case.arms, case.nominal], robot.middle())
+    half = 0.5 * (case.upper - case.lower)
+    made = [proofs.Norm(D, nominal[0].mapped(lambda c: c[:, None])) for D, _ in (first, second)]
+    (bound,) = proofs.largest(made, half, np.array([1.4]), 0.2, budget=60.0)
+    q = np.random.default_rng(1).uniform(case.lower, case.upper, (2000, robot.n))
+    at, function = quantities.Points(q, q, q), quantities.functions(case)["delta_high"]
+    seen = max(float(function(case, arm, at).max()) for arm in case.arms)
+    assert seen <= bound <= 1.3 * seen
 
 
 def test_branch_and_bound_ends_with_a_bound_when_time_is_over(arm: Robot) -> None:

@@ -76,5 +76,9 @@ def test_a_range_of_loads_tells_when_delta_leaves_the_certified_sector() -> None
     beyond = payload_range(arm, 0.0, 1.01 * most.certifiable)
     assert not beyond.certifiable()
     assert not beyond.certifiable(Member(rolloff=1))
+    assert "leaves the certified sector, 1 to 4.27" in str(beyond)
+    assert "is within the certified sector" in str(payload_range(arm, 0.0, 0.99 * most.certifiable))
+    near = payload_range(arm, 0.0, 0.8 * most.certifiable, member=Member(rolloff=1), slowest=1.0)
+    assert "leaves the certified sector, 1 to 2" in str(near)
     made = armgpi.certify(arm, speed=1e-3, payload=(0.0, 1.05 * most.certifiable), box=0.5)
     assert not made.data["solutions"]
