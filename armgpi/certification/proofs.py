@@ -31,7 +31,7 @@ _LOOSE = 0.5
 #: Tolerances that are tried one after the other while there is time, as multiples of the one wanted.
 _LADDER = (4.0, 1.0)
 #: How much longer the next one may take.
-_LONGER = 5.0
+_LONGER = 10.0
 #: Numbers below this are as good as zero.
 _TINY = 1e-9
 #: Share of a joint's width in the choice of what to split, where nothing else tells.
