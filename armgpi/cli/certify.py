@@ -156,16 +156,14 @@ def certify(
     vectors = {key: _numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
     stated = {"feedforward": feedforward, "bits": encoder_bits, "friction": friction, "jump": jump}
+    proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     found = certified(
         arm,
         1e-3 if dt is None else dt,
         payload=_loads(payload),
         box=None if box is None else read_box(box),
         gains=_gains(omega, zeta, pole, rate),
-        rate="auto" if rate == "auto" else None,
-        prove=prove,
-        budget=budget,
-        **{**vectors, **law, **stated},
+        **{**vectors, **law, **stated, **proof},
     )
     sys.exit(_told(found, arm, out, report, as_json))
 

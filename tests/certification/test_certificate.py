@@ -174,6 +174,18 @@ def test_whatever_is_changed_is_refused_or_claims_less(made: armgpi.Certificate,
     assert refused > 20
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_the_last_digit_of_what_is_sealed_or_one_of_a_pair_is_refused(
+    made: armgpi.Certificate, sign: int
+) -> None:
+    for path, other in changed(made.data, 1 + sign * Fraction(1, 10**15)):
+        if path[0] != "solutions":
+            assert checker.check(other) == ["the seal is broken"], path
+        elif path[2] == "P" and path[3] != path[4]:
+            other["solutions"] = {path[1]: other["solutions"][path[1]]}
+            assert checker.check(other) == [f"{path[1]}: the matrix inequality does not hold"], path
+
+
 @pytest.mark.parametrize("name", ["delta_high", "sigma", "kappa_v", "kappa_e", "kappa_g", "inverse", "hold"])
 def test_worse_numbers_under_a_new_seal_no_longer_imply_the_claims(
     made: armgpi.Certificate, name: str
