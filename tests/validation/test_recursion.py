@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import textbooks
 from mutants import same
 
 from armgpi import errors, validate
+from armgpi.validation import recursion
 from armgpi.validation.report import DynamicsReport
+from armgpi.validation.tree import from_robot
 
 TOLD = {
     "ne3_base": """    return {
@@ -43,6 +47,17 @@ def told(arm: str) -> str:
     return f"{head}def recursion(q, v, a):{body}{TOLD[arm]}\n\n{result}"
 
 
+def astray(arm: str, source: str) -> list[str]:
+    """Return what differs on the way of a recursion, at eight random states."""
+    space: dict[str, Any] = {}
+    exec(source, space)
+    tree = from_robot(textbooks.robot(arm, textbooks.text(arm)))
+    q, v, a = np.random.default_rng(1).normal(size=(3, 8, tree.n))
+    seen = np.stack([recursion.lengths(space["recursion"](*state)) for state in zip(q, v, a, strict=True)])
+    robot = recursion.reference(tree, q, v, a, seen)
+    return [f"{one.quantity} of link {one.link}" for one in recursion.differences(seen, robot)]
+
+
 def checked(folder: Path, arm: str, source: str) -> DynamicsReport:
     path = folder / f"{arm}.py"
     path.write_text(source, encoding="utf-8")
@@ -50,38 +65,33 @@ def checked(folder: Path, arm: str, source: str) -> DynamicsReport:
 
 
 @pytest.mark.parametrize("arm", TOLD)
-def test_a_right_recursion_agrees_along_any_axes(arm: str, tmp_path: Path) -> None:
-    # Make only the torque wrong: then the recursion is looked at, and nothing in it differs.
-    right = told(arm)
-    report = checked(tmp_path, arm, right)
-    assert report.agrees
-    off = right.replace('(q, v, a)["torque"]', '(q, v, a)["torque"] * 1.5')
-    report = checked(tmp_path, arm, off)
-    assert not report.agrees
-    assert not any("recursion" in note for note in report.notes)
+def test_a_right_recursion_agrees_along_any_axes(arm: str) -> None:
+    assert astray(arm, told(arm)) == []
 
 
 @pytest.mark.parametrize(("arm", "old", "new", "first"), ASTRAY)
-def test_the_first_quantity_that_differs_is_told(
-    arm: str, old: str, new: str, first: str, tmp_path: Path
-) -> None:
+def test_the_first_quantity_that_differs_is_told(arm: str, old: str, new: str, first: str) -> None:
     right = told(arm)
     assert old in right
+    assert astray(arm, right.replace(old, new, 1))[0] == first
+
+
+def test_a_recursion_with_a_mistake_is_repaired(tmp_path: Path) -> None:
+    arm, old, new, first = ASTRAY[0]
+    right = told(arm)
     report = checked(tmp_path, arm, right.replace(old, new, 1))
-    assert not report.agrees
     assert f"first to differ in the recursion: {first}: " in str(report)
     assert report.repaired is not None
     assert same(report.repaired, right)
 
 
-def test_gravity_may_be_a_force_and_a_moment_about_another_point_of_the_axis(tmp_path: Path) -> None:
+def test_gravity_may_be_a_force_and_a_moment_about_another_point_of_the_axis() -> None:
     source = told("ne3_base").replace(
         '"a_c": [f1 / m1, f2 / m2, f3 / m3]', '"a_c": [x - p0 for x in centres]'
     )
     source = source.replace("    return {", "    centres = [f1 / m1, f2 / m2, f3 / m3]\n    return {")
     source = source.replace('"n": [n1,', '"n": [n1 + np.cross(0.3 * UP, f1 + f2 + f3),')
-    off = source.replace('(q, v, a)["torque"]', '(q, v, a)["torque"] * 1.5')
-    assert not any("recursion" in note for note in checked(tmp_path, "ne3_base", off).notes)
+    assert astray("ne3_base", source) == []
 
 
 @pytest.mark.parametrize(
