@@ -687,7 +687,8 @@ class Supervised(Controller):
         # A joint that moved with its reference cannot stand still at once: there is no need to wait. One that
         # starts, or turns round, has slow changes first, and may stick.
         far = moved > self.bounds.travel + self._lost * np.abs(watch.rv)
-        moving = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
+        square = watch.rv * watch.rv
+        moving = (watch.change * watch.rv > _IN_MOTION * square) & (watch.v * watch.rv > 0.1 * square)
         return (still >= float(self.frozen_samples)) | (unmoved & far & moving)
 
     def _aim(
