@@ -32,6 +32,10 @@ _EQUAL = 1e-11
 _LEFT_OUT = 3e-4
 
 
+#: Half of what a joint turns in a piece, at most [rad], and half of an arc of which tangents are taken.
+_WIDEST, _TANGENTS = 0.7, 1.4
+
+
 class Polynomial(NamedTuple):
     """A function of configurations with values of some shape.
 
@@ -185,7 +189,7 @@ class _Cut:
 
     def _counted(self, j: int, scale: Array) -> int:
         """Return into how many parts a joint's range has to be cut."""
-        count = 1
+        count = max(1, math.ceil(float(self.half[j]) / _WIDEST))
         while (next(self._parts(j, count, self.table, self.sups))[2][: len(scale)] > _LEFT_OUT * scale).any():
             count += 1
         return count
@@ -245,6 +249,9 @@ def _corners(x: float, half: float, slides: bool) -> Array:
     ends = [_functions(x - half, slides)[:3], _functions(x + half, slides)[:3]]
     if slides:
         apex = np.array([1.0, x, x * x - half * half])
+    elif half > _TANGENTS:  # they meet too far away, or behind: a triangle around the whole circle
+        turned = _functions(x + math.pi / 1.5 * np.array([-1.0, 0.0, 1.0]), slides)[:3].T
+        return np.asarray(turned * [1.0, 2.0, 2.0])
     else:
         apex = np.array([1.0, math.cos(x) / math.cos(half), math.sin(x) / math.cos(half)])
     return np.array([ends[0], apex, ends[1]])

@@ -141,6 +141,33 @@ def test_every_value_in_a_cell_is_within_the_hull_of_its_corners(
     assert found == np.prod(count)
 
 
+LINK = """<link name="{0}"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{1}" type="revolute"><parent link="{0}"/><child link="{1}"/><origin xyz="0.6 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-3.1" upper="3.1" effort="50" velocity="2"/></joint>"""
+
+
+@pytest.mark.parametrize("half", [0.5, 1.0, 1.6, 2.5, 3.1])
+@pytest.mark.parametrize("radius", [0.02, 1.5])
+def test_a_planar_arm_may_turn_as_far_as_it_likes(half: float, radius: float) -> None:
+    """Its D has cos q2 alone, of which no piece leaves anything out, however wide."""
+    text = "".join(LINK.format(name) for name in "abc") + JOINT.format("a", "b") + JOINT.format("b", "c")
+    robot = Robot.from_xml(f"<robot name='planar'>{text}</robot>")
+    ((D, _),) = polynomials_of([robot], np.zeros(2))
+    q = np.random.default_rng(0).uniform(-half - radius, half + radius, (2000, 2))
+    for joint in range(2):
+        weights = np.eye(4)[[3 * joint]]
+        found = np.zeros(1)
+        for whole in pieces([D], np.full(2, half), np.full(2, radius)):
+            wide = whole._replace(half=whole.half + radius)
+            found = np.maximum(found, proofs.Sizes(D, weights).bounds(wide, np.zeros(1, int), found).upper)
+        assert (1.0 + proofs.OUTWARD) * found >= D.at(q)[:, joint, joint].max()
+    seen = np.linalg.inv(D.at(q[np.abs(q).max(axis=1) <= half])).max()
+    lengths = proofs.Lengths(D, proofs._axes(D))
+    (bound,) = proofs.largest([lengths], np.full(2, half), np.full(1, 1e-9), 0.05, 20.0)
+    assert seen <= bound**2 <= 1.12 * seen
+
+
 def test_rounding_is_far_less_than_what_bounds_are_raised_by(arm: Robot) -> None:
     ((D, _),) = polynomials_of([arm], arm.middle())
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (200, arm.n))
