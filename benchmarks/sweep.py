@@ -13,6 +13,10 @@ import logging
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import count
+from multiprocessing import get_context
 from pathlib import Path
 
 import _page
@@ -23,7 +27,7 @@ from dask.distributed import Client, LocalCluster
 import armgpi
 from armgpi.config import parse
 from armgpi.sweep import workers
-from armgpi.sweep.study import Study, chunk_file, save
+from armgpi.sweep.study import Study, run_chunk, save
 
 #: The paper's arm with networks, all that is common varied.
 STUDY = """
@@ -43,16 +47,16 @@ vary:
 """
 DT = 1e-3
 #: Chunks that workers share out: whole ones for each.
-CHUNKS = 6
+CHUNKS = 4
 
 
 def main() -> None:
     page = _page.begin(__file__, "Sweeps")
-    rollouts, lasting, rounds = (1 << 14, 0.5, 1) if page.quick else (10**6, 10.0, 3)
+    rollouts, lasting, rounds = (1 << 14, 0.5, 1) if page.quick else (10**6, 10.0, 2)
     with tempfile.TemporaryDirectory() as folder:
         wall, processor = _million(Path(folder, "million"), rollouts)
         bare = {varied: _bare(Path(folder, "million"), varied) for varied in (True, False)}
-        ratio, chunk = _workers(Path(folder), lasting, rounds)
+        dask, processes = _workers(Path(folder), lasting, rounds)
     _page.say(
         f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask, which "
         f"have started, the numbers of the study varied and every metric kept: {wall:.0f} s on the wall, "
@@ -60,9 +64,10 @@ def main() -> None:
         f"first and the last sample alone; it takes {1e6 * bare[True]:.4f} µs a rollout-step with the same "
         f"numbers varied, and {1e6 * bare[False]:.4f} µs with nothing varied (4096 rollouts on one thread, "
         f"without their start, processor time, median of 5). Two workers and one take turns with {CHUNKS} "
-        f"chunks of {chunk:.2g} s, in {rounds} rounds, by the wall; a sweep's own chunks take half a second. "
-        "The goal is against the bare loop that varies the same numbers. With nothing varied they are "
-        "constants that the compiler folds, which no loop can do that takes them as inputs."
+        f"chunks of {lasting:g} s, in {rounds} rounds, by the wall, and so do bare processes, which say what "
+        "two cores of this machine give at that time; a sweep's own chunks take half a second. The goal is "
+        "against the bare loop that varies the same numbers. With nothing varied they are constants that the "
+        "compiler folds, which no loop can do that takes them as inputs."
     )
     taken = np.array([processor / (rollouts * 2000)])
     varied, constant = (spread(taken / bare[numbers]) for numbers in (True, False))
@@ -74,11 +79,12 @@ def main() -> None:
             _said(varied.median <= 1.3),
         ],
         ["over the bare loop's with nothing varied: constants folded", "-", constant, "-"],
-        ["one Dask worker's time over that of two", "at least 1.9", ratio, _said(ratio.median >= 1.9)],
+        ["one Dask worker's time over that of two", "at least 1.9", dask, _said(dask.median >= 1.9)],
+        ["one bare process's time over that of two", "-", processes, "-"],
     ]
     print()
     print(table(["", "goal", "found", "kept"], rows))
-    page.figures.update({"wall": wall, "bare": list(bare.values()), "workers": ratio._asdict()})
+    page.figures.update({"wall": wall, "bare": list(bare.values()), "workers": dask._asdict()})
     page.write()
 
 
@@ -121,39 +127,58 @@ def _bare(folder: Path, varied: bool) -> float:
         study.experiment.reference,
     )
     times = {}
-    for count in (1, steps):
-        loop = armgpi.prepare(*parts, count * DT, record_every=count, backend="compiled")
+    for each in (1, steps):
+        loop = armgpi.prepare(*parts, each * DT, record_every=each, backend="compiled")
         loop.run(values, q0=q0)
         taken = []
         for _ in range(5):
             begun = time.process_time()
             loop.run(values, q0=q0)
             taken.append(time.process_time() - begun)
-        times[count] = float(np.median(taken))
+        times[each] = float(np.median(taken))
     return (times[steps] - times[1]) / (study.size * (steps - 1))
 
 
-def _workers(folder: Path, lasting: float, rounds: int) -> tuple[Spread, float]:
-    """Return how many times as fast two workers are with chunks that last so long, and what one takes [s]."""
-    study = _study(folder / "long", 4.0)
-    chunk, rows, ratios, alone = 0, study.size, [], 1.0
-    with _cluster(2) as two, _cluster(1) as one:
-        for number in range(rounds + 2):  # the first one warms up, the second one tells what a chunk takes
+def _workers(folder: Path, lasting: float, rounds: int) -> tuple[Spread, Spread]:
+    """Return how many times as fast two are as one with such chunks: workers, and bare processes."""
+    alone = []
+    for chunk in range(3):  # the first one finds or makes its code
+        study, begun = _study(folder / "short", 4.0), time.perf_counter()
+        run_chunk(folder / "short", chunk, study.size)
+        alone.append(time.perf_counter() - begun)
+    rows = _study(folder / "long", 4.0 * lasting / min(alone[1:])).size
+    numbers, ratios = count(), []
+    with _cluster(2) as two, _cluster(1) as one, _pool(2) as both, _pool(1) as single:
+        ways = [partial(_by_dask, cluster.scheduler_address) for cluster in (two, one)]
+        ways += [partial(_by_processes, pool) for pool in (both, single)]
+        for way in ways:
+            way(folder / "short", [(next(numbers) + 2, rows) for _ in range(4)])
+        for _ in range(rounds):
             taken = []
-            for cluster in (two, one):
-                part = [(chunk + i, rows) for i in range(CHUNKS)]
-                chunk += CHUNKS
+            for way in ways:
+                part = [(next(numbers), rows) for _ in range(CHUNKS)]
                 begun = time.perf_counter()
-                if workers.run(folder / "long", part, lambda rows: None, cluster=cluster.scheduler_address):
-                    sys.exit("a chunk is broken")
+                way(folder / "long", part)
                 taken.append(time.perf_counter() - begun)
-            alone = taken[1] / CHUNKS
-            if number > 1:
-                ratios.append(taken[1] / taken[0])
-            elif number:
-                rows = round(rows * lasting / alone)
-    assert chunk_file(folder / "long", chunk - 1, rows).is_file()
-    return spread(np.array(ratios)), alone
+            ratios.append((taken[1] / taken[0], taken[3] / taken[2]))
+    dask, bare = np.array(ratios).T
+    return spread(dask), spread(bare)
+
+
+def _by_dask(address: str, folder: Path, part: list[tuple[int, int]]) -> None:
+    """Run chunks by the workers of a cluster."""
+    if broken := workers.run(folder, part, lambda rows: None, cluster=address):
+        sys.exit(f"a chunk is broken: {broken}")
+
+
+def _by_processes(pool: ProcessPoolExecutor, folder: Path, part: list[tuple[int, int]]) -> None:
+    """Run chunks by processes that know nothing of each other."""
+    list(pool.map(partial(run_chunk, folder), *zip(*part, strict=True)))
+
+
+def _pool(size: int) -> ProcessPoolExecutor:
+    """Return processes with a thread each."""
+    return ProcessPoolExecutor(size, mp_context=get_context("spawn"))
 
 
 def _cluster(count: int) -> LocalCluster:
