@@ -35,6 +35,8 @@ from armgpi.search.objective import Judged
 from armgpi.search.space import Dimension, Space
 from armgpi.search.study import KEPT, Problem, Row, Study
 
+#: The halves of the arms.
+PARTS = ("fit", "held-out")
 #: What a share of draws costs, in natural logarithms of the ITAE.
 WEIGHTS = {"lost": 10.0, "hunting": 2.0, "swinging": 1.0, "chatter": 2.0}
 #: The ITAE of a rollout that diverged [rad s^2].
@@ -194,7 +196,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=6, help="draws of each arm that are searched on")
     parser.add_argument("--seed", type=int, default=15)
     parser.add_argument("--judge", type=Path, metavar="FILE", help="numbers to judge in place of fitting")
-    parser.add_argument("--parts", nargs="+", default=["fit", "held-out"], help="arms to judge on")
+    parser.add_argument("--parts", nargs="+", default=PARTS, choices=PARTS, help="arms to judge on")
     parser.add_argument("--count", type=int, default=16, help="draws of each arm to judge on")
     given = parser.parse_args(arguments)
     if given.judge is None:
@@ -204,10 +206,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(found)
         return 0
     numbers = json.loads(given.judge.read_text(encoding="utf-8"))
-    for part in ("fit", "held-out"):
-        print(
-            judged(numbers, part, Reality.geared(2026 if part == "held-out" else given.seed + 2), given.count)
-        )
+    for part in given.parts:
+        seed = 2026 if part == "held-out" else given.seed + 2
+        print(judged(numbers, part, Reality.geared(seed), given.count))
     return 0
 
 

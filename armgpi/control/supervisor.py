@@ -828,13 +828,9 @@ def _uses(law: Controller) -> tuple[bool, bool]:
 def _damping(law: Controller) -> Array:
     """Return the torque per velocity by which each joint is damped alone, as if no other one were [N m s]."""
     robot: Any = law.robot
-    return np.asarray(min(_DAMPING, _DAMPED_AT_ONCE / law.dt) / _alone(robot))
-
-
-def _alone(robot: Any) -> Array:
-    """Return the acceleration of each joint by a torque of its own, the others free [1 / (kg m^2)]."""
     inverse = np.linalg.inv(robot.mass_matrix(robot.middle()))
-    return np.asarray(np.diagonal(inverse, axis1=-2, axis2=-1))
+    rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
+    return np.asarray(rate / np.diagonal(inverse, axis1=-2, axis2=-1))
 
 
 def _turning(law: Controller) -> tuple[Array, Array]:

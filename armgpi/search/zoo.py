@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,15 +135,13 @@ def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[D
         RolloutError: when there are too few.
     """
     found: list[Draw] = []
-    for tried in count():
+    for tried in range(_TRIES * number):
         draw = reality.draw(robot, first + tried)
         if health.demand(draw) <= 1.0:
             found.append(draw)
         if len(found) == number:
             return found
-        if tried + 1 >= _TRIES * number:
-            raise RolloutError(f"{robot.name}: its motors can follow {len(found)} of {tried + 1} draws alone")
-    raise AssertionError
+    raise RolloutError(f"{robot.name}: its motors can follow {len(found)} of {_TRIES * number} draws alone")
 
 
 def _judged(evaluator: Evaluator, found: Evaluated) -> Judged:
