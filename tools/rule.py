@@ -167,7 +167,7 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
         kept = [Row(**{**row, "x": np.array(row["x"])}) for row in json.loads(there.read_text("utf-8"))]
     study.run(told, kept)
     given, chosen = study.given(), study.ranked()[:6]
-    held = study._judged(study.problem.held_out, [row.x for row in chosen])
+    held = study.judged(study.problem.held_out, [row.x for row in chosen])
     best = min(held, key=lambda row: row.objective)
     print(f"other draws of these arms: {given.objective:.4f} today, {best.objective:.4f} the best one")
     return {name: float(f"{value:.3g}") for name, value in space.keys(best.x).items()}

@@ -143,11 +143,11 @@ def _what_follows(facts: Mapping[str, Any]) -> list[str]:
         f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column",
         *_untuned(facts),
         f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
-        f"true one; with it, and the load gone, 1 to {more:.3g}; mu = {load['mobility']:.3g} 1/kg, so more "
-        f"than {load['largest_certifiable']:.3g} kg that come and go have no certificate at any speed",
-        f"largest load: {load['largest_unknown']:.3g} kg unknown (the edge of stability), "
-        f"{load['largest_nominal']:.3g} kg as --payload-range at the default bandwidth, "
-        f"{load['largest_held']:.3g} kg by effort",
+        f"true one; with it, and the load gone, 1 to {more:.3g}; mu = {load['mobility']:.3g} 1/kg: a "
+        f"load that comes and goes may have a certificate up to {_mass(load['largest_certifiable'])}",
+        f"largest load: {_mass(load['largest_unknown'])} unknown (the edge of stability), "
+        f"{_mass(load['largest_nominal'])} as --payload-range at the default bandwidth, "
+        f"{_mass(load['largest_held'])} by effort",
     ]
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
@@ -156,6 +156,11 @@ def _what_follows(facts: Mapping[str, Any]) -> list[str]:
             f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
         )
     return said
+
+
+def _mass(kg: float) -> str:
+    """Return a mass as text; a joint whose axis the load lies on carries any."""
+    return f"{kg:.3g} kg" if math.isfinite(kg) else "any mass"
 
 
 def _untuned(facts: Mapping[str, Any]) -> list[str]:

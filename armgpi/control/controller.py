@@ -117,10 +117,7 @@ class Controller(Parametrised, ABC):
         check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
         self.fill("effort", self.robot.limits.effort)
-        powerless = np.argwhere(~(self.effort > 0.0))
-        if powerless.size:
-            index = tuple(int(i) for i in powerless[0])
-            raise EffortError(self.robot.joint_names[index[-1]], self.effort[index])
+        check_powered(self.robot, self.effort)
         self._floor = -self.effort
         self.batch = common_batch(*batches(self))
 
@@ -242,3 +239,15 @@ def common_batch(*sources: int | Array | None) -> int | None:
     if len(sizes) > 1:
         raise ParameterError("batch", sorted(sizes), "the same size everywhere")
     return sizes.pop() if sizes else None
+
+
+def check_powered(robot: AnyRobot, effort: Array) -> None:
+    """Refuse efforts [N m or N], (n,) or (batch, n), that leave a joint no torque.
+
+    Raises:
+        EffortError: when one does.
+    """
+    powerless = np.argwhere(~(effort > 0.0))
+    if powerless.size:
+        index = tuple(int(i) for i in powerless[0])
+        raise EffortError(robot.joint_names[index[-1]], effort[index])

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
+from armgpi.control.controller import check_powered
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Tuning
 from armgpi.control.margins import (
@@ -86,6 +87,7 @@ def untuned(
         name -> value, without those given; `omega_c` of shape (n,) or (batch, n).
 
     Raises:
+        EffortError: when an effort limit leaves a joint no torque, and there are encoders.
         ParameterError: when a number is out of its range.
         PayloadError: when no bandwidth serves the loads given.
     """
@@ -182,11 +184,15 @@ def usual_effort(robot: Robot) -> Array:
     """Return the effort that an arm is moved with [N m or N], (n,): its limit, or five times its gravity.
 
     Motors of some arms could lift it many times: it would shake under what is little to them.
+
+    Raises:
+        EffortError: when a limit leaves no torque.
     """
+    limit = robot.limits.effort
+    check_powered(robot, limit)
     gravity = np.abs(robot.gravity(_configurations(robot))).max(axis=0)
     floor = np.maximum(gravity, _LEAST_GRAVITY * gravity.max())
     most = np.where(floor > 0.0, _MOST_EFFORT * floor, math.inf)
-    limit = robot.limits.effort
     return np.where(np.isfinite(np.minimum(limit, most)), np.minimum(limit, most), 1.0)
 
 

@@ -183,7 +183,7 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None 
     time = rollout["time"].values
     end = time > time[-1] - END
     peak = float(error.max())
-    lost = peak > LOST_PEAK or float(error[end].max()) > LOST_END
+    lost = bool(is_lost(peak, error[end].max()))
     rest, still = rollout["q"].values[end], rest_band(draw)
     moved = np.ptp(rest, axis=0)
     back = moved - np.abs(rest[-1] - rest[0])
@@ -199,6 +199,11 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None 
         itae=float(metrics.itae(rollout).sum()) if itae is None else itae,
         demand=needed,
     )
+
+
+def is_lost(peak: Any, final: Any) -> Any:
+    """Return whether arms with these largest errors, of all time and at the end [rad or m], are lost."""
+    return (peak > LOST_PEAK) | (final > LOST_END)
 
 
 def demand(draw: Draw) -> float:

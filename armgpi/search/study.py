@@ -160,14 +160,14 @@ class Study:
     def _ran(self, generation: int, asked: Sequence[Array]) -> list[Row]:
         """Run the candidates of a generation."""
         places = np.concatenate(asked)
-        found = self._judged(self.problem.search, places)
+        found = self.judged(self.problem.search, places)
         which = np.repeat(np.arange(len(asked)), [len(part) for part in asked])
         return [
             row._replace(generation=generation, search=int(search))
             for row, search in zip(found, which, strict=True)
         ]
 
-    def _judged(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
+    def judged(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
         """Return what candidates are on some scenarios."""
         space, objective = self.problem.space, self.problem.objective
         found = evaluator(space.section, [space.keys(x) for x in places])
@@ -232,7 +232,7 @@ class Study:
         unique = {row.x.tobytes(): row for rows in chosen.values() for row in rows}
         if not unique:
             return []
-        judged = self._judged(self.problem.held_out, [row.x for row in unique.values()])
+        judged = self.judged(self.problem.held_out, [row.x for row in unique.values()])
         held = dict(zip(unique, judged, strict=True))
         found = []
         for budget, rows in chosen.items():
@@ -243,7 +243,7 @@ class Study:
 
     def given(self) -> Row:
         """Return what the section as it was given is on the held-out scenarios."""
-        return self._judged(self.problem.held_out, [self.problem.space.start])[0]
+        return self.judged(self.problem.held_out, [self.problem.space.start])[0]
 
     def table(self) -> str:
         """Return all candidates as CSV, exact: what :func:`rows_of` reads."""

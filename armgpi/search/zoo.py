@@ -148,8 +148,7 @@ def _judged(evaluator: Evaluator, found: Evaluated) -> Judged:
     """Return what came out of one candidate."""
     values = {name: each[0] for name, each in found.values.items()}
     still = np.array([health.rest_band(draw).max() for draw in evaluator.draws])
-    lost = found.failed[0] | (values["peak_error"] > health.LOST_PEAK)
-    lost |= values["final_error"] > health.LOST_END
+    lost = found.failed[0] | health.is_lost(values["peak_error"], values["final_error"])
     hunting = ~lost & (values["hunting_amplitude"] > still)
     medians = (float(np.median(values[name])) for name in ("peak_error", "itae", "total_variation"))
     return Judged(float(lost.mean()), float(hunting.mean()), *medians)

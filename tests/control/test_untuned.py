@@ -28,7 +28,7 @@ from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import count_noise, crossovers, delay_margin, open_loop
 from armgpi.control.payload import DELAY_SHARE, LoadRange, plausible_load
-from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, PayloadError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, EffortError, ParameterError, PayloadError
 from armgpi.registry import Context
 from armgpi.robot.batch import VariedRobots
 
@@ -173,6 +173,7 @@ def test_what_will_go_wrong_is_said() -> None:
         ({"payload": 1.0}, ParameterError, "payload"),
         ({"payload": (0.0, 50.0)}, PayloadError, "no bandwidth serves"),
         ({"integrators": 4}, ParameterError, "integrators"),
+        ({"robot": ARM.with_limits(effort={"q2": 0.0}), "bits": 16}, EffortError, "q2"),
     ],
 )
 def test_what_cannot_be_is_refused(given: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
