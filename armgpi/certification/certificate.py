@@ -36,8 +36,11 @@ checker: Any = check_certificate  # generic over number types, so without annota
 FORMAT = "armgpi certificate 1"
 #: By how much claims are rounded up, so that they are short.
 _ROUNDED = 1e-6
-#: Speed of the error for which a torque's claim is made: by how much it raises sigma or kappa_v.
-_SPREAD = 0.02
+#: Speed of the error for which a torque's claim is made: by how much it raises sigma or kappa_v, and what it
+#: is where it raises neither, as in a gantry, whose D(q) is constant.
+_SPREAD, _FREE = 0.02, 1e3
+#: Rates [1/s per unit of the error's speed] that are rounding.
+_NO_MOTION = 1e-6
 #: Rates at which a common omega may move that are tried.
 _RATES = tuple(0.12 * 0.8**k for k in range(12))
 #: How often a larger speed of the error is tried, and by how much larger than the bound before.
@@ -265,10 +268,9 @@ class _Known:
         self.solutions: dict[str, Any] = {}
         self.said: list[str] = []
         # So slow that the numbers of the reference's motion hardly grow by it.
-        self.spread = _SPREAD * min(
-            float(numbers[x]) / max(float(numbers[y]), 1e-9)
-            for x, y in (("sigma", "sigma_error"), ("kappa_v", "kappa_error"))
-        )
+        pairs = (("sigma", "sigma_error"), ("kappa_v", "kappa_error"))
+        shares = [float(numbers[x]) / float(numbers[y]) for x, y in pairs if float(numbers[y]) > _NO_MOTION]
+        self.spread = min([_FREE, *(_SPREAD * share for share in shares)])
         self.one = {**NOTHING, "torque": "1", "spread": f"{self.spread:.9g}"}
 
     def gain(self) -> None:

@@ -350,6 +350,28 @@ def test_guaranteed_is_said_where_every_number_is_proved_and_there_alone() -> No
         assert "guaranteed" not in str(armgpi.Certificate(other))
 
 
+@pytest.mark.parametrize("prove", [False, True])
+def test_a_gantry_whose_inertia_is_constant_has_a_certificate(prove: bool) -> None:
+    axes = zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), ("b", "x", "y"), (10, 5, 2), strict=True)
+    text = "".join(
+        f"<link name='{name}'><inertial><mass value='{mass}'/>"
+        "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+        f"<joint name='j{name}' type='prismatic'><parent link='{parent}'/><child link='{name}'/>"
+        f"<axis xyz='{axis}'/><limit lower='-1' upper='1' velocity='1' effort='200'/></joint>"
+        for name, axis, parent, mass in axes
+    )
+    robot = armgpi.Robot.from_xml(f"<robot name='gantry'><link name='b'/>{text}</robot>")
+    made = armgpi.certify(robot, payload=(0.0, 1.0), speed=0.2, prove=prove)
+    assert made.certified, made.reasons
+    assert made.check() == []
+    assert made.guaranteed is prove
+    largest = float(made.data["inputs"]["gain"]["torque"]) / np.sqrt(
+        [float(x) for x in made.data["numbers"]["inverse"]]
+    )
+    assert (largest > 10.0).all()  # N: motors of 200 N limit it, and no motion of D(q), which there is not
+    assert (np.diff(made.per_torque) > 0.0).all()  # the more mass an axis moves, the less it gives way
+
+
 def test_a_page_shows_claims_circle_box_and_what_is_in_the_way(made: armgpi.Certificate) -> None:
     robot = armgpi.Robot.load("anthropomorphic3")
     page = html(again(made, robot.with_armature(0.05)), made)
