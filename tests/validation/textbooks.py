@@ -59,6 +59,9 @@ UNSEEN = (
     "rp_lagrange",
     "rr_elbow",
     "rrp_newton",
+    "rr_uicker",
+    "rrr_spatial",
+    "rrp_spherical",
 )
 
 Numbers = Mapping[str, float]
@@ -338,6 +341,9 @@ ARMS: dict[str, tuple[Callable[[Numbers], list[Joint]], Callable[[Numbers], Vect
     "rp_lagrange": (_rp_lagrange, lambda _: NONE),
     "rr_elbow": (_lifting, lambda _: NONE),
     "rrp_newton": (_rrp_newton, lambda _: NONE),
+    "rr_uicker": (_lifting, lambda _: NONE),
+    "rrr_spatial": (_rrr_christoffel, lambda _: NONE),
+    "rrp_spherical": (_rrp_sympy, lambda _: NONE),
 }
 
 
