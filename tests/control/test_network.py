@@ -168,7 +168,7 @@ def test_the_network_beats_a_fixed_gain_in_error_and_in_torque_variation_on_ever
     reference = Waypoints([np.zeros(3), goal, np.zeros(3)], durations=3.0, holds=[1.0, 8.0, 25.0])
     plant = Delayed(Encoder(Saturated(RigidBodyPlant(ARM, paper_disturbances())), 16), 1)
     network, constant = (
-        simulate(plant, GPI(ARM, DT, gains, start="zero"), reference, 40.0)
+        simulate(plant, GPI(ARM, DT, gains, start="zero"), reference, 40.0, backend="auto")
         for gains in (BSplineNetwork(rate=rate), FixedGains(fixed))
     )
     assert (metrics.itae(network) < metrics.itae(constant)).all()
