@@ -290,7 +290,7 @@ class _Known:
         ]
         largest = float(min(spare)) * (1.0 - _ROUNDED)
         if largest <= 0.0:
-            self.said += beyond(self.asked, "no torque at all", 0.0, rest)
+            self.said += beyond(self.asked, None, self.spread, rest)
             return
         self._claim("gain", solution, {**inputs, "torque": f"{largest:.9g}"})
 

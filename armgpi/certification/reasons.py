@@ -47,35 +47,36 @@ def unsolved(
     return said + _remedies(asked, law, numbers, inputs)
 
 
-def beyond(asked: Asked, what: str, spread: float | None, found: Mapping[str, Any] | None) -> list[str]:
+def beyond(
+    asked: Asked, what: str | None, spread: float | None, found: Mapping[str, Any] | None
+) -> list[str]:
     """Return why there is no claim: where bounds are not within what the numbers were taken over.
 
     Args:
         asked: what was asked for.
-        what: disturbs.
+        what: disturbs; None where nothing does.
         spread: speed of the error for which the numbers were taken; None where nothing is certified at it.
         found: the bounds; None where there are none.
     """
     robot, names = asked.robot, asked.robot.joint_names
+    where = "where nothing disturbs" if what is None else f"under {what}"
+    less = "" if what is None else ", or less that disturbs,"
     if spread is None or found is None:
         return [
-            f"under {what} the error may be so fast that the arm's own motion is more than the law takes: "
+            f"{where} the error may be so fast that the arm's own motion is more than the law takes: "
             "less that disturbs, a slower reference, feedforward or rotor inertia would do"
         ]
     said = []
-    for key, limits, text in (
-        ("errors", asked.radius, "{} may be {:.3g} off and radius allows {:.3g}: a larger radius"),
-        ("torques", robot.limits.effort, "{} may need {:.3g} and its effort is {:.3g}: a lighter load"),
-    ):
+    off = "{} may be {:.3g} off and radius allows {:.3g}: a larger radius"
+    weak = "{} may need {:.3g} and its effort is {:.3g}: a lighter load, more effort or the joint locked"
+    for key, limits, text in (("errors", asked.radius, off), ("torques", robot.limits.effort, weak)):
         values = np.array([float(x) for x in found[key]])
         worst = int(np.argmax(values / limits))
         if values[worst] > limits[worst]:
             told = text.format(f"joint {names[worst]!r}", values[worst], limits[worst])
-            said.append(f"under {what} {told}, or less that disturbs, would do")
+            said.append(f"{where} {told}{less} would do")
     if float(found["speed"][0]) > spread:
-        said.append(
-            f"under {what} no bound on the speed of the error implies itself: less that disturbs would do"
-        )
+        said.append(f"{where} no bound on the speed of the error implies itself: less that disturbs would do")
     return said
 
 

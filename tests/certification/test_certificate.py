@@ -288,6 +288,15 @@ def test_the_bound_is_above_the_exact_worst_case_of_a_frozen_loop(
     assert 1.0 <= ratio < 4.0
 
 
+def test_a_motor_that_is_too_weak_is_the_one_reason_where_nothing_disturbs() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3").with_limits(effort={"q3": 0.05})
+    made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2)
+    assert not made.certified
+    (reason,) = made.reasons
+    assert "where nothing disturbs joint 'q3' may need" in reason
+    assert "its effort is 0.05: a lighter load, more effort" in reason
+
+
 def test_reasons_name_the_number_and_what_would_do() -> None:
     robot = armgpi.Robot.load("anthropomorphic3")
     made = armgpi.certify(robot, payload=(0.0, 0.25), speed=2.0)
