@@ -67,18 +67,50 @@ def test_the_list_of_commands_says_what_they_say_themselves() -> None:
         assert command.get_short_help_str(limit=1000) == entry.summary
 
 
-def test_a_run_imports_neither_dask_nor_what_it_does_not_use() -> None:
+@pytest.mark.parametrize(
+    ("out", "unused"),
+    [
+        (
+            False,
+            {"dask", "pyarrow", "xarray", "pandas", "yaml", "scipy.optimize", "scipy.interpolate", "h5py"},
+        ),
+        (True, {"dask", "pyarrow", "scipy.optimize", "scipy.interpolate"}),
+    ],
+)
+def test_a_run_imports_neither_dask_nor_what_it_does_not_use(
+    out: bool, unused: set[str], tmp_path: Path
+) -> None:
     pytest.importorskip("dask")
+    words = [
+        "armgpi",
+        "run",
+        "anthropomorphic3",
+        "--t-final",
+        "0.02",
+        *(["--out", str(tmp_path)] if out else []),
+    ]
     code = (
-        "import sys; sys.argv = ['armgpi', 'run', 'anthropomorphic3', '--t-final', '0.02', '--json']\n"
+        f"import sys; sys.argv = {words}\n"
         "from armgpi.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "assert not {'dask', 'pyarrow', 'scipy.optimize', 'scipy.interpolate', 'h5py'} & set(sys.modules)\n"
+        f"assert not {unused} & set(sys.modules)\n"
         "import dask.array, importlib.util  # it is there all the same\n"
         "assert importlib.util.find_spec('dask') is not None"
     )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_a_table_is_the_same_whether_its_rollouts_are_kept_or_not(
+    command: str, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    words = (command, ARM, *SHORT, "--payload", "0.1", "--drop-out", "0.05")
+    alone, kept = cli(*words), cli(*words, "--out", tmp_path)
+    assert alone.code == kept.code == 0
+    assert alone.out == kept.out
+    (table, again) = (json.loads(cli(*words, "--json", *more).out) for more in ((), ("--out", tmp_path)))
+    assert table == again == json.loads((tmp_path / "metrics.json").read_text())
 
 
 def test_every_command_that_reports_has_json_and_a_page() -> None:
@@ -647,7 +679,7 @@ def test_a_signal_keeps_what_is_there_and_exits_with_its_code(
 def test_ctrl_c_outside_of_the_simulation_exits_with_130(
     where: str, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(where, interrupted)
@@ -770,7 +802,7 @@ def test_a_folder_that_cannot_be_used_is_found_before_the_run(
     def never(*_: object) -> None:
         raise AssertionError("it ran")
 
-    monkeypatch.setattr("armgpi.config.experiment.run", never)
+    monkeypatch.setattr("armgpi.config.experiment.record", never)
     assert cli("run", ARM, "--out", tmp_path / "file" / "below").code == 2
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,19 @@ import xarray as xr
 
 from armgpi import Status, config, load, metrics
 from armgpi.config import experiment
-from armgpi.config.experiment import compare, join, overall_status, prepare, records, run, save
+from armgpi.config.experiment import (
+    compare,
+    join,
+    overall_status,
+    prepare,
+    record_all,
+    records,
+    records_of,
+    run,
+    save,
+)
 from armgpi.errors import RolloutError
+from armgpi.loop.rollout import Recorded
 
 ROOT = Path(__file__).parents[1]
 TEXT = """
@@ -166,11 +178,54 @@ def test_records_of_a_single_rollout_are_those_of_a_batch_of_one(whole: config.E
     assert single | {"label": "gpi"} == joined
 
 
+def assert_same_records(runs: dict[str, Recorded]) -> None:
+    """What is said of runs without a dataset is what is said of the dataset."""
+    for ours, (label, each) in zip(records_of(runs), runs.items(), strict=True):
+        (theirs,) = records(join({label: each.dataset()}))
+        assert {**ours, "metrics": None} == {**theirs, "metrics": None}
+        assert list(ours["metrics"]) == list(theirs["metrics"])
+        for name, values in theirs["metrics"].items():
+            if None in values:
+                assert ours["metrics"][name] == values, name
+            else:
+                np.testing.assert_allclose(
+                    ours["metrics"][name], values, rtol=1e-11, atol=1e-13, err_msg=name
+                )
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_runs_have_the_records_of_their_dataset(every: int, whole: config.Experiment) -> None:
+    thinned = whole._replace(config=whole.config.model_copy(update={"record_every": every}))
+    assert_same_records(record_all(thinned, progress=False))
+
+
+@pytest.mark.parametrize("at", [0, 1, 2, 100])
+def test_runs_that_were_stopped_have_the_records_of_their_dataset(
+    at: int, whole: config.Experiment, stopping: Callable[[str, int], None]
+) -> None:
+    stopping("PID, exact", at)
+    with pytest.warns(UserWarning, match="interrupted"):
+        assert_same_records(record_all(whole, progress=False))
+
+
+def test_runs_with_a_fault_or_a_metric_of_ones_own_have_the_records_of_their_dataset(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # A metric that needs trajectories: no sums are declared for it.
+    monkeypatch.setitem(metrics.ALL, "iae", replace(metrics.ALL["iae"], on_line=None))
+    text = "robot: {name: anthropomorphic3}\nsupervisor: {following: 1e-4}\nt_final: 2"
+    runs = record_all(build(text), progress=False)
+    assert records_of(runs)[0]["end"].startswith("stopped at ")
+    assert_same_records(runs)
+
+
 def test_the_metrics_of_a_diverged_rollout_are_null() -> None:
     fast = "robot: {name: anthropomorphic3, effort: 1e9}\ncontrollers: [{type: gpi, omega: 3000}]\nt_final: 2"
     with pytest.warns(UserWarning, match="too fast"):
         unstable = build(fast)
-    (record,) = records(run(unstable, "gpi"))
+    runs = record_all(unstable)
+    assert_same_records(runs)
+    (record,) = records_of(runs)
     assert record["status"] == "diverged"
     assert record["end"].startswith("diverged at ")
     assert all(value is None for values in record["metrics"].values() for value in values)

@@ -111,7 +111,9 @@ class DeclaredCommand(Command):
 
 def given(context: typer.Context) -> list[tuple[Option, Any]]:
     """Return the options that a command was given, with their values."""
-    typed = context.meta.get(_META, {})
+    typed = context.meta.get(_META)
+    if not typed:
+        return []
     return [(each, each.value(typed[each.flag])) for each in options() if each.flag in typed]
 
 

@@ -90,7 +90,6 @@ def _import_xarray() -> None:
 
 def _run(options: dict[str, Any], compare: bool) -> int:
     """Run what the options describe, print it, save it, and return the exit code."""
-    _import_xarray()
     import numpy as np
 
     from armgpi import config as configuration
@@ -111,18 +110,18 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     _note_gripper(experiment)
     _warn_of_weak_motors(experiment)
     note_differences(experiment)
-    if compare:
-        result = experiments.compare(experiment, backend=backend)
-    else:
-        label, *others = experiment.runs
-        if others:
-            raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
-        result = experiments.join({label: experiments.run(experiment, label, backend=backend)})
-    records = experiments.records(result)
+    if len(experiment.runs) > 1 and not compare:
+        raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
+    runs = experiments.record_all(experiment, backend=backend)
+    records = experiments.records_of(runs)
+    result: Any = None
+    if any(options[name] for name in ("out", "plot", "view", "html", "report")):
+        _import_xarray()
+        result = experiments.join({label: each.dataset() for label, each in runs.items()})
     paths: list[Path] = []
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
         if options["out"] is not None:
-            paths = experiments.save(result, experiment, options["out"])
+            paths = experiments.save(result, experiment, options["out"], found=records)
         if options["table"] is not None:
             paths.append(write_table(experiment, records, options["table"]))
         paths += pictures.make(options, result, experiment)

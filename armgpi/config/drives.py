@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from armgpi.config.schema import NotNegative, Positive, Section
@@ -44,6 +43,8 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: when it cannot be read, or a value is not as it should be.
     """
+    import yaml
+
     try:
         with path.open("rb") as stream:
             data = yaml.safe_load(stream.read(_MAX_BYTES))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from armgpi import files
 from armgpi.config import Experiment, dump
@@ -18,10 +17,13 @@ from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
 from armgpi.loop import metrics, rollout
+from armgpi.loop.prepared import prepare as prepare_loop
 from armgpi.loop.provenance import Provenance
-from armgpi.loop.rollout import Status
-from armgpi.loop.simulation import simulate
+from armgpi.loop.rollout import Recorded, Status
 from armgpi.robot import robots
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def run(
@@ -35,18 +37,37 @@ def run(
         progress: as for :func:`armgpi.simulate`.
         backend: likewise; "auto" takes generated code where that is faster.
     """
+    return record(experiment, label, progress, backend).dataset()
+
+
+def record(
+    experiment: Experiment, label: str, progress: bool | None = None, backend: str = "auto"
+) -> Recorded:
+    """Run one of an experiment's controllers as :func:`run` does, and make no dataset of it."""
     plant, controller = experiment.runs[label]
-    return simulate(
+    loop = prepare_loop(
         plant,
         controller,
         experiment.reference,
         experiment.t_final,
         record_every=experiment.config.record_every,
         signals=isinstance(controller, GPI) and controller.gains.adaptive,
-        progress=progress,
         backend=backend,
         supervisor=experiment.supervisor,
     )
+    return loop.recorded(progress)
+
+
+def record_all(
+    experiment: Experiment, progress: bool | None = None, backend: str = "auto"
+) -> dict[str, Recorded]:
+    """Run all controllers of an experiment as :func:`compare` does, and make no dataset of it."""
+    found: dict[str, Recorded] = {}
+    for label in experiment.runs:
+        found[label] = record(experiment, label, progress, backend)
+        if (found[label].recording.status == Status.INTERRUPTED).any():
+            break
+    return found
 
 
 def compare(experiment: Experiment, progress: bool | None = None, backend: str = "auto") -> xr.Dataset:
@@ -56,12 +77,8 @@ def compare(experiment: Experiment, progress: bool | None = None, backend: str =
         One dataset with a rollout per controller; coordinates ``label`` and ``measurement`` (what it
         measured). Ctrl-C ends it after the rollout it stopped.
     """
-    runs: dict[str, xr.Dataset] = {}
-    for label in experiment.runs:
-        runs[label] = run(experiment, label, progress, backend)
-        if (runs[label]["status"] == Status.INTERRUPTED).any():
-            break
-    return join(runs)
+    found = record_all(experiment, progress, backend)
+    return join({label: each.dataset() for label, each in found.items()})
 
 
 def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
@@ -72,6 +89,8 @@ def join(runs: dict[str, xr.Dataset]) -> xr.Dataset:
     Raises:
         RolloutError: when there are none, or their joints or sample times differ.
     """
+    import xarray as xr
+
     if not runs:
         raise RolloutError("there are no rollouts to join")
     joints = {tuple(run["joint"].values) for run in runs.values()}
@@ -99,30 +118,48 @@ def records(result: xr.Dataset) -> list[dict[str, Any]]:
     table = metrics.summary(rows) if rows.sizes["time"] > 1 else None
     ends = rollout.describe_end(rows)
     provenance = Provenance.from_rollout(result)
+    joints = [str(joint) for joint in rows["joint"].values]
     found = []
-    for index in range(rows.sizes["rollout"]):
+    for index, status in enumerate(rows["status"].values):
         if "label" in rows.coords:
             label = str(rows["label"].values[index])
         else:
             label = "run" if single else f"rollout {index}"
-        values = {
-            name: json_data(table[name].isel(rollout=index).values.tolist())
-            if table is not None
-            else [None] * rows.sizes["joint"]
-            for name in metrics.declared()
-        }
-        found.append(
-            {
-                "label": label,
-                "measurement": provenance.of(label).measurement,
-                "knows": provenance.of(label).knows,
-                "status": Status(int(rows["status"].values[index])).name.lower(),
-                "end": ends[index],
-                "joints": [str(joint) for joint in rows["joint"].values],
-                "metrics": values,
-            }
-        )
+        values = None
+        if table is not None:
+            values = {name: table[name].isel(rollout=index).values for name in metrics.declared()}
+        found.append(_record(label, provenance.of(label), status, ends[index], joints, values))
     return found
+
+
+def records_of(runs: Mapping[str, Recorded]) -> list[dict[str, Any]]:
+    """Return the same of single runs by their labels, of which no dataset was made."""
+    found = []
+    for label, each in runs.items():
+        values = None
+        if each.recording.kept > 1:
+            values = {name: x[0] for name, x in metrics.of_recorded(each).items()}
+        provenance, joints = Provenance(each.made_from), list(each.robot.joint_names)
+        found.append(_record(label, provenance, each.recording.status[0], each.ends()[0], joints, values))
+    return found
+
+
+def _record(
+    label: str, made_from: Provenance, status: int, end: str, joints: list[str], values: Any
+) -> dict[str, Any]:
+    """Return what is said of a rollout; its metrics are None where a run was stopped at once."""
+    return {
+        "label": label,
+        "measurement": made_from.measurement,
+        "knows": made_from.knows,
+        "status": Status(int(status)).name.lower(),
+        "end": end,
+        "joints": joints,
+        "metrics": {
+            name: [None] * len(joints) if values is None else json_data(values[name].tolist())
+            for name in metrics.declared()
+        },
+    }
 
 
 def prepare(folder: Path) -> None:
@@ -140,7 +177,11 @@ def prepare(folder: Path) -> None:
 
 
 def save(
-    result: xr.Dataset, experiment: Experiment, folder: Path, more: Mapping[str, str] | None = None
+    result: xr.Dataset,
+    experiment: Experiment,
+    folder: Path,
+    more: Mapping[str, str] | None = None,
+    found: Sequence[Mapping[str, Any]] | None = None,
 ) -> list[Path]:
     """Write ``rollout.nc``, the exact ``experiment.yaml`` and ``metrics.json`` to a folder, made if needed.
 
@@ -154,6 +195,7 @@ def save(
         experiment: what they came from.
         folder: where to.
         more: further files, name -> text.
+        found: their :func:`records`, where these are known.
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
@@ -163,7 +205,7 @@ def save(
     contents: dict[str, str | bytes] = {
         "rollout.nc": rollout.netcdf(result),
         "experiment.yaml": config,
-        "metrics.json": json.dumps(records(result), indent=2) + "\n",
+        "metrics.json": json.dumps(records(result) if found is None else found, indent=2) + "\n",
     }
     return files.write_set(folder, contents | copied | dict(more or {}))
 

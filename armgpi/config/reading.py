@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
 from armgpi.errors import ConfigError, NameNotFound
 from armgpi.escape import quoted
 
-#: Largest size of an experiment file [bytes], its most keys and values, aliases written out, and the longest
-#: of them [characters].
+#: Largest size of an experiment file [bytes].
 _MAX_BYTES = 1_000_000
-_MAX_NODES = 100_000
-_MAX_TEXT = 10_000
 
 Path_ = tuple[str | int, ...]
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -111,26 +106,9 @@ def parse(text: str, source: str) -> Loaded:
 
 def _data(text: str, source: str) -> tuple[dict[str, Any], Origin]:
     """Return the text of a file as plain data, and where its keys are; errors as :func:`read`."""
-    try:
-        loader = yaml.SafeLoader(text)
-        tree = loader.get_single_node()
-        lines: dict[Path_, int] = {}
-        if tree is not None:
-            _check_size(tree, {}, source)
-            _note_lines(tree, (), lines, source)
-        data = None if tree is None else loader.construct_document(tree)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = mark.line + 1 if mark else None
-        raise ConfigError(source, "", f"is not valid YAML: {error.problem}", line) from None
-    except RecursionError:
-        raise ConfigError(source, "", "is not valid YAML: nested too deeply") from None
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
-        # PyYAML lets errors of Python through, for a date such as 2020-13-45.
-        reason = " ".join(str(error).split())
-        raise ConfigError(source, "", f"is not valid YAML: {reason}") from None
-    if not isinstance(data, dict):
-        raise ConfigError(source, "", "expected a mapping with the keys robot, plant, controllers, ...")
+    from armgpi.config.text import parsed  # here: YAML takes long to import, and most runs have no file
+
+    data, lines = parsed(text, source)
     return data, Origin(source, lines)
 
 
@@ -167,7 +145,7 @@ def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under
         path, found = _path_in_data(data, first["loc"])
         kind, context = first["type"], first.get("ctx", {})
         if kind == "extra_forbidden":
-            message = str(NameNotFound("key", path[-1], _known_keys(model, first["loc"])))
+            message = str(NameNotFound("key", path[-1], _known_keys(model, data, first["loc"])))
         elif kind == "missing":
             message = "is missing"
         elif kind == "invalid_key":
@@ -198,57 +176,10 @@ def standard_law(data: Mapping[Any, Any]) -> str:
 
 def dump(config: ExperimentConfig) -> str:
     """Return a configuration as YAML, every default written out."""
+    import yaml
+
     text: str = yaml.safe_dump(config.model_dump(), sort_keys=False, allow_unicode=True)
     return text
-
-
-def _check_size(node: Any, sizes: dict[int, int], source: str) -> int:
-    """Return how many keys and values a YAML node has, aliases and merged mappings written out.
-
-    Aliases of aliases make a small file explode, so that is counted before anything is written out, visiting
-    each node once.
-
-    Raises:
-        ConfigError: when they are too many, one is too long or contains itself, or is no text.
-    """
-    line = node.start_mark.line + 1
-    known = sizes.get(id(node))
-    if known == 0:
-        raise ConfigError(source, "", "is an alias of something that it is in", line)
-    if known is not None:
-        return known
-    if isinstance(node, yaml.ScalarNode):
-        if len(node.value) > _MAX_TEXT:
-            raise ConfigError(source, "", f"is a value of more than {_MAX_TEXT} characters", line)
-        if any(c == "\0" or "\ud800" <= c <= "\udfff" for c in node.value):
-            raise ConfigError(source, "", f"{node.value!r} has a character that no text has", line)
-        return 1
-    inside: list[Any] = (
-        [*chain.from_iterable(node.value)] if isinstance(node, yaml.MappingNode) else node.value
-    )
-    sizes[id(node)] = 0  # being counted
-    size = 1 + sum(_check_size(child, sizes, source) for child in inside)
-    if size > _MAX_NODES:
-        raise ConfigError(source, "", f"has more than {_MAX_NODES} keys and values", line)
-    sizes[id(node)] = size
-    return size
-
-
-def _note_lines(node: Any, path: Path_, lines: dict[Path_, int], source: str) -> None:
-    """Note the line of every key of a YAML tree, refusing duplicate keys."""
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            here = (*path, str(key.value))
-            line = key.start_mark.line + 1
-            if here in lines and key.tag != "tag:yaml.org,2002:merge":
-                raise ConfigError(source, ".".join(map(str, here)), "is a duplicate key", line)
-            lines[here] = line
-            _note_lines(value, here, lines, source)
-    elif isinstance(node, yaml.SequenceNode):
-        for index, value in enumerate(node.value):
-            here = (*path, index)
-            lines[here] = value.start_mark.line + 1
-            _note_lines(value, here, lines, source)
 
 
 def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, Any]:
@@ -269,10 +200,14 @@ def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, An
     return tuple(path), data
 
 
-def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> tuple[str, ...]:
+def _known_keys(model: type[BaseModel], data: Any, location: tuple[str | int, ...]) -> tuple[str, ...]:
     """Return the keys that are known in place of an unknown one."""
     for step in location[:-1]:
         model = SECTIONS.get(str(step), model)
+        inside = isinstance(data, list) or (isinstance(data, Mapping) and step in data)
+        data = data[step] if inside else data
+        kind = data.get("type") if isinstance(data, Mapping) else None
+        model = SECTIONS.get(str(kind), model)
     return tuple(model.model_fields)
 
 

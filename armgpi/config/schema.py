@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping
-from functools import reduce
-from operator import or_
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
 from pydantic import (
@@ -22,10 +21,12 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PlainValidator,
     StrictBool,
     Tag,
     create_model,
 )
+from pydantic_core import PydanticKnownError
 
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervisor
@@ -112,8 +113,37 @@ Locks = Annotated[
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-#: Sections by the steps of pydantic's locations: keys, and the tags of unions.
-SECTIONS: dict[str, type[BaseModel]] = {}
+class _Sections(MutableMapping[str, Any]):
+    """Models of sections by their names; what is put in as a function is called when a file has the section.
+
+    Most files have few of them, and making one takes longer than reading it.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if not isinstance(made := self._made[name], type):
+            made = self._made[name] = made()
+        return made
+
+    def __setitem__(self, name: str, model: Any) -> None:
+        self._made[name] = model
+
+    def __delitem__(self, name: str) -> None:
+        del self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        for name in list(self._made):  # one may have others in it
+            self[name]
+        return iter(list(self._made))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
+#: Sections by the steps of pydantic's locations: keys, and what `type` says.
+SECTIONS = _Sections()
 
 
 class Section(BaseModel):
@@ -220,9 +250,30 @@ def section(name: str, cls: type, declared: Mapping[str, Parameter] | None = Non
     return made
 
 
-def one_of(sections: Iterable[Any]) -> Any:
-    """Return the type of a section that is one of several, by its `type`."""
-    return Annotated[reduce(or_, sections), Field(discriminator="type")]
+def later(name: str, make: Callable[[], Any]) -> Any:
+    """Return the type of a section that is made when a file has it."""
+    SECTIONS[name] = make
+    return Annotated[Any, PlainValidator(lambda value: SECTIONS[name].model_validate(value))]
+
+
+def one_of(makers: Mapping[str, Callable[[], Any]]) -> Any:
+    """Return the type of a section that is one of several, by its `type`; each is made when a file has it."""
+    SECTIONS.update(makers)
+
+    def checked(value: Any) -> Any:
+        if isinstance(value, Section):
+            return value
+        if not isinstance(value, dict):
+            raise PydanticKnownError("model_type", {"class_name": "Section"})
+        if "type" not in value:
+            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'type'"})
+        if (tag := value["type"]) not in tuple(makers):
+            known = ", ".join(map(repr, makers))
+            context = {"discriminator": "'type'", "tag": str(tag), "expected_tags": known}
+            raise PydanticKnownError("union_tag_invalid", context)
+        return SECTIONS[tag].model_validate(value)
+
+    return Annotated[Any, PlainValidator(checked)]
 
 
 class FrictionSection(Section):
@@ -271,7 +322,7 @@ def _load(name: str, cls: type) -> Any:
     return section(name, cls, type=(Literal[name], ...))
 
 
-LoadSection: Any = one_of(_load(name, cls) for name, cls in registered(Load).items())
+LoadSection: Any = one_of({name: partial(_load, name, cls) for name, cls in registered(Load).items()})
 
 
 class PlantSection(Section):
@@ -303,7 +354,7 @@ class PlantSection(Section):
 def _wrapper(name: str, cls: type[Wrapper]) -> tuple[Any, Any]:
     """Return type and default of a wrapper's key: a bare value where it has one parameter, else a mapping."""
     own = [each for each in parameters(cls).values() if each.in_file]
-    kind = annotation(own[0]) if len(own) == 1 else section(name, cls)
+    kind = annotation(own[0]) if len(own) == 1 else later(name, partial(section, name, cls))
     return kind | None, cls.off
 
 
@@ -355,7 +406,7 @@ def _controller(name: str, kind: Kind) -> Any:
 
 #: Controllers by the names that a file may call them.
 KINDS = _kinds()
-ControllerSection: Any = one_of(_controller(name, kind) for name, kind in KINDS.items())
+ControllerSection: Any = one_of({name: partial(_controller, name, kind) for name, kind in KINDS.items()})
 
 
 def _path(name: str, cls: type[Path]) -> Any:
@@ -363,10 +414,14 @@ def _path(name: str, cls: type[Path]) -> Any:
     return section(name, cls, type=(Literal[name], ...), **eased)
 
 
-PathSection: Any = one_of(_path(name, cls) for name, cls in registered(Path).items())
+PathSection: Any = one_of({name: partial(_path, name, cls) for name, cls in registered(Path).items()})
 
 
-RealitySection: Any = section("reality", Reality, index=(Annotated[Whole, Field(ge=0)], 0))
+def _reality() -> Any:
+    return section("reality", Reality, index=(Annotated[Whole, Field(ge=0)], 0))
+
+
+RealitySection: Any = later("reality", _reality)
 
 
 class ReferenceSection(Section):
@@ -395,7 +450,7 @@ class ReferenceSection(Section):
     tool_axis: Vector | None = None
 
 
-SupervisorSection: Any = section("supervisor", Supervisor)
+SupervisorSection: Any = later("supervisor", partial(section, "supervisor", Supervisor))
 
 
 class VarySection(Section):
@@ -437,10 +492,12 @@ class ExperimentConfig(Section):
     """
 
     robot: RobotSection
-    plant: PlantSection = PlantSection()
+    plant: PlantSection = Field(default_factory=PlantSection)
     reality: RealitySection | None = None
-    controllers: list[ControllerSection] = Field(default=[SECTIONS["gpi"](type="gpi")], min_length=1)
-    reference: ReferenceSection = ReferenceSection()
+    controllers: list[ControllerSection] = Field(
+        default_factory=lambda: [SECTIONS["gpi"](type="gpi")], min_length=1
+    )
+    reference: ReferenceSection = Field(default_factory=ReferenceSection)
     supervisor: SupervisorSection | None = None
     sample_time: Number = Field(default=1e-3, ge=1e-9)
     t_final: Positive | None = None
@@ -450,13 +507,15 @@ class ExperimentConfig(Section):
     failure: dict[str, NotNegative] = {}
 
 
-SECTIONS |= {
-    "robot": RobotSection,
-    "friction": FrictionSection,
-    "plant": PlantSection,
-    "payload": PayloadSection,
-    "reference": ReferenceSection,
-    "vary": VarySection,
-}
+SECTIONS.update(
+    {
+        "robot": RobotSection,
+        "friction": FrictionSection,
+        "plant": PlantSection,
+        "payload": PayloadSection,
+        "reference": ReferenceSection,
+        "vary": VarySection,
+    }
+)
 #: Steps of pydantic's locations that are tags and no keys.
 TAGS = {"number", "list", "table", "mapping", "[key]", "box", *KINDS, *registered(Load), *registered(Path)}

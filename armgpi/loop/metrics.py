@@ -15,21 +15,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import wraps
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
-from armgpi.loop.rollout import Status
-from armgpi.loop.running import LAST, LIMIT_SHARE, ROUNDING, SHARE, Totals
+from armgpi.loop.rollout import Recorded, Status
+from armgpi.loop.running import LAST, LIMIT_SHARE, ROUNDING, SHARE, Running, Totals
 from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 #: A function of a rollout, dimensions ([rollout], time, joint), to numbers ([rollout], joint).
-Function = Callable[[xr.Dataset], xr.DataArray]
+Function = Callable[["xr.Dataset"], "xr.DataArray"]
 #: What a metric is about; a table that is too wide is split by it.
 Group = Literal["errors", "torques"]
 GROUPS: tuple[Group, ...] = get_args(Group)
@@ -77,6 +79,8 @@ class Metric:
         Raises:
             RolloutError: when the rollout lacks a variable or has fewer than two samples.
         """
+        import xarray as xr
+
         if not isinstance(rollout, xr.Dataset):
             raise RolloutError(f"{self.long_name} needs a rollout, got a {type(rollout).__name__}")
         try:
@@ -374,6 +378,8 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
     Raises:
         RolloutError: when the rollout lacks a variable or has fewer than two samples.
     """
+    import xarray as xr
+
     return xr.Dataset({name: metric(rollout) for name, metric in declared().items()})
 
 
@@ -389,6 +395,26 @@ def on_line(totals: Totals, diverged: npt.NDArray[np.bool_]) -> dict[str, Array]
         for name, each in declared().items():
             if each.on_line is not None:
                 found[name] = np.where(diverged[..., None], np.inf, each.on_line(totals))
+    return found
+
+
+def of_recorded(run: Recorded) -> dict[str, Array]:
+    """Return every metric of what was recorded, name -> (rollouts, n); infinite where it diverged.
+
+    They are those of its dataset, which is made for metrics without an ``on_line`` alone.
+    """
+    recording, limits = run.recording, run.robot.limits
+    last, dt = recording.kept - 1, recording.every * recording.dt
+    rows = len(recording.status), run.robot.n
+    kept = {name: values[: last + 1].reshape(-1, *rows) for name, values in recording.variables.items()}
+    running = Running(last, dt, limits.effort)
+    sums = running.add_all(0, kept["q"], kept["q_ref"], kept["tau"], running.init(rows))
+    totals = Totals(sums, dt, last, float(running.late), limits.lower, limits.upper, limits.effort)
+    found = on_line(totals, recording.status == Status.DIVERGED)
+    missing = [each for name, each in declared().items() if name not in found]
+    if missing:
+        dataset = run.dataset()
+        found |= {each.name: each(dataset).values.reshape(rows) for each in missing}
     return found
 
 

@@ -8,10 +8,9 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from armgpi.arrays import ArrayLike, check_choice, check_number, check_type, check_whole
 from armgpi.control.controller import Controller
@@ -19,12 +18,15 @@ from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
-from armgpi.loop.rollout import Recording, Status, provenance, summary_dataset, to_dataset
+from armgpi.loop.rollout import Recorded, Recording, Status, provenance, summary_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.loop.running import Running, Totals
 from armgpi.loop.variables import Variable, checked, rows_of, spread, variables, with_values
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: More samples than this cannot be counted in a float.
 _MOST_STEPS = 1e15
@@ -177,8 +179,36 @@ class PreparedLoop:
             ArrayError: when an array is not as it should be.
             LimitError: when the start or the reference is outside the plant's joint limits.
         """
+        loop, run, made_from = self._ran(values or {}, seed, q0, v0, progress)
+        if self._metrics:
+            return self._summary(loop, run, final, made_from)
+        return _recorded(loop, run.recording, made_from).dataset()
+
+    def recorded(self, progress: bool | None = False) -> Recorded:
+        """Run the loop as it was prepared, and return what it recorded without making a dataset of it.
+
+        Args:
+            progress: as for :meth:`run`.
+
+        Raises:
+            ArmgpiError: as :meth:`run`, and where it keeps metrics alone.
+        """
+        if self._metrics:
+            raise ParameterError("record", "metrics", "all")
+        loop, run, made_from = self._ran({}, None, None, None, progress)
+        return _recorded(loop, run.recording, made_from)
+
+    def _ran(
+        self,
+        values: Mapping[str, Any],
+        seed: Any,
+        q0: ArrayLike | None,
+        v0: ArrayLike | None,
+        progress: bool | None,
+    ) -> tuple[ClosedLoop, Any, dict[str, Any]]:
+        """Run the loop with other numbers; return what was run, what ran it and what that was made from."""
         check_type(progress, "progress", bool | None, "True, False or None")
-        loop = self._with(values or {}, seed)
+        loop = self._with(values, seed)
         state = loop.init(q0, v0)
         if not self._reference_checked or loop.reference is not self.loop.reference:
             _check_reference(loop, self.steps * loop.dt)
@@ -189,14 +219,7 @@ class PreparedLoop:
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
         if self._supervised and recording.stored:
             recording.note_faults()
-        if self._metrics:
-            return self._summary(loop, run, shape, final, made_from)
-        return to_dataset(
-            recording,
-            loop.plant.robot,
-            loop.plant.disturbance(recording.times),
-            {**loop.describe(), **made_from},
-        )
+        return loop, run, made_from
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is not made anew: code belongs to one process."""
@@ -244,7 +267,7 @@ class PreparedLoop:
                 warnings.warn(
                     f"interrupted at t = {run.done * dt:g} s of {steps * dt:g} s; kept what is there",
                     ArmgpiWarning,
-                    stacklevel=4,
+                    stacklevel=5,
                 )
         return run
 
@@ -275,12 +298,10 @@ class PreparedLoop:
         except BackendError as error:
             reason = str(error)
         if self._backend == "compiled":
-            warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=5)
+            warnings.warn(f"running by NumPy: {reason}", ArmgpiWarning, stacklevel=6)
         return run
 
-    def _summary(
-        self, loop: ClosedLoop, run: Any, shape: tuple[int, ...], final: bool, made_from: Mapping[str, Any]
-    ) -> xr.Dataset:
+    def _summary(self, loop: ClosedLoop, run: Any, final: bool, made_from: Mapping[str, Any]) -> xr.Dataset:
         """Return the metrics of a run without trajectories."""
         recording, limits = run.recording, loop.plant.robot.limits
         diverged = recording.status == Status.DIVERGED
@@ -295,7 +316,7 @@ class PreparedLoop:
         key = ("provenance", made_from["backend"])
         if key not in self._known:  # of the loop as it was prepared: every rollout's would take too long
             self._known[key] = provenance({**self.loop.describe(), **made_from})
-        like = ("summary", run.backend, shape, final)
+        like = ("summary", run.backend, recording.shape, final)
         made = summary_dataset(
             recording, loop.plant.robot, found, ends, self._known[key], self._known.get(like)
         )
@@ -303,6 +324,12 @@ class PreparedLoop:
             nothing = {name: np.broadcast_to(x.dtype.type(0), x.shape) for name, x in made.data_vars.items()}
             self._known[like] = made.copy(data=nothing)
         return made
+
+
+def _recorded(loop: ClosedLoop, recording: Recording, made_from: Mapping[str, Any]) -> Recorded:
+    """Return what a run of a loop recorded."""
+    described = {**loop.describe(), **made_from}
+    return Recorded(recording, loop.plant.robot, loop.plant.disturbance(recording.times), described)
 
 
 def _leaves(state: Any) -> int:

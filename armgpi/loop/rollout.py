@@ -28,11 +28,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from armgpi import files
 from armgpi.arrays import Array, check_path, check_type
@@ -41,6 +40,9 @@ from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
+
+if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twice as long as Pinocchio
+    import xarray as xr
 
 #: Version of the layout described above.
 FORMAT = 1
@@ -140,6 +142,12 @@ class Recording:
         running: npt.NDArray[np.bool_] = self.status == Status.FINISHED
         return running
 
+    @property
+    def kept(self) -> int:
+        """How many samples are part of the rollouts: those of one that was interrupted end there."""
+        interrupted = (self.status == Status.INTERRUPTED).any()
+        return self.stored if interrupted else len(self.times)
+
     def diverge(self, rollouts: Any, samples: Any) -> None:
         """Note that rollouts (indices) have diverged at samples (counted from 0)."""
         self.status[rollouts] = Status.DIVERGED
@@ -207,63 +215,82 @@ class Recording:
             ) from None
 
 
-def to_dataset(
-    recording: Recording, robot: AnyRobot, disturbance: Array | None, made_from: Mapping[str, Any]
-) -> xr.Dataset:
-    """Return the dataset of a recording.
+class Recorded(NamedTuple):
+    """What a run recorded, as plain arrays; its dataset is made when it is asked for.
 
-    Args:
+    Attributes:
         recording: the samples.
-        robot: the plant's robot, for names and limits.
+        robot: the plant's, for names and limits.
         disturbance: disturbance torque at all of the recording's times, or None.
         made_from: what was run, as plain data: see :class:`armgpi.loop.provenance.Provenance`.
     """
-    batched = len(recording.shape) == 2
-    # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
-    interrupted = (recording.status == Status.INTERRUPTED).any()
-    stored = recording.stored if interrupted else len(recording.times)
-    dims = ("rollout", "time", "joint") if batched else ("time", "joint")
-    variables: dict[str, Any] = {}
-    # A run that was interrupted at once has no samples of what it would have recorded.
-    arrays = {name: np.empty((0, *recording.shape)) for name in _SAMPLED} | recording.variables
-    if (recording.status == Status.DIVERGED).all():
-        # The run went on for some samples, as many as it takes at once: they are not part of the rollout.
-        after = recording.times >= recording.t_end.max()
-        for values in recording.variables.values():
-            values[after] = np.nan
-    if disturbance is not None:
-        if batched and disturbance.ndim == 2:
-            disturbance = disturbance[:, None]  # the same for every rollout
-        arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
-    for name, values in arrays.items():
-        ordered = np.swapaxes(values[:stored], 0, 1) if batched else values[:stored]
-        variables[name] = (dims, ordered, _attributes(name, robot))
-    per_rollout = ("rollout",) if batched else ()
-    variables["status"] = (
-        per_rollout,
-        recording.status if batched else recording.status[0],
-        _status(),
-    )
-    t_end = recording.t_end if batched else recording.t_end[0]
-    variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
-    for name, values in recording.faults.items():
-        variables[name] = (per_rollout, values if batched else values[0], dict(_FAULTS[name]))
-    for name, limit in robot.limits._asdict().items():
-        variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
-    return xr.Dataset(
-        variables,
-        coords={
-            "time": ("time", recording.times[:stored], {"units": "s"}),
-            "joint": ("joint", np.array(robot.joint_names)),
-            "joint_type": ("joint", np.array(robot.joint_types)),
-        },
-        attrs={
-            "title": f"armgpi rollout of {robot.name}",
-            "robot": robot.name,
-            "armgpi_format": FORMAT,
-            "provenance": provenance(made_from),
-        },
-    )
+
+    recording: Recording
+    robot: AnyRobot
+    disturbance: Array | None
+    made_from: Mapping[str, Any]
+
+    def ends(self) -> list[str]:
+        """Return in words how each rollout ended; see :func:`describe_end`."""
+        recording, faults = self.recording, self.recording.faults
+        words = []
+        for i, (status, t_end) in enumerate(zip(recording.status, recording.t_end, strict=True)):
+            reason, joint = None, ""
+            if faults:
+                reason, joint = faults["fault"][i], self.robot.joint_names[faults["fault_joint"][i]]
+            words.append(_end(status, t_end, reason, joint))
+        return words
+
+    def dataset(self) -> xr.Dataset:
+        """Return it as the dataset that a rollout is."""
+        import xarray as xr
+
+        recording, robot, disturbance, made_from = self
+        batched = len(recording.shape) == 2
+        # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
+        stored = recording.kept
+        dims = ("rollout", "time", "joint") if batched else ("time", "joint")
+        variables: dict[str, Any] = {}
+        # A run that was interrupted at once has no samples of what it would have recorded.
+        arrays = {name: np.empty((0, *recording.shape)) for name in _SAMPLED} | recording.variables
+        if (recording.status == Status.DIVERGED).all():
+            # The run went on for some samples, as many as it takes at once: they are not part of the rollout.
+            after = recording.times >= recording.t_end.max()
+            for values in recording.variables.values():
+                values[after] = np.nan
+        if disturbance is not None:
+            if batched and disturbance.ndim == 2:
+                disturbance = disturbance[:, None]  # the same for every rollout
+            arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
+        for name, values in arrays.items():
+            ordered = np.swapaxes(values[:stored], 0, 1) if batched else values[:stored]
+            variables[name] = (dims, ordered, _attributes(name, robot))
+        per_rollout = ("rollout",) if batched else ()
+        variables["status"] = (
+            per_rollout,
+            recording.status if batched else recording.status[0],
+            _status(),
+        )
+        t_end = recording.t_end if batched else recording.t_end[0]
+        variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
+        for name, values in recording.faults.items():
+            variables[name] = (per_rollout, values if batched else values[0], dict(_FAULTS[name]))
+        for name, limit in robot.limits._asdict().items():
+            variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
+        return xr.Dataset(
+            variables,
+            coords={
+                "time": ("time", recording.times[:stored], {"units": "s"}),
+                "joint": ("joint", np.array(robot.joint_names)),
+                "joint_type": ("joint", np.array(robot.joint_types)),
+            },
+            attrs={
+                "title": f"armgpi rollout of {robot.name}",
+                "robot": robot.name,
+                "armgpi_format": FORMAT,
+                "provenance": provenance(made_from),
+            },
+        )
 
 
 def summary_dataset(
@@ -290,6 +317,8 @@ def summary_dataset(
     values |= {f"{name}_end": x.reshape(recording.shape) for name, x in ends.items()}
     values["status"] = recording.status if batched else recording.status[0]
     values["t_end"] = recording.t_end if batched else recording.t_end[0]
+    import xarray as xr
+
     if like is not None:  # xarray takes longer to put one together than a short run takes
         return like.copy(data=values)
     told = {f"{name}_end": _attributes(name, robot) for name in ends}
@@ -321,17 +350,24 @@ def _status() -> dict[str, Any]:
 
 def describe_end(rollout: xr.Dataset) -> list[str]:
     """Return in words how each rollout ended: "finished", "diverged at 1.25 s", "stopped at 1.25 s: ..."."""
-    words = []
     rows = rollout if "rollout" in rollout["status"].dims else rollout.expand_dims("rollout")
+    words = []
     for index, (status, t_end) in enumerate(zip(rows["status"].values, rows["t_end"].values, strict=True)):
-        name = Status(int(status)).name.lower()
-        said = name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s"
-        if status == Status.STOPPED and "fault" in rows:
-            reason = Reason(int(rows["fault"].values[index])).name
-            joint = rows["joint"].values[int(rows["fault_joint"].values[index])]
-            said += f": {reason} ({joint})"
-        words.append(said)
+        reason, joint = None, ""
+        if "fault" in rows:
+            reason = rows["fault"].values[index]
+            joint = str(rows["joint"].values[int(rows["fault_joint"].values[index])])
+        words.append(_end(status, t_end, reason, joint))
     return words
+
+
+def _end(status: int, t_end: float, reason: int | None, joint: str) -> str:
+    """Return in words how a rollout ended; why and at which joint where a supervisor stopped it."""
+    name = Status(int(status)).name.lower()
+    said = name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s"
+    if status == Status.STOPPED and reason is not None:
+        said += f": {Reason(int(reason)).name} ({joint})"
+    return said
 
 
 def describe_measurement(name: str, knows: str = "") -> str:
@@ -348,6 +384,8 @@ def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
         RolloutError: when the file cannot be written.
         ParameterError: when an argument is not as it should be.
     """
+    import xarray as xr
+
     check_type(rollout, "rollout", xr.Dataset, "a rollout, as simulate returns it")
     return files.write(check_path(path, "path"), netcdf(rollout))
 
@@ -382,6 +420,7 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
         raise RolloutError(f"{source}: there is no such file")
     files.check_set(source.parent, [source.name])
     import h5py
+    import xarray as xr
 
     try:
         with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here

@@ -195,11 +195,8 @@ class NumPyRun:
         if self.running is None:
             self.recording.store(self.done, {**rows, **targets})
         else:
-            sums = self.sums
-            for k in range(count):
-                seen = rows["q"][k], targets["q_ref"][k], rows["tau"][k]
-                sums = self.running.add(self.done + k, *seen, sums)
-            self.sums = sums
+            seen = rows["q"], targets["q_ref"], rows["tau"]
+            self.sums = self.running.add_all(self.done, *seen, self.sums)
             self.last = {name: rows[name][-1] for name in ("q", "v")}
         # Assignments only from here on: no Ctrl-C comes between them.
         self._last_command = commands[-1]

@@ -7,6 +7,8 @@ of the run.
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,6 +65,27 @@ class Sums(NamedTuple):
     target_high: Array
 
 
+class _Fold(NamedTuple):
+    """How samples change a sum: one after the other, and many along a first axis with the same bits."""
+
+    one: Callable[[Any, Any], Any]
+    all: Callable[[Array, Array], Array]
+
+
+_ADD = _Fold(operator.add, lambda s, x: np.cumsum(np.concatenate([s[None], x]), axis=0)[-1])
+_LEAST = _Fold(np.minimum, lambda s, x: np.minimum(s, x.min(axis=0, initial=np.inf)))
+_MOST = _Fold(np.maximum, lambda s, x: np.maximum(s, x.max(axis=0, initial=-np.inf)))
+_LAST = _Fold(lambda s, x: x, lambda s, x: x[-1])
+#: Of the sums in their order, and of those of the last seconds; when the terms of these begin to count.
+_FOLDS = (_ADD, _ADD, _ADD, _MOST, _LAST, _ADD, _ADD, _MOST, _ADD, _LAST, _LEAST, _MOST)
+_LATE_FOLDS, _SINCE = (_LEAST, _MOST, _ADD, _LEAST, _MOST), (-0.5, -0.5, 0.5, -0.5, -0.5)
+
+
+def _late_terms(e: Array, q_ref: Array, e_before: Array) -> tuple[Array, ...]:
+    """Return what a sample of the last seconds adds to the sums of these."""
+    return e, e, np.abs(e - e_before), q_ref, q_ref
+
+
 class Running:
     """Adds samples to :class:`Sums`.
 
@@ -100,35 +123,54 @@ class Running:
             late: False where the sample is known to be before the last seconds: their sums stay.
         """
         e = q - q_ref
-        size = np.abs(e)
-        weight = np.where(k > 0.0, 1.0, 0.5)
-        more = k > 0.0
-        values = (
-            s.timed + k * size,
-            s.absolute + weight * size,
-            s.squared + weight * (e * e),
-            np.maximum(s.peak, size),
-            e,
-            s.effort + s.tau * s.tau,
-            s.variation + np.where(more, np.abs(tau - s.tau), 0.0),
-            np.maximum(s.peak_torque, np.abs(tau)),
-            s.saturated + np.where(more & (np.abs(s.tau) >= self._limit), 1.0, 0.0),
-            tau,
-            np.minimum(s.lowest, q),
-            np.maximum(s.highest, q),
-            *(self._last_seconds(k, e, q_ref, s) if late else s[-5:]),
-        )
+        terms = self._terms(k, e, q, tau, s.tau)
+        values = [fold.one(x, term) for fold, x, term in zip(_FOLDS, s, terms, strict=False)]
+        if not late:
+            return new(Sums, (*values, *s[len(values) :]))
+        for fold, x, term, since in zip(
+            _LATE_FOLDS, s[len(values) :], _late_terms(e, q_ref, s.e), _SINCE, strict=True
+        ):
+            values.append(np.where(k > self.late + since, fold.one(x, term), x))
         return new(Sums, values)
 
-    def _last_seconds(self, k: Any, e: Array, q_ref: Array, s: Sums) -> tuple[Array, ...]:
-        """Return what is kept of the last seconds, the last five of the sums."""
-        late, later = k > self.late - 0.5, k > self.late + 0.5
+    def add_all(self, first: int, q: Array, q_ref: Array, tau: Array, s: Sums) -> Sums:
+        """Return the sums with samples from number `first` on, the same as those of one after the other.
+
+        Args:
+            first: number of the first sample.
+            q: positions [rad or m], shape (samples, ...).
+            q_ref: their targets [rad or m], likewise.
+            tau: torques applied from each sample on [N m or N], likewise.
+            s: the sums before, arrays (...).
+        """
+        e = q - q_ref
+        e_before, tau_before = (np.concatenate([x[None], y[:-1]]) for x, y in ((s.e, e), (s.tau, tau)))
+        k = np.arange(first, first + len(e), dtype=np.float64).reshape(-1, *[1] * (e.ndim - 1))
+        terms = self._terms(k, e, q, tau, tau_before)
+        values = [fold.all(x, term) for fold, x, term in zip(_FOLDS, s, terms, strict=False)]
+        for fold, x, term, since in zip(
+            _LATE_FOLDS, s[len(values) :], _late_terms(e, q_ref, e_before), _SINCE, strict=True
+        ):
+            values.append(fold.all(x, term[k.ravel() > self.late + since]))
+        return new(Sums, values)
+
+    def _terms(self, k: Any, e: Array, q: Array, tau: Array, tau_before: Array) -> Any:
+        """Return what a sample, or each of many, adds to all sums but those of the last seconds."""
+        size = np.abs(e)
+        weight, more = np.where(k > 0.0, 1.0, 0.5), k > 0.0
         return (
-            np.where(late, np.minimum(s.low, e), s.low),
-            np.where(late, np.maximum(s.high, e), s.high),
-            s.way + np.where(later, np.abs(e - s.e), 0.0),
-            np.where(late, np.minimum(s.target_low, q_ref), s.target_low),
-            np.where(late, np.maximum(s.target_high, q_ref), s.target_high),
+            k * size,
+            weight * size,
+            weight * (e * e),
+            size,
+            e,
+            tau_before * tau_before,
+            np.where(more, np.abs(tau - tau_before), 0.0),
+            np.abs(tau),
+            np.where(more & (np.abs(tau_before) >= self._limit), 1.0, 0.0),
+            tau,
+            q,
+            q,
         )
 
 

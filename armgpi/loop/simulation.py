@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from armgpi.arrays import ArrayLike
 from armgpi.control.controller import Controller
@@ -11,6 +11,9 @@ from armgpi.loop.prepared import prepare
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def simulate(

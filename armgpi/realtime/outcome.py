@@ -12,7 +12,7 @@ import xarray as xr
 from armgpi.arrays import Array
 from armgpi.control.supervisor import FaultReport
 from armgpi.escape import html_table
-from armgpi.loop.rollout import Recording, to_dataset
+from armgpi.loop.rollout import Recorded, Recording
 from armgpi.loop.runner import DIVERGENCE, in_control
 from armgpi.plants.plant import Plant
 from armgpi.realtime.datagram import Datagram
@@ -164,7 +164,7 @@ def collect(
         recording.diverge(0, int(np.argmin(good)))
     if count < steps:
         recording.interrupt(count)
-    return to_dataset(recording, plant.robot, plant.disturbance(recording.times), made_from)
+    return Recorded(recording, plant.robot, plant.disturbance(recording.times), made_from).dataset()
 
 
 def _errors(rollout: xr.Dataset) -> dict[str, float]:

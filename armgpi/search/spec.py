@@ -60,4 +60,4 @@ class TuneSection(Section):
     held_out: Annotated[Whole, Field(ge=1, le=4096)] = 16
 
 
-SECTIONS |= {"tune": TuneSection, "free": RangeSection}
+SECTIONS.update({"tune": TuneSection, "free": RangeSection})
