@@ -74,8 +74,8 @@ def main() -> None:
     print(table(["", "against", "at most", "found", "kept"], rows))
     _page.say(
         "`armgpi run` takes its metrics from plain arrays; a rollout becomes an `xarray.Dataset` where it is "
-        "written or drawn. Its 7,103 samples are by NumPy, as compiling the loop takes longer. Where that was "
-        "done before, the generated code is found."
+        "written or drawn. Its 7,103 samples are by NumPy, as compiling the loop takes longer. Where it was "
+        "done before, generated code is found."
     )
     print("\n## Where `armgpi run ur5` goes\n")
     print(_split("`armgpi run ur5`", times, folders))
