@@ -575,6 +575,21 @@ def test_tables_fit_the_terminal_with_whole_names_and_numbers(
         assert "".join(row[number] for row in cells).startswith("".join(known))
 
 
+@pytest.mark.parametrize("columns", [60, 80, 120, 200])
+def test_the_table_of_inspect_has_whole_names_and_columns_at_any_width(
+    columns: int, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    joints = [joint["name"] for joint in json.loads(cli("inspect", "ur5", "--json").out)["joints"]]
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = [line for line in cli("inspect", "ur5").out.splitlines() if set(line) & set("│┃━")]
+    assert len({cell_len(line) for line in lines}) <= 2  # of a table in two parts
+    assert max(map(cell_len, lines)) <= max(columns, 80)
+    assert not any("…" in line for line in lines)
+    names = [line.split("│")[1].strip() for line in lines if "│" in line]
+    assert "".join(names) == "".join(joints) * (1 if columns == 200 else 2)
+    assert all(heading in "".join(lines) for heading in ("type", "effort", "inertia", "damping", "encoder"))
+
+
 def test_a_terminal_far_too_narrow_gets_whole_numbers(
     cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,12 +15,15 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, as_option, locks, per_joint, split
 from armgpi.cli.terminal import console as console_of
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import natural_width, say
 from armgpi.escape import shown
 
 if TYPE_CHECKING:
     from armgpi.health.findings import Finding
     from armgpi.health.report import HealthReport
+
+#: Length to which names of joints may be folded in the table.
+_FOLDED = 10
 
 _Robot = Annotated[
     str,
@@ -206,26 +209,23 @@ def _page(report: HealthReport) -> str:
 
 def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
     """Print the table of joints, in two parts where the terminal is too narrow for one."""
-    from rich.measure import Measurement
-
-    def least(table: Any) -> int:
-        return Measurement.get(console, console.options, table).minimum
-
-    tables = [_joint_table(joints, _COLUMNS)]
-    if least(tables[0]) > console.width:
-        tables = [_joint_table(joints, _COLUMNS[:_LIMITS]), _joint_table(joints, _COLUMNS[_LIMITS:])]
-    console.width = max(console.width, *map(least, tables))
-    for table in tables:
-        console.print(table, soft_wrap=False)
+    parts = [_COLUMNS]
+    if natural_width(console, _joint_table(joints, _COLUMNS)) > console.width:
+        parts = [_COLUMNS[:_LIMITS], _COLUMNS[_LIMITS:]]
+    for columns in parts:
+        # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
+        folded = _joint_table(joints, columns, longest=_FOLDED)
+        console.width = max(console.width, natural_width(console, folded))
+        console.print(_joint_table(joints, columns), soft_wrap=False)
 
 
-def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column]) -> Any:
-    """Return a table of joints with some columns."""
+def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longest: int | None = None) -> Any:
+    """Return a table of joints with some columns, their names folded to a length."""
     from rich.table import Table
 
     table = Table()
-    longest = max(len(shown(joint["name"])) for joint in joints)
-    table.add_column("joint", overflow="fold", min_width=min(longest, 24))
+    least = min(_FOLDED, max(len(shown(joint["name"])) for joint in joints))
+    table.add_column("joint", overflow="fold", min_width=least, max_width=longest)
     for column in columns:
         table.add_column(column.heading, justify="right", no_wrap=True)
     for joint in joints:

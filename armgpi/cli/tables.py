@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
 from armgpi import files
@@ -21,6 +19,7 @@ from armgpi.arrays import quantity
 from armgpi.cli.parsing import refusal
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
+from armgpi.cli.terminal import natural_width
 from armgpi.config import Experiment
 from armgpi.control.gpi import GPI
 from armgpi.control.untuned import COUNT_SHARE
@@ -45,12 +44,12 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     if len(records) == 1:
         title = f"{shown(records[0]['label'])} on {title}"
     tables = [(title, chosen)]
-    if _width(console, _table(title, records, chosen, slides)) > console.width:
+    if natural_width(console, _table(title, records, chosen, slides)) > console.width:
         tables = [(f"{title}: {group}", [m for m in chosen if m.group == group]) for group in metrics.GROUPS]
     for heading, columns in tables:
         # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
         folded = _table(heading, records, columns, slides, longest=_FOLDED)
-        console.width = max(console.width, _width(console, folded))
+        console.width = max(console.width, natural_width(console, folded))
         console.print(_table(heading, records, columns, slides))
     if note := units.note(robot.joint_names, robot.prismatic):
         console.print(shown(note))
@@ -177,8 +176,3 @@ def _table(
             values = [metric.text(record["metrics"][metric.name][index]) for metric in columns]
             table.add_row(*names, *values, end_section=index == len(record["joints"]) - 1)
     return table
-
-
-def _width(console: Console, table: Table) -> int:
-    """Return how wide a table is where there is room enough."""
-    return Measurement.get(console, console.options.update(max_width=10_000), table).maximum

@@ -43,3 +43,10 @@ def console(width: int | None, **options: Any) -> Console:
             return super().render_str(shown(text, lines=True), **options)
 
     return Plain(width=width, markup=False, emoji=False, highlight=False, **options)
+
+
+def natural_width(console: Console, table: Any) -> int:
+    """Return how wide a table is where there is room enough."""
+    from rich.measure import Measurement
+
+    return Measurement.get(console, console.options.update(max_width=10_000), table).maximum
