@@ -209,7 +209,7 @@ def _page(report: HealthReport) -> str:
 
 def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
     """Print the table of joints, in two parts where the terminal is too narrow for one."""
-    parts = [_COLUMNS]
+    parts: list[Sequence[_Column]] = [_COLUMNS]
     if natural_width(console, _joint_table(joints, _COLUMNS)) > console.width:
         parts = [_COLUMNS[:_LIMITS], _COLUMNS[_LIMITS:]]
     for columns in parts:
