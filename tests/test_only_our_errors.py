@@ -761,6 +761,8 @@ CASES: dict[str, Case] = {
             "torque_rate": 1000.0,
             "jump": 2.0,
             "reference_jump": 2.0,
+            "reference_step": 0.01,
+            "response": 0.012,
             "frozen_samples": 50,
             "resolution": 1e-4,
             "position_margin": 0.1,

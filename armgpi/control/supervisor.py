@@ -10,7 +10,7 @@ It is elementwise, like a law: what NumPy runs here is what exported C does.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from enum import IntEnum
 from typing import Any, ClassVar, NamedTuple
 
@@ -52,6 +52,7 @@ class Reason(IntEnum):
     FROZEN = 7
     JUMP = 8
     NOT_FINITE = 9
+    RESPONSE = 10
 
 
 #: Positions beyond this are no measurements: sine and cosine would lose digits and time [rad or m].
@@ -68,6 +69,14 @@ _IN_MOTION = 0.5
 _SMOOTHING = 5e-3
 #: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
 _NEAR = 0.05
+#: Errors below this say nothing of how a joint answers its torque [rad or m].
+_ALERT = 0.01
+#: Samples in which a joint has to answer, at least: where there are few, laws are slow.
+_ANSWERS = 8
+#: Time in which torques and what answers them are forgotten: looked at is what changes faster [s].
+_FORGOTTEN = 0.01
+#: Changes of a torque that have to be answered, as a share of its limit.
+_ASKED = 0.02
 #: Resolution of positions where none is given: a turn, or the travel of a prismatic joint, in 2^16 counts.
 _BITS = 16
 #: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
@@ -131,8 +140,15 @@ class Supervisor(Parametrised):
     )
     reference_jump: float = parameter(
         "REFERENCE: samples of travel at the velocity limit by which the reference may miss where its "
-        "velocity leads; 0.2 also finds one that stops dead; 0 for no check",
+        "velocity leads; 0 for no check, nor of reference_step",
         default=2.0,
+        least=0.0,
+    )
+    reference_step: float = parameter(
+        "REFERENCE: for how long a step of the reference's velocity may take all the torque of a joint's "
+        "motor; 0 for no bound",
+        unit="s",
+        default=0.01,
         least=0.0,
     )
     frozen_samples: int | None = parameter(
@@ -175,6 +191,13 @@ class Supervisor(Parametrised):
         "0 for no check",
         unit="s",
         default=0.5,
+        least=0.0,
+    )
+    response: float = parameter(
+        "RESPONSE: how long a joint may answer its torque the wrong way, running away from its reference; "
+        "it gets no torque then; 0 for no check",
+        unit="s",
+        default=0.012,
         least=0.0,
     )
     missed: int = parameter(
@@ -237,6 +260,11 @@ class Watch(NamedTuple):
             does not trust.
         mark: reference when the measurement last changed [rad or m].
         cut: samples for which the torque was at its limit, before the last one.
+        against: 1, and the samples for which the joint has answered its torque the wrong way, from where an
+            error was worth a look; 0 elsewhere.
+        asked: torque, smoothed like the velocity; this and the next two where `against` is not 0 [N m or N].
+        asked_before: the same, smoothed again.
+        answer_before: torque that the nominal model needs for the motion, likewise.
         calm: 1 when it is RUN and nothing is counted: the next sample may be a usual one, (1,) or (batch, 1).
     """
 
@@ -256,6 +284,10 @@ class Watch(NamedTuple):
     still: Array
     mark: Array
     cut: Array
+    against: Array
+    asked: Array
+    asked_before: Array
+    answer_before: Array
     calm: Array
 
 
@@ -297,7 +329,7 @@ class _Seen(NamedTuple):
         worst: reason with the highest number, 0 for none, (1,).
         joint: first joint that it concerns, (1,).
         still: see :class:`Watch`.
-        near: which joints are near their reference.
+        e: distance from the reference [rad or m].
         distrusted: which joints do not measure well, or do not follow a stop.
     """
 
@@ -309,8 +341,17 @@ class _Seen(NamedTuple):
     worst: Array
     joint: Array
     still: Array
-    near: Mask
+    e: Array
     distrusted: Mask
+
+
+class _Answer(NamedTuple):
+    """How joints answer their torques: fields of :class:`Watch`."""
+
+    against: Array
+    asked: Array
+    asked_before: Array
+    answer_before: Array
 
 
 class Supervised(Controller):
@@ -362,8 +403,13 @@ class Supervised(Controller):
             self.frozen_samples = frozen_samples(self.dt)
         self._lost = max(supervisor.jump - 1.0, 0.0)
         self._cut_samples = supervisor.saturated / self.dt
+        self._forgotten = self.dt / (self.dt + _FORGOTTEN)
+        self._answered = 0
+        if supervisor.response:
+            self._answered = max(_ANSWERS, math.ceil(supervisor.response / self.dt - 1e-9))
         # Bounds of the tightest joint, which take less to load than each its own.
         self._tightest = new(Bounds, [np.min(x, axis=-1, keepdims=True) for x in self.bounds])
+        self._alert = np.minimum(self._tightest.following, _ALERT if self._answered else LARGEST)
         # A torque below this is within its limit, and so is the sum of all.
         self._sound = np.minimum(self.effort, LARGEST / self.robot.n)
         # PID with a nominal model of its own for gravity brakes by that one.
@@ -407,6 +453,10 @@ class Supervised(Controller):
             still=zero,
             mark=r,
             cut=zero,
+            against=zero,
+            asked=zero,
+            asked_before=zero,
+            answer_before=zero,
             calm=none,
         )
         return SupervisedState(watch, law)
@@ -479,7 +529,7 @@ class Supervised(Controller):
         good = np.abs(change - watch.change) <= np.minimum(bounds.jump, bounds.turn)
         good = good & (given >= self.bounds.lower) & (given <= self.bounds.upper)
         good = good & (np.abs((target.q - watch.r) - watch.rv) <= bounds.step)
-        good = good & (np.abs(given - target.q) <= bounds.following)
+        good = good & (np.abs(given - target.q) <= self._alert)
         good = good & ((change != 0.0) | (np.abs(target.q - watch.mark) <= bounds.travel))
         if self.measurement_type is FullState:
             good = good & (np.abs(measurement.v) <= _FASTEST)
@@ -519,6 +569,10 @@ class Supervised(Controller):
             still=zero,
             mark=np.where(change != 0.0, r, watch.mark),
             cut=zero,
+            against=zero,
+            asked=zero,
+            asked_before=zero,
+            answer_before=zero,
             calm=none + 1.0,
         )
         return _all(sound), ControlStep(asked, SupervisedState(made, after))
@@ -546,7 +600,6 @@ class Supervised(Controller):
         change = seen.q - watch.q
         v = watch.v + self._smoothing * np.where(gap, 0.0, change - watch.v)
         change = np.where(gap | (change == 0.0), watch.change, change)
-
         lower, upper = self._limits(watch)
         # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
         unused = dead | seen.lost
@@ -559,7 +612,7 @@ class Supervised(Controller):
         unsound = _beyond(_sum(asked), LARGEST)
         dead = dead | unsound
         opened = dead | seen.lost
-        tau = np.where(opened, self._open_loop(opened, dead, watch, aim, seen, v), asked)
+        tau, answer = self._torque(asked, opened, dead, watch, aim, seen, v)
         tau = np.minimum(np.maximum(tau, lower), upper)
         going: Array | float = float(State.RUN)
         waits = opened
@@ -586,9 +639,10 @@ class Supervised(Controller):
             still=np.where(dead & seen.distrusted, COUNTED, seen.still),
             mark=np.where(seen.q == watch.q, watch.mark, aim.q),
             cut=np.where(entering, 0.0, watch.cut),
+            **answer._asdict(),
             calm=watch.calm,
         )
-        counted = made.bad + made.still + made.cut + self._at_limit(tau, 0.0)
+        counted = made.bad + made.still + made.cut + made.against + self._at_limit(tau, 0.0)
         calm = (made.status == float(State.RUN)) & _all(counted == 0.0)
         made = made._replace(calm=np.where(calm, 1.0, 0.0))
         return ControlStep(tau, SupervisedState(made, _chosen(waits, before, after)))
@@ -649,7 +703,8 @@ class Supervised(Controller):
         away = np.abs(e) > bounds.following
         cut = watch.cut > self._cut_samples if self._cut_samples else away & ~away
         failing = away | cut
-        distrusted = ~good | frozen | (~active & failing) | (watch.still >= COUNTED)
+        turned = self._turned(watch.against)
+        distrusted = ~good | frozen | turned | (~active & failing) | (watch.still >= COUNTED)
         code = np.where(cut, float(Reason.SATURATED), np.where(watch.late > 0.0, float(Reason.LATE), 0.0))
         for wrong, reason in (
             (away, Reason.FOLLOWING),
@@ -658,12 +713,12 @@ class Supervised(Controller):
             (frozen, Reason.FROZEN),
             (~good, Reason.JUMP),
             (~finite, Reason.NOT_FINITE),
+            (turned, Reason.RESPONSE),
         ):
             code = np.where(wrong, float(reason), code)
-        near = np.abs(e) <= _NEAR
         bad = np.where(good, 0.0, watch.bad + 1.0)
-        dead = _any(frozen | (bad > float(self.supervisor.missed)))
-        return _Seen(q, bad, _any(~good), dead, _any(failing), *_worst(code), still, near, distrusted)
+        dead = _any(frozen | turned | (bad > float(self.supervisor.missed)))
+        return _Seen(q, bad, _any(~good), dead, _any(failing), *_worst(code), still, e, distrusted)
 
     def _not_finite(self, measurement: Any) -> Mask:
         """Tell which joints have a measurement that is no number, or farther than any arm."""
@@ -697,7 +752,7 @@ class Supervised(Controller):
         """Return the reference to follow, the one given or that of a stop, and its way in a sample."""
         # Where the joint did not follow, or nobody looked, the stop begins where it is, and as fast as it is.
         late = (watch.late > 0.0) & ~seen.lost
-        apart = entering & (~seen.near | late)
+        apart = entering & ((np.abs(seen.e) > _NEAR) | late)
         # After a gap as fast as if it had changed its velocity evenly there.
         gap = 2.0 / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
         own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
@@ -721,9 +776,62 @@ class Supervised(Controller):
         """Return what the law measures."""
         return FullState(q, v) if self.measurement_type is FullState else Measurement(q)
 
-    def _open_loop(self, opened: Mask, dead: Mask, watch: Watch, aim: Target, seen: _Seen, v: Array) -> Array:
-        """Return the torque without a measurement that the law could use; zero where none is needed."""
+    def _torque(
+        self, asked: Array, opened: Mask, dead: Mask, watch: Watch, aim: Target, seen: _Seen, v: Array
+    ) -> tuple[Array, _Answer]:
+        """Return the torque before its limits, and how the joints answer theirs.
+
+        The nominal model is asked once in a sample: for a torque in open loop, or for that of the motion
+        measured.
+        """
+        alert = _any(~opened & (np.abs(seen.e) > _ALERT)) if self._answered else opened & ~opened
+        torque, motion = self._open_loop(opened, dead, watch, aim, seen, v)
+        model = self._brakes.inverse_where(*_chosen(alert, self._motion(watch, seen, v), motion))
+        answer = self._answer(alert, dead, model, watch, seen, v)
+        tau = np.where(opened, model + torque, asked)
+        return np.where(dead & self._turned(answer.against), 0.0, tau), answer
+
+    def _turned(self, against: Array) -> Mask:
+        """Tell which joints have answered their torque the wrong way for too long."""
+        return against > float(self._answered) if self._answered else against < 0.0
+
+    def _answer(self, alert: Mask, dead: Mask, model: Array, watch: Watch, seen: _Seen, v: Array) -> _Answer:
+        """Return how the joints answer their torques, from the torque of the nominal model for their motion.
+
+        Torques and what answers them are compared by what is new in them: neither loads nor friction that
+        stay are, and a push only while it begins. A motor that turns the other way is at every change.
+        """
+        if not self._answered:
+            return _Answer(*(np.zeros_like(v),) * 4)
+        known = alert & (watch.against > 0.0)
+        asked = np.where(known, watch.asked + self._smoothing * (watch.tau - watch.asked), watch.tau)
+        change = np.where(known, asked - watch.asked_before, 0.0)
+        asked_before = asked - change + self._forgotten * change
+        answer = np.where(known, model - watch.answer_before, 0.0)
+        answer_before = model - answer + self._forgotten * answer
+        # The torque pushes back, and what it does is to push on.
+        wrong = (np.abs(seen.e) > _ALERT) & (np.abs(change) > _ASKED * self.effort)
+        wrong = wrong & (change * seen.e < 0.0) & (answer * seen.e > 0.0) & ((v - watch.rv) * seen.e > 0.0)
+        against = np.where(alert, np.where(wrong, watch.against + 1.0, 1.0), 0.0)
+        # Without the loop nothing new is found, and nothing forgotten.
+        against = np.where(dead, watch.against, against)
+        parts = (asked, asked_before, answer_before)
+        return _Answer(against, *(np.where(alert, part, 0.0) for part in parts))
+
+    def _motion(self, watch: Watch, seen: _Seen, v: Array) -> tuple[Array, ...]:
+        """Return that a torque is asked for, and for which motion: the one measured."""
+        rate = 1.0 / self.dt
+        return np.ones_like(watch.ready), seen.q, v * rate, (v - watch.v) * (rate * rate)
+
+    def _open_loop(
+        self, opened: Mask, dead: Mask, watch: Watch, aim: Target, seen: _Seen, v: Array
+    ) -> tuple[Array, tuple[Array, ...]]:
+        """Return torque without a measurement that the law could use, and a motion that takes more.
+
+        The motion is given as whether a torque is asked for, position, velocity and acceleration.
+        """
         on, kind = np.where(opened, watch.ready, 0.0), self.supervisor.on_fault
+        torque = np.zeros_like(v)
         if kind == "zero":
             on = np.where(dead, 0.0, on)
         elif kind == "hold":
@@ -731,10 +839,8 @@ class Supervised(Controller):
         else:
             damped = dead & ~seen.distrusted
             aim = aim._replace(q=np.where(damped, seen.q, aim.q))
-            return self._brakes.inverse_where(on, *aim) + np.where(
-                damped, self._damping * (aim.v - v * (1.0 / self.dt)), 0.0
-            )
-        return self._brakes.inverse_where(on, *aim)
+            torque = np.where(damped, self._damping * (aim.v - v * (1.0 / self.dt)), 0.0)
+        return torque, (on, *aim)
 
     def _held_back(self, asked: Array, lower: Array, upper: Array) -> Mask:
         """Tell whether the rate keeps a torque from what the law asks for."""
@@ -759,6 +865,8 @@ def suited(supervisor: Supervisor, plant: Any, controller: Controller) -> Superv
         found["resolution"] = count + _SIGMAS * noise
     if found["frozen_samples"] is None:  # what comes late repeats itself for longer
         found["frozen_samples"] = frozen_samples(controller.dt) + plant.delay
+    if found["response"]:  # and answers late
+        found["response"] += controller.dt * plant.delay
     return Supervisor(**found)
 
 
@@ -791,9 +899,11 @@ def _bounds(law: Controller, given: Supervisor) -> Bounds:
         share * dt * speed + 2.0 * count if share else math.inf
         for share in (given.jump, given.reference_jump)
     )
+    if given.reference_jump and given.reference_step:
+        steps = np.minimum(steps, given.reference_step * dt * _acceleration(law) + 2.0 * count)
     known = np.minimum(speed, LARGEST)
     least, most = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
-    shape = np.broadcast_shapes(count.shape, least.shape)
+    shape = np.broadcast_shapes(count.shape, least.shape, np.shape(steps))
     return Bounds(
         jump=np.minimum(np.broadcast_to(jumps, shape), LARGEST),
         turn=4.0 * count if given.jump else np.full(shape, LARGEST),
@@ -838,15 +948,27 @@ def _turning(law: Controller) -> tuple[Array, Array]:
 
     A push is by half the torque of the joint's motor; torques are at their limits.
     """
-    robot: Any = law.robot
-    lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
     effort, half = np.minimum(law.effort, LARGEST), 0.5 * law.dt**2
     pushed, driven = [], []
-    for share in np.random.default_rng(0).uniform(size=(_POSES, robot.n)):
-        inverse = np.abs(np.linalg.inv(robot.mass_matrix(lower + share * (upper - lower))))
+    for inertia in _inertias(law):
+        inverse = np.abs(np.linalg.inv(inertia))
         pushed.append(half * 0.5 * effort * np.diagonal(inverse, axis1=-2, axis2=-1))
         driven.append(half * (inverse @ effort[..., None])[..., 0])
     return np.max(pushed, axis=0), np.max(driven, axis=0)
+
+
+def _acceleration(law: Controller) -> Array:
+    """Return each joint's least acceleration by all its torque, the others held [rad/s^2 or m/s^2]."""
+    most = np.max([np.diagonal(inertia, axis1=-2, axis2=-1) for inertia in _inertias(law)], axis=0)
+    return np.asarray(np.minimum(law.effort, LARGEST) / most)
+
+
+def _inertias(law: Controller) -> Iterator[Array]:
+    """Yield the nominal model's D(q) in some configurations, always the same."""
+    robot: Any = law.robot
+    lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
+    for share in np.random.default_rng(0).uniform(size=(_POSES, robot.n)):
+        yield robot.mass_matrix(lower + share * (upper - lower))
 
 
 def _largest(x: Array) -> Array:

@@ -33,6 +33,8 @@ FCI_RATE = 1000.0
 _POSITIONS = ("q_measured", "q_ref")
 #: Samples of a test of a fault at most.
 _LONGEST = 4000
+#: Samples in which a joint runs away in a test, as far as FOLLOWING.
+_RUNNING_AWAY = 100
 
 
 class _Motion(NamedTuple):
@@ -41,6 +43,7 @@ class _Motion(NamedTuple):
     name: str
     q: float = 0.0
     dq: float = 0.0
+    ddq: float = 0.0
     r: float = 0.0
     dr: float = 0.0
     dither: float = 0.0
@@ -132,7 +135,8 @@ def _tests(controller: Supervised) -> list[str]:
         for x in (bounds.jump, bounds.step, bounds.following, bounds.travel, bounds.upper)
     )
     middle = float(robot.middle()[joint])
-    small = min(0.4 * jump, 0.4 * step, 0.01)
+    slip = min(0.4 * jump, 0.01)
+    small = min(slip, 0.4 * step)
     room = upper - middle
     motions = [
         _Motion("not_finite", nan_q=1),
@@ -140,14 +144,17 @@ def _tests(controller: Supervised) -> list[str]:
         _Motion("jump", q=0.0, dq=min(1.5 * jump, 5e3)),
         _Motion("frozen", dr=min(travel / 8.0, small), samples=_LONGEST),
         _Motion("position", q=room - 1.5 * small, dq=small, r=room - 1.5 * small, dr=small),
-        _Motion("following", dq=small, samples=min(_LONGEST, int(1.2 * following / small) + 2)),
+        _Motion(
+            "following", dq=slip, dither=0.1 * slip, samples=min(_LONGEST, int(1.2 * following / slip) + 2)
+        ),
         _Motion("saturated", r=0.9 * following, dither=0.1 * small, samples=_LONGEST),
         _Motion("late", elapsed=given.missed + 2),
+        _Motion("response", ddq=min(following / _RUNNING_AWAY**2, small), samples=_RUNNING_AWAY),
     ]
     rows = []
     for motion in motions:
         reason = _reason(controller, motion, joint)
-        numbers = ", ".join(repr(x) for x in motion[1:6])
+        numbers = ", ".join(repr(x) for x in motion[1:7])
         counts = f"{joint}U, {motion.samples}U, {motion.elapsed}U, {motion.nan_q}, {motion.nan_r}, {reason}U"
         rows.append(f'    {{"{motion.name}", {numbers}, {counts}}}')
     return rows
@@ -160,8 +167,8 @@ def _reason(controller: Supervised, motion: _Motion, joint: int) -> int:
     unit = np.eye(robot.n)[joint]
     middle = np.ascontiguousarray(robot.middle())
 
-    def sample(q: float, r: float) -> tuple[Any, Target]:
-        at = middle + q * unit if np.isfinite(q) else np.where(unit > 0.0, np.nan, middle)
+    def sample(q: float, r: float, dither: float = 0.0) -> tuple[Any, Target]:
+        at = middle + q * unit + dither if np.isfinite(q) else np.where(unit > 0.0, np.nan, middle)
         to = middle + r * unit if np.isfinite(r) else np.where(unit > 0.0, np.nan, middle)
         seen = FullState(at, zero) if controller.measurement_type is FullState else Measurement(at)
         return seen, Target(to, zero, zero)
@@ -171,7 +178,8 @@ def _reason(controller: Supervised, motion: _Motion, joint: int) -> int:
         for k in range(1, motion.samples + 1):
             if float(state.supervisor.status[0]) > State.RUN:
                 break
-            q = np.nan if motion.nan_q else motion.q + k * motion.dq + motion.dither * (k % 2)
+            q = np.nan if motion.nan_q else motion.q + k * motion.dq + k * k * motion.ddq
             r = np.nan if motion.nan_r else motion.r + k * motion.dr
-            state = controller.advance(*sample(q, r), state, motion.elapsed).state
+            seen = sample(q, r, motion.dither * (k % 2))
+            state = controller.advance(*seen, state, motion.elapsed).state
     return int(state.supervisor.reason[0])

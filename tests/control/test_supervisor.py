@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import machines
@@ -430,6 +430,73 @@ def test_a_reference_that_stops_dead_is_a_fault_where_it_is_asked_for() -> None:
         assert supervised.report(state).reason == "none"
         state = held(supervised, state, q, q).state
         assert supervised.report(state).reason == reason
+
+
+def test_a_step_of_the_reference_s_velocity_may_take_all_torque_for_a_time() -> None:
+    # Of a mass on a rail that is force over mass, and nothing else is.
+    rail = machines.sled(bounds='lower="-1" upper="1"').with_limits(velocity=100.0, effort=20.0)
+    most = 0.01 * 20.0 / rail.mass_matrix(np.zeros(1))[0, 0]
+    count = np.full(1, 1e-9)
+    for speed, reason in ((0.99 * most, "none"), (1.01 * most, "reference")):
+        supervised = Supervised(GPI(rail, DT), Supervisor(resolution=count, frozen_samples=0))
+        state = supervised.init(Measurement(np.zeros(1)), Target(*np.zeros((3, 1))))
+        state = supervised.step(Measurement(np.zeros(1)), Target(*np.zeros((3, 1))), state).state
+        there = Target(np.full(1, speed * DT), np.zeros(1), np.zeros(1))
+        state = supervised.step(Measurement(np.full(1, 1e-6)), there, state).state
+        assert supervised.report(state).reason == reason
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_whose_reference_stops_dead_decelerates(name: str) -> None:
+    held: list[Any] = []
+
+    def fault(k: int, q: Any, q_ref: Any) -> tuple[Any, Any]:
+        held.append(q_ref)
+        return q, held[0]
+
+    assert course(arm(name, "robot"), fault, 0.75, 0.3).travel < 0.05
+
+
+def driven(robot: Robot, torque: Callable[[int, Any], Any], seconds: float) -> Course:
+    """What an arm does from the middle of a move on, when other torques act than those asked for."""
+    loop, begin, (_, arm, state) = begun(robot, 0.75, None)
+    rows: list[Any] = []
+    for k in range(round(seconds / DT)):
+        measured, truth = loop.plant.measure(arm), loop.plant.true_state(arm)
+        tau, state = loop.controller.step(Measurement(measured.q), loop.reference.at((begin + k) * DT), state)
+        rows.append((truth.q, truth.v, tau, loop.controller.report(state)))
+        arm = loop.plant.step(torque(k, tau), arm, DT)
+    qs, vs, taus, reports = zip(*rows, strict=True)
+    return Course(np.array(qs), np.array(vs), np.array(taus), list(reports))
+
+
+@pytest.mark.parametrize("j", [0, 1, 2])
+@pytest.mark.parametrize("gravity", ["arm", "robot"])
+def test_a_motor_that_turns_the_other_way_gets_no_torque(gravity: str, j: int) -> None:
+    robot = arm("anthropomorphic3", gravity)
+    turned = np.where(np.arange(3) == j, -1.0, 1.0)
+    found = driven(robot, lambda k, tau: turned * tau, 0.2)
+    when = next(k for k, report in enumerate(found.reports) if report.status == "fault")
+    assert found.reports[when][1:] == ("response", robot.joint_names[j])
+    assert np.abs(found.q[when] - found.q[0]).max() < 0.2  # FOLLOWING would wait for 0.5
+    np.testing.assert_array_equal(found.tau[when:, j], 0.0)
+    assert (found.tau[when:] != 0.0).any()
+
+
+def pushed(push: Any, k: int, tau: Any) -> Any:
+    """Return what acts during a push of 50 ms."""
+    return tau + push * (k < 50)
+
+
+def test_a_push_and_a_load_are_not_taken_for_a_motor_that_turns_the_other_way() -> None:
+    robot = arm("anthropomorphic3", "robot")
+    for share in (-0.5, -0.2, 0.1, 0.5):
+        push = share * robot.limits.effort
+        found = driven(robot, partial(pushed, push), 0.12)
+        assert found.reasons == {"none"}, share
+    # A load that stays, of a fifth of each motor's torque.
+    load = 0.2 * robot.limits.effort
+    assert driven(robot, lambda k, tau: tau - load, 0.12).reasons == {"none"}
 
 
 # A rollout under it.

@@ -8,10 +8,10 @@
 
 #include "armgpi_controller.h"
 
-/* Positions q + k dq + dither (k odd), reference r + k dr, for k = 1, 2, ... up to `samples`. */
+/* Positions q + k dq + k^2 ddq, reference r + k dr, for k = 1, 2, ... up to `samples`; all dither when k is odd. */
 struct fault {
     const char *name;
-    double q, dq, r, dr, dither; /* of the joint, beside the middle of its range */
+    double q, dq, ddq, r, dr, dither; /* of the joint, beside the middle of its range */
     uint32_t joint, samples, elapsed;
     int nan_q, nan_r;
     uint32_t reason; /* of Python */
@@ -44,7 +44,10 @@ $zeroed    }
     for (k = 1U; (k <= fault->samples) && (state.status <= ARMGPI_STATUS_RUN); ++k) {
         const double odd = ((k % 2U) == 1U) ? fault->dither : 0.0;
 
-        q_measured[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->q + k * fault->dq + odd);
+        for (i = 0U; i < ARMGPI_N; ++i) {
+            q_measured[i] = (armgpi_real_t)(MIDDLE[i] + odd);
+        }
+        q_measured[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->q + k * fault->dq + ((double)k * k) * fault->ddq + odd);
         q_ref[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->r + k * fault->dr);
         if (fault->nan_q != 0) {
             q_measured[fault->joint] = (armgpi_real_t)NAN;
