@@ -35,10 +35,10 @@ robot = Robot.load("anthropomorphic3")
 reference = CartesianReference(robot, robot.tip, LaserPath(), PaperArm().inverse_kinematics)
 plant = Encoder(Saturated(RigidBodyPlant(robot, [Step([0.5, 1.0, 0.5], onset=20.0)])), bits=16)
 gains = {"fixed gains": FixedGains(25.0), "network": BSplineNetwork()}
-runs = {
-    label: simulate(plant, GPI(robot, dt=1e-3, gains=own), reference, t_final=40.0, signals=True)
-    for label, own in gains.items()
-}
+runs = {}
+for label, own in gains.items():
+    controller = GPI(robot, dt=1e-3, gains=own)
+    runs[label] = simulate(plant, controller, reference, 40.0, signals=True, backend="auto")
 both = experiment.join(runs)
 
 scratch = tempfile.TemporaryDirectory()

@@ -12,9 +12,9 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -68,23 +68,50 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+#: Runs the command lines that it reads, and writes exit code and outputs of each.
+COMMANDS = """
+import io, json, sys
+from contextlib import redirect_stderr, redirect_stdout
+from armgpi.cli import main
+for line in sys.stdin:
+    sys.argv = ["armgpi", *json.loads(line)]
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    print(json.dumps([code, out.getvalue(), err.getvalue()]), flush=True)
+"""
+
+
 @pytest.fixture(scope="module")
-def run(folder: Path) -> Run:
-    """Run Python in that folder, by default the command line; it must succeed."""
+def run(folder: Path) -> Iterator[Run]:
+    """Run Python in that folder, by default the command line; it must succeed.
 
-    def call(*arguments: object, module: tuple[str, ...] = ("-m", "armgpi.cli")) -> str:
-        path = os.pathsep.join([str(folder), str(ROOT)])
-        done = subprocess.run(
-            [sys.executable, *module, *map(str, arguments)],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200"},
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+    All commands are run by one process, which imports once.
+    """
+    path = os.pathsep.join([str(folder), str(ROOT)])
+    there: Any = {"cwd": folder, "env": {**os.environ, "PYTHONPATH": path, "COLUMNS": "200"}, "text": True}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
 
-    return call
+    with subprocess.Popen([sys.executable, "-c", COMMANDS], **pipes, **there) as commands:
+        assert commands.stdin is not None
+        assert commands.stdout is not None
+
+        def call(*arguments: object, module: tuple[str, ...] | None = None) -> str:
+            words = [*map(str, arguments)]
+            if module is not None:
+                done = subprocess.run([sys.executable, *module, *words], capture_output=True, **there)
+                code, out, err = done.returncode, done.stdout, done.stderr
+            else:
+                print(json.dumps(words), file=commands.stdin, flush=True)
+                code, out, err = json.loads(commands.stdout.readline())
+            assert code == 0, out + err
+            return str(out)
+
+        yield call
+        commands.stdin.close()
 
 
 def shown(run: Run, recipe: str) -> dict[str, str]:

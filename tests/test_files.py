@@ -63,6 +63,36 @@ def killed() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@contextmanager
+def killing(work: str, path: Path) -> Iterator[Callable[[int], int]]:
+    """Give what does some work with a `path` in a process that is killed at a call, and returns how it ended.
+
+    These processes are forks of one that has imported what they need.
+    """
+    code = (
+        "import os, sys; from pathlib import Path; from test_files import NEW, failing, files, killed\n"
+        "path = Path(sys.argv[1])\n"
+        "for at in sys.stdin:\n"
+        "    if (child := os.fork()) == 0:\n"
+        f"        with failing(int(at), killed): {work}\n"
+        "        os._exit(0)\n"
+        "    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)"
+    )
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    command = [sys.executable, "-c", code, str(path)]
+    with subprocess.Popen(command, cwd=Path(__file__).parent, **pipes) as forks:
+        asked, answers = forks.stdin, forks.stdout
+        assert asked is not None
+        assert answers is not None
+
+        def at(call: int) -> int:
+            print(call, file=asked, flush=True)
+            return int(answers.readline())
+
+        yield at
+        asked.close()
+
+
 def calls_of(work: Callable[[], object]) -> list[str]:
     with failing(0, full) as calls:
         work()
@@ -102,16 +132,12 @@ def test_a_full_disk_at_any_call_leaves_the_old_file(tmp_path: Path) -> None:
 
 def test_a_process_that_is_killed_at_any_call_leaves_the_old_or_the_new_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    code = (
-        "import sys; from test_files import failing, files, killed\n"
-        "with failing(int(sys.argv[1]), killed): files.write(sys.argv[2], 'new')"
-    )
     total = len(calls_of(lambda: files.write(path, "old")))
-    for at in range(1, total + 1):
-        path.write_text("old")
-        done = subprocess.run([sys.executable, "-c", code, str(at), path], cwd=Path(__file__).parent)
-        assert done.returncode == -signal.SIGKILL
-        assert path.read_text() in ("old", "new")
+    with killing("files.write(path, 'new')", path) as killed_at:
+        for at in range(1, total + 1):
+            path.write_text("old")
+            assert killed_at(at) == -signal.SIGKILL
+            assert path.read_text() in ("old", "new")
     left = [each for each in tmp_path.iterdir() if each != path]
     assert left
     files.write(path, "newer")
@@ -231,24 +257,20 @@ def test_a_full_disk_at_any_call_of_a_set_leaves_the_old_one_or_shows(tmp_path: 
 
 def test_a_process_that_is_killed_at_any_call_of_a_set_leaves_no_mixture_that_passes(tmp_path: Path) -> None:
     folder = tmp_path / "set"
-    code = (
-        "import sys; from pathlib import Path; from test_files import NEW, failing, files, killed\n"
-        "with failing(int(sys.argv[1]), killed): files.write_set(Path(sys.argv[2]), NEW)"
-    )
     folder.mkdir()
     files.write_set(folder, OLD)
     total = len(calls_of(lambda: files.write_set(folder, OLD)))
     mixtures = 0
-    for at in range(1, total + 1):
-        shutil.rmtree(folder)
-        folder.mkdir()
-        files.write_set(folder, OLD)
-        done = subprocess.run([sys.executable, "-c", code, str(at), folder], cwd=Path(__file__).parent)
-        assert done.returncode == -signal.SIGKILL
-        for path in folder.glob(".*.part"):
-            path.unlink()
-        assert_no_mixture_passes(folder)
-        mixtures += not whole(folder)
+    with killing("files.write_set(path, NEW)", folder) as killed_at:
+        for at in range(1, total + 1):
+            shutil.rmtree(folder)
+            folder.mkdir()
+            files.write_set(folder, OLD)
+            assert killed_at(at) == -signal.SIGKILL
+            for path in folder.glob(".*.part"):
+                path.unlink()
+            assert_no_mixture_passes(folder)
+            mixtures += not whole(folder)
     assert mixtures == len(OLD)  # between the first renaming and the last
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import math
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from os import PathLike
@@ -475,10 +474,8 @@ def _netcdf(rollout: xr.Dataset) -> tuple[bytes, int]:
     raw = sum(v.nbytes for v in rollout.data_vars.values())
     if raw > 12 * DATA_BYTES:  # not worth trying
         every = int(np.ceil(raw / (4 * DATA_BYTES)))
-    with tempfile.TemporaryDirectory() as folder:
-        while True:
-            file = rollouts.save(rollout.isel(time=slice(None, None, every)), Path(folder) / "rollout.nc")
-            size = file.stat().st_size
-            if size <= DATA_BYTES or rollout.sizes["time"] <= 2 * every:
-                return file.read_bytes(), every
-            every *= max(2, int(np.ceil(size / DATA_BYTES)))
+    while True:
+        content = rollouts.netcdf(rollout.isel(time=slice(None, None, every)))
+        if len(content) <= DATA_BYTES or rollout.sizes["time"] <= 2 * every:
+            return content, every
+        every *= max(2, int(np.ceil(1.1 * len(content) / DATA_BYTES)))  # fewer samples compress a bit less
