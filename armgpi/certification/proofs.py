@@ -11,6 +11,8 @@ more than rounding does to it (tested).
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import math
 import time
 from abc import ABC, abstractmethod
@@ -28,10 +30,8 @@ from armgpi.certification.trigonometric import Cell, Polynomial, pieces, polynom
 OUTWARD = 1e-6
 #: How far above the largest value that was seen a bound is that uses the metric of a cell's center.
 _LOOSE = 0.5
-#: Tolerances that are tried one after the other while there is time, as multiples of the one wanted.
-_LADDER = (4.0, 1.0)
-#: How much longer the next one may take.
-_LONGER = 10.0
+#: How many times the largest value that was seen a bound may be: with a looser one little is certified.
+_WORTH = 8.0
 #: Numbers below this are as good as zero.
 _TINY = 1e-9
 #: Share of a joint's width in the choice of what to split, where nothing else tells.
@@ -53,10 +53,12 @@ class Bounds(NamedTuple):
     Attributes:
         upper: at most this there; infinite for nothing, shape (members,).
         seen: the largest values where they exceed what was asked about, or less, shape (members,).
+        joint: along which to halve the cell; None for where the values bend most.
     """
 
     upper: Array
     seen: Array
+    joint: int | None = None
 
 
 class Quantity(ABC):
@@ -76,6 +78,10 @@ class Quantity(ABC):
     def margin(self) -> Array:
         """By how much larger than a cell is what is looked at [rad or m], shape (n,)."""
         return np.zeros(len(self.polynomials[0].center))
+
+    def places(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Return where the bounds on some members are."""
+        return np.zeros(len(which), int) if self.together else which
 
     @abstractmethod
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
@@ -121,14 +127,7 @@ class _Prover:
         near = np.maximum([each.value for each in found], _TINY) / (1.0 + MARGIN)
         half = self.around if half is None else half
         tolerance = self.tolerance if tolerance is None else tolerance
-        bounds, left = np.full(len(near), np.inf), self.budget
-        for loose in _LADDER:
-            begin = time.process_time()
-            closer = largest(quantities, half, near, loose * tolerance, left)
-            bounds, spent = np.fmin(bounds, closer), time.process_time() - begin
-            left -= spent
-            if left < _LONGER * spent:
-                break
+        bounds = largest(quantities, half, near, tolerance, self.budget)
         return tuple(
             Number((1.0 + OUTWARD) * float(bound), "proved") if np.isfinite(bound) else number
             for bound, number in zip(bounds, found, strict=True)
@@ -165,7 +164,13 @@ class _Prover:
 
     def stiffness(self, found: Number, torque: Callable[[Model], Polynomial]) -> Number:
         """Return a bound on the stiffness of a torque beside that of what v* makes."""
-        made = [Stiffness(m, self._held(m), torque(m), self.setting.radius) for m in self.models]
+        # How much D differs where K and D are taken apart, each within the radius of the reference.
+        apart = corners(2.0 * self.setting.radius)
+        rate = self.number(Number(0.0), lambda m: Norm(m.D, _slopes(m.D), apart))
+        if rate.status != "proved":
+            return found
+        share = math.exp(-rate.value)
+        made = [Stiffness(m, self._held(m), torque(m), self.setting.radius, share) for m in self.models]
         return self.each([found], made, self.star)[0]
 
     def of_torques(self, found: Numbers) -> dict[str, Any]:
@@ -259,6 +264,68 @@ def _from(value: float, *used: Number) -> Number:
     return Number((1.0 + OUTWARD) * value, "proved" if proven else "searched")
 
 
+class _Waiting(NamedTuple):
+    """A cell that is to be halved, in the order of a heap: the one with the loosest bound is the first.
+
+    Attributes:
+        share: minus the largest bound over what is wanted.
+        order: of arrival.
+        quantity: that is bounded.
+        cell: in which.
+        which: members of the quantity.
+        upper: their bounds in it.
+        joint: along which to halve it; None for where the values bend most.
+    """
+
+    share: float
+    order: int
+    quantity: Quantity
+    cell: Cell
+    which: npt.NDArray[np.intp]
+    upper: Array
+    joint: int | None
+
+
+class _Search:
+    """Branch and bound of the best first: at any time the bounds of all that waits are bounds of the whole.
+
+    Attributes:
+        seen: about the maxima, or less.
+        waiting: cells with bounds that are not as near to them as wanted, a heap.
+    """
+
+    def __init__(self, near: Array, tolerance: float) -> None:
+        self.seen, self.waiting = np.array(near), list[_Waiting]()
+        self._share, self._arrived = 1.0 + tolerance, itertools.count()
+
+    def look(self, quantity: Quantity, cell: Cell, which: npt.NDArray[np.intp]) -> None:
+        """Bound some members of a quantity in a cell."""
+        at = quantity.places(which)
+        known = quantity.bounds(cell, which, self._share * self.seen[at])
+        np.maximum.at(self.seen, at, known.seen)
+        shares = known.upper / (self._share * self.seen[at])
+        if (left := shares > 1.0).any():
+            order = -float(shares.max()), next(self._arrived)
+            heapq.heappush(
+                self.waiting, _Waiting(*order, quantity, cell, which[left], known.upper[left], known.joint)
+            )
+
+    def halve(self) -> None:
+        """Bound what waits first in the halves of its cell."""
+        _, _, quantity, cell, which, upper, joint = heapq.heappop(self.waiting)
+        left = which[upper > self._share * self.seen[quantity.places(which)]]
+        if len(left):
+            for half in cell.halves(_bent(cell) if joint is None else joint):
+                self.look(quantity, half, left)
+
+    def bounds(self) -> Array:
+        """Return bounds on all members."""
+        most = self._share * self.seen
+        for each in self.waiting:
+            np.maximum.at(most, each.quantity.places(each.which), each.upper)
+        return most
+
+
 def largest(
     quantities: Sequence[Quantity], half: Array, near: Array, tolerance: float, budget: float
 ) -> Array:
@@ -268,25 +335,20 @@ def largest(
         quantities: what is bounded, with the same members each.
         half: half the widths of the box around the center of their polynomials [rad or m], shape (n,).
         near: about the maxima, or less; shape (members,), or (1,) for members together.
-        tolerance: how far above the largest value seen a bound is, as a share.
-        budget: processor time [s]; bounds are infinite when it is over.
+        tolerance: how far above the largest value seen a bound need not be, as a share.
+        budget: processor time [s]; bounds are looser when it is over, or infinite.
     """
     end = time.process_time() + budget
-    seen = np.array(near)
+    search = _Search(near, tolerance)
     for quantity in quantities:
-        members = np.zeros(quantity.members, int) if quantity.together else np.arange(quantity.members)
         for whole in pieces(quantity.polynomials, half, quantity.margin):
-            waiting = [(whole, np.arange(quantity.members))]
-            while waiting:
-                if time.process_time() > end:
-                    return np.full(len(seen), np.inf)
-                cell, which = waiting.pop()
-                known = quantity.bounds(cell, which, (1.0 + tolerance) * seen[members[which]])
-                np.maximum.at(seen, members[which], known.seen)
-                left = which[known.upper > (1.0 + tolerance) * seen[members[which]]]
-                if len(left):
-                    waiting += [(each, left) for each in cell.halves(_bent(cell))]
-    return np.asarray((1.0 + tolerance) * seen)
+            if time.process_time() > end:
+                return np.full(len(near), np.inf)
+            search.look(quantity, whole, np.arange(quantity.members))
+    while search.waiting and time.process_time() < end:
+        search.halve()
+    bounds = search.bounds()
+    return np.where(bounds > _WORTH * search.seen, np.inf, bounds)
 
 
 def most(polynomial: Polynomial, half: Array) -> Array:
@@ -311,18 +373,27 @@ def _ends(cell: Cell) -> npt.NDArray[np.bool_]:
     return ends.ravel()
 
 
+def _weights(cell: Cell) -> tuple[Array, Array]:
+    """Return weights of the hull's corners for how values change along each joint, shape (n, corners) each.
+
+    They give half the difference of the means at its ends, and that of the apex and both.
+    """
+    sizes = cell.piece.table.shape[:-1]
+    axes = [np.linspace(-1.0, 1.0, size) if size > 1 else np.zeros(1) for size in sizes]
+    place = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")])
+    each = place.shape[1] / 3.0
+    enters = np.array(sizes)[:, None] > 1
+    return place / (2.0 * each), enters * np.where(place, -0.5, 1.0) / each
+
+
 def _bent(cell: Cell) -> int:
     """Return the joint along which the values in a cell bend most, as shares of the largest of each kind."""
-    bends = np.zeros(len(cell.half))
-    for values in cell.hull():
-        joints = range(len(bends))
-        largest_one = max(float(np.abs(values).max()), _TINY)
-        size = np.maximum(np.abs(values).max(axis=tuple(joints)), 1e-3 * largest_one)
-        for j in joints:
-            if values.shape[j] > 1:
-                means = values.mean(axis=tuple(i for i in joints if i != j))
-                bends[j] += np.linalg.norm((means[1] - 0.5 * (means[0] + means[2])) / size)
-    return int(np.argmax(bends + _EVEN * cell.half))
+    even, bends = _weights(cell)[1], _EVEN * cell.half
+    for values in _flat(cell):
+        size = np.abs(values).max(axis=0)
+        size = np.maximum(size, max(1e-3 * size.max(), _TINY))
+        bends = bends + np.linalg.norm(even @ (values / size).reshape(len(values), -1), axis=1)
+    return int(np.argmax(bends))
 
 
 def _roots(D: Array, beyond: Array) -> Array | None:
@@ -417,14 +488,20 @@ class Sizes(Quantity):
         return Bounds(upper.max(axis=1), upper[:, _ends(cell)].max(axis=1))
 
 
-def _beside(along: Array, X: Array) -> Array:
-    """Return at least the norms of sums of X_k u_k over vectors u = along^T w, w of length 1.
+def _beside(X: Array) -> Array:
+    """Return at least the norms of sums of X_k u_k over vectors u of length 1, X of shape (m, n, n, n).
 
-    It is the norm of the matrices of the axes of w beside each other; X of shape (k, n, n, n), shape (k,).
+    It is the norm of the matrices beside each other, shape (m,).
     """
-    each = np.tensordot(X, along, axes=(1, 1))  # (k, a, b, axis)
-    wide = each.reshape(*each.shape[:2], -1)
+    wide = X.swapaxes(1, 2).reshape(*X.shape[:2], -1)
     return np.asarray(np.sqrt(np.linalg.eigvalsh(wide @ wide.swapaxes(1, 2))[:, -1]))
+
+
+def _in_all(X: Array, *along: Array) -> Array:
+    """Return a table with a matrix applied along each of its last axes."""
+    for axis, matrix in zip(range(-len(along), 0), along, strict=True):
+        X = np.moveaxis(np.moveaxis(X, axis, -1) @ matrix.T, -1, axis)
+    return X
 
 
 class Unfolded(Quantity):
@@ -443,12 +520,13 @@ class Unfolded(Quantity):
         root, center = _roots(D, less), _roots(middle[None], less)
         if root is None or center is None:
             return _nothing(1)
-        upper = _beside(center[0], _normal(root, X))
+        one = np.eye(len(less))
+        upper = _beside(_normal(root, _in_all(X, center[0], one, one)))
         for each, length in zip(beyond, np.linalg.norm(center[0], axis=0), strict=True):
             upper += length * _error(root, each)
         # D is at least this share of D at the center.
         share = 1.0 / norms(_inverses(root, middle)).max() ** 2
-        seen = _beside(center[0], _normal(center, there[None]))
+        seen = _beside(_in_all(there[None], *[center[0]] * 3))
         return Bounds(np.array([upper.max() / math.sqrt(share)]), seen)
 
 
@@ -457,19 +535,55 @@ def _inverses(root: Array, D: Array) -> Array:
     return np.asarray(root @ np.linalg.cholesky(D))
 
 
+class _Solved(NamedTuple):
+    """Where e with D^ e = r is in a cell: a sum of -1 to 1 times each of some vectors, and of one in a ball.
+
+    Attributes:
+        along: the vectors, one for each joint, shape (n, n).
+        ball: the ball's radius.
+        length: a bound on the length of e.
+    """
+
+    along: Array
+    ball: float
+    length: float
+
+    @classmethod
+    def of(cls, odd: Array, base: Array, nominal: Array, r: Array, loose: Array, beyond: Array) -> _Solved:
+        """Take the hull's odd weights, and values of D^, with roots, and of r, with what is beyond them."""
+        most, inner = norms(base).max(), float(np.linalg.norm(beyond))
+        length = most * (np.linalg.norm(base @ r[..., None], axis=(1, 2)).max() + most * inner)
+        along = odd @ r
+        inner += np.linalg.norm(r - np.sign(odd.T) @ along, axis=1).max()
+        # e = r + (1 - D^) e
+        away, error = np.eye(len(beyond)) - nominal, float(np.linalg.norm(loose))
+        loss = norms(away).max() + error
+        turned = np.linalg.norm(away @ along.T, axis=1).sum(axis=1).max()
+        turned += error * np.linalg.norm(along, axis=1).sum() + loss * (inner + loss * length)
+        return cls(along, inner + min(loss * length, turned), length)
+
+
 class Stiffness(Quantity):
     """The largest norm of D^-1/2 K D^-1/2 with K = d(torque - D^ v*)/dq and v* = D^^-1 held at a reference.
 
-    D is taken at one configuration near the reference, K at another one.
+    D is taken at one configuration near the reference, K at another one. With v* = v + e, r = held - D^ v,
+    M = dD^/dq and N = M at a cell's center: D^ e = r, so M e = N r + W e with W = M - N D^, which is zero at
+    the center in coordinates in which D^ is 1 there. So ``K = torque' - M v - N r - W e`` is in the hull of
+    its values for any e, and the last term is of second order.
     """
 
-    def __init__(self, model: Model, held: Polynomial, torque: Polynomial, radius: Array) -> None:
-        """Take the models, what v* holds, the torque, and how far from the reference D and K may be."""
+    def __init__(
+        self, model: Model, held: Polynomial, torque: Polynomial, radius: Array, share: float = 0.0
+    ) -> None:
+        """Take the models, what v* holds, the torque, and how far from the reference D and K may be.
+
+        D is at least a share of D at a place within twice that radius.
+        """
         # d(D^ e_k)/dq for every joint k.
         moves = _slopes(model.D_nominal).mapped(lambda c: c.transpose(0, 3, 2, 1))
         gradients = _gradient(torque), _gradient(held)
         self.polynomials = (model.D, model.D_nominal, held, *gradients, moves, _slopes(model.D))
-        self.radius = radius
+        self.radius, self.share = radius, share
 
     @property
     def margin(self) -> Array:
@@ -477,71 +591,84 @@ class Stiffness(Quantity):
         return self.radius
 
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
-        """Return what is known in a cell of references.
+        """Return what is known in a cell of references."""
+        known = self._turned(cell)
+        if known is None:
+            return _nothing(1)
+        values, (less, loose, held_more, torque_more, *slopes_more, M_more, rates_more) = known
+        v, there, N = (values[i][-1] for i in (2, 3, 6))
+        D, nominal, held, torque, *slopes, M, _ = (each[:-1] for each in values)
+        base = _roots(nominal, loose)
+        if base is None:
+            return _nothing(1)
+        odd, even = _weights(cell)
+        r, r_more = held - nominal @ v, held_more + loose @ np.abs(v)
+        e = _Solved.of(odd, base, nominal, r, loose, r_more)
+        K = torque - np.tensordot(v, M, axes=(0, 1)) - np.tensordot(r, N, axes=1)
+        K_more = torque_more + np.tensordot(np.abs(v), M_more, axes=1)
+        K_more += np.tensordot(r_more, np.abs(N), axes=1)
+        W = M - np.tensordot(nominal, N, axes=1)
+        W_more = np.linalg.norm(M_more + np.tensordot(loose, np.abs(N), axes=1))
+        more = float(np.linalg.norm(K_more)) + e.length * float(W_more)
+        more += self._apart(N, v, e.length, slopes, slopes_more)
+        upper = self._upper(_roots(self.share * D, self.share * less), K, W, e, more)
+        if upper > x[0]:
+            lost = self._lost(values[-1], rates_more)
+            upper = min(upper, self._upper(_roots(D - lost, less), K, W, e, more))
+        # How much each joint adds to what is of second order.
+        seen = norms((there - np.tensordot(v, N, axes=1))[None])
+        pairs = np.linalg.norm(np.tensordot(np.tensordot(odd, W, axes=1), e.along, axes=(1, 1)), axis=(1, 2))
+        bends = sum(np.linalg.norm(np.tensordot(even, x, axes=1), axis=(1, 2)) for x in (K, seen * D))
+        bends = bends + pairs.sum(axis=0) + pairs.sum(axis=1) + _EVEN * cell.half
+        return Bounds(np.array([upper]), seen, int(np.argmax(bends)))
 
-        With v* = v + y + z, v at the center, y = D^_c^-1 (held - D^ v) and z what is left, ``K`` is
-        ``torque' - D^' v - D^'_c y`` and second order; the first part is in the hull of its values.
+    @staticmethod
+    def _upper(root: Array | None, K: Array, W: Array, e: _Solved, more: float) -> float:
+        """Return a bound on the norm of K - W e and `more`, in a metric with these roots at the corners."""
+        if root is None:
+            return np.inf
+        wide = _normal(root, W)
+        turned = _sizes(np.tensordot(e.along, wide, axes=(1, 1))).sum(axis=0)
+        upper = norms(_normal(root, K)) + turned + e.ball * _beside(wide) + more * norms(root) ** 2
+        return float(upper.max())
+
+    def _lost(self, rates: Array, beyond: Array) -> Array:
+        """Return what D may lose from K's configuration to its own."""
+        there, away = rates[-1], 2.0 * self.radius
+        values, vectors = np.linalg.eigh(there)
+        lost = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
+        more = _sizes(rates - there).max(axis=0) + np.linalg.norm(beyond, axis=(1, 2))
+        return np.asarray(lost + float(away @ more) * np.eye(len(lost)))
+
+    def _turned(self, cell: Cell) -> tuple[list[Array], list[Array]] | None:
+        """Return values at the corners and at the center, the last, and what is beyond, in the metrics there.
+
+        What was M is there twice: as dD^/dq_j, with j in between, and as M.
         """
         wide = cell._replace(half=cell.half + self.radius)
-        hulls, beyond, middle = _flat(wide), cell.piece.beyond, cell.middle()
-        D, nominal, held, gradient, slope, moves, rates = hulls
-        center, base = (_roots(middle[i][None], beyond[i]) for i in (0, 1))
+        both = zip(_flat(wide), cell.middle(), strict=True)
+        values, beyond = [np.concatenate([hull, middle[None]]) for hull, middle in both], [*cell.piece.beyond]
+        center, base = (_roots(values[i][-1:], beyond[i]) for i in (0, 1))
         if center is None or base is None:
-            return _nothing(1)
-        inverse = base[0].T @ base[0]
-        v = inverse @ middle[2]
-        away = np.abs(v)
-        y, y_beyond = (held - nominal @ v) @ inverse, np.abs(inverse) @ (beyond[2] + beyond[1] @ away)
-        fixed, fixed_beyond = np.tensordot(v, moves, axes=(0, 1)), np.tensordot(away, beyond[5], axes=1)
-        K = gradient - fixed - np.tensordot(y, middle[5], axes=1)
-        K_beyond = beyond[3] + fixed_beyond + np.tensordot(y_beyond, np.abs(middle[5]), axes=1)
-        # In the metric of the center, from here on. What D loses between the two configurations ...
-        apart, less = self._apart(center, middle[6], rates, beyond[6])
-        root = _roots(_normal(center, D) - less, _error(center, beyond[0]) * np.eye(len(v)))
-        root_there = _roots(np.eye(len(v))[None] - apart, 0.0 * apart)
-        if root is None or root_there is None:
-            return _nothing(1)
-        upper = norms(_normal(root, _normal(center, K)))
-        # ... what y changes between K's and the reference, and what is of second order.
-        there = _normal(center, middle[5][None])[0]
-        turns = inverse @ (slope - fixed)
-        first = _sizes(np.tensordot(turns.swapaxes(1, 2), there, axes=1)) @ self.radius
-        slack = np.abs(inverse) @ (beyond[4] + fixed_beyond) @ self.radius
-        length, loss = self._length(base[0], y, y_beyond), self._loss(base, nominal, beyond[1])
-        if loss >= 1.0:
-            return _nothing(1)
-        change = _beside(base[0], _normal(center, moves - middle[5])).max()
-        for each, most_of in zip(beyond[5], np.linalg.norm(base[0], axis=0), strict=True):
-            change += most_of * _error(center, each)[0]
-        whole = change + _beside(base[0], there[None])[0]
-        rest = change * length + whole * (loss / (1.0 - loss) * length + self._length(base[0], slack, 0.0))
-        rest += first.max() + _error(center, K_beyond)[0]
-        K_there = _normal(center, (middle[3] - np.tensordot(v, middle[5], axes=1))[None])
-        seen = norms(_normal(root_there, K_there)) + first.min()
-        return Bounds(np.array([upper.max() + rest * norms(root).max() ** 2]), seen)
+            return None
+        C, B, one = center[0], base[0], np.eye(len(cell.half))
+        for each in values, beyond:
+            each.insert(5, np.moveaxis(each[5], -3, -1))
+        metrics = [(C, C), (B, B), (B,), (C, C), (B, one), (B, one, B), (B, C, C), (one, C, C)]
+        return (
+            [_in_all(x, *along) for x, along in zip(values, metrics, strict=True)],
+            [_in_all(x, *map(np.abs, along)) for x, along in zip(beyond, metrics, strict=True)],
+        )
 
-    def _apart(self, center: Array, middle: Array, rates: Array, beyond: Array) -> tuple[Array, Array]:
-        """Return what D may lose from K's configuration to its own: at the center, and anywhere in a cell."""
-        away = 2.0 * self.radius
-        there = _normal(center, middle[None])[0]
-        values, vectors = np.linalg.eigh(there)
-        loss = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
-        more = norms(_normal(center, rates - middle)).max(axis=0)
-        more = more + [_error(center, each)[0] for each in beyond]
-        return loss, loss + float(away @ more) * np.eye(len(loss))
-
-    @staticmethod
-    def _length(base: Array, y: Array, beyond: Array | float) -> float:
-        """Return a bound on the lengths of vectors in the metric of D^ at the center."""
-        metric = np.linalg.inv(base)
-        size = np.linalg.norm(np.atleast_2d(y) @ metric, axis=1).max()
-        return float(size + np.linalg.norm(np.abs(metric.T) @ np.broadcast_to(beyond, len(base))))
-
-    @staticmethod
-    def _loss(base: Array, nominal: Array, beyond: Array) -> float:
-        """Return by how much D^ differs from that at the center, in its metric."""
-        change = _normal(base, nominal) - np.eye(nominal.shape[-1])
-        return float(np.abs(np.linalg.eigvalsh(change)).max() + _error(base, beyond)[0])
+    def _apart(
+        self, N: Array, v: Array, length: float, values: Sequence[Array], beyond: Sequence[Array]
+    ) -> float:
+        """Return a bound on ``N D^^-1 d(held - D^ v*)``, by what the reference is away from K's place."""
+        (slope, rates), (slope_more, rates_more) = values, beyond
+        turns = _sizes(np.tensordot((slope - rates @ v).swapaxes(1, 2), N, axes=1)).max(axis=0)
+        more = np.linalg.norm(slope_more + rates_more @ np.abs(v), axis=0)
+        more += length * (_sizes(rates.swapaxes(1, 2)).max(axis=0) + np.linalg.norm(rates_more, axis=(0, 2)))
+        return float((turns + _beside(N[None])[0] * more) @ self.radius)
 
 
 def _one(P: Polynomial) -> Polynomial:
