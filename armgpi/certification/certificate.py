@@ -176,8 +176,8 @@ def certify(
     Args:
         robot: the arm without load, with the rotor inertia that it has.
         dt: sample time [s].
-        prove: whether to prove the numbers of the arm where that takes no longer than `budget`.
-        budget: time for each number [s].
+        prove: whether to prove the numbers of the arm, as tight as `budget` allows.
+        budget: processor time for each number [s].
         rate: "auto" for the largest rate found at which a common omega may move, for `gains` that are a
             ``BSplineNetwork(common=True, rate=...)``; None for the one they have.
         **options: of `armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),

@@ -3,7 +3,8 @@
 Each number is the largest norm of ``D(q)^-1/2 X(q) D(q)^-1/2``, or a length in the metric of D(q), with D and
 X matrices of trigonometric polynomials. "At most x" is then a linear matrix inequality of D and X, so where
 it holds at the corners of a hull of both (:mod:`armgpi.certification.trigonometric`), it holds in the whole
-cell. A cell where it does not is halved along the joint in which the values bend most.
+cell. The cell whose bound is the largest is halved, along the joint in which the values bend most, until all
+are near the largest value that was seen or the time is over: what is known of all cells then is the bound.
 
 The arithmetic is that of double precision; every bound is raised by :data:`OUTWARD` of itself, which is far
 more than rounding does to it (tested).
@@ -89,12 +90,12 @@ class Quantity(ABC):
 
 
 def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Numbers:
-    """Return the numbers of an arm, each proved where that takes no longer than a budget, or else searched.
+    """Return the numbers of an arm, each proved, or searched where a budget leads to no bound of use.
 
     Args:
         setting: what they are taken over.
-        tolerance: how far above the largest value seen a bound may be, as a share.
-        budget: processor time for each number [s].
+        tolerance: how near to the largest value seen a bound is near enough, as a share.
+        budget: processor time for each number [s]; more makes bounds tighter until all are near enough.
 
     Raises:
         ParameterError: when D and G are no trigonometric polynomials of degree two.
@@ -147,29 +148,28 @@ class _Prover:
         if not np.array_equal(first.D.coefficients, first.D_nominal.coefficients):
             above = self.number(_inverted(made.delta_low), lambda m: Norm(m.D_nominal, _one(m.D)))
             low = _inverted(above)
+        sigma = self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), v))
         axes = [x._replace(value=math.sqrt(x.value)) for x in made.inverse]
         made_of = [Lengths(m.D, _axes(m.D), together=False) for m in self.models]
         lengths = self.each(axes, made_of, tolerance=math.sqrt(1.0 + self.tolerance) - 1.0)
         return {
             "delta_low": low,
             "delta_high": self.number(made.delta_high, lambda m: Norm(m.D, _one(m.D_nominal))),
-            "sigma": self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), v)),
+            "sigma": sigma,
             "kappa_v": self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), v)),
-            "kappa_e": self.stiffness(made.kappa_e, lambda m: m.G),
+            "kappa_e": self.stiffness(made.kappa_e, sigma, lambda m: m.G),
             "kappa_g": self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)))),
             "inverse": tuple(x._replace(value=x.value**2) for x in lengths),
             "sigma_error": self.number(made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D)), _LOOSE),
             "kappa_error": self.number(made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D)), _LOOSE),
         }
 
-    def stiffness(self, found: Number, torque: Callable[[Model], Polynomial]) -> Number:
+    def stiffness(self, found: Number, sigma: Number, torque: Callable[[Model], Polynomial]) -> Number:
         """Return a bound on the stiffness of a torque beside that of what v* makes."""
-        # How much D differs where K and D are taken apart, each within the radius of the reference.
-        apart = corners(2.0 * self.setting.radius)
-        rate = self.number(Number(0.0), lambda m: Norm(m.D, _slopes(m.D), apart))
-        if rate.status != "proved":
+        if sigma.status != "proved":
             return found
-        share = math.exp(-rate.value)
+        # What D loses over twice the radius, at most as fast as sigma says.
+        share = math.exp(-2.0 * float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
         made = [Stiffness(m, self._held(m), torque(m), self.setting.radius, share) for m in self.models]
         return self.each([found], made, self.star)[0]
 
@@ -231,7 +231,7 @@ class _Prover:
         if setting.velocity.any():
             stiffness = found.kappa_e
             if setting.feedforward != "none":
-                stiffness = self.stiffness(found.kappa_e, self._held)
+                stiffness = self.stiffness(found.kappa_e, found.sigma, self._held)
             moved = made["velocity"]
             made["shift"] = _from(stiffness.value * moved.value / low.value, stiffness, moved, low)
         if setting.acceleration.any() and setting.feedforward == "model":
@@ -557,7 +557,7 @@ class _Solved(NamedTuple):
         inner += np.linalg.norm(r - np.sign(odd.T) @ along, axis=1).max()
         # e = r + (1 - D^) e
         away, error = np.eye(len(beyond)) - nominal, float(np.linalg.norm(loose))
-        loss = norms(away).max() + error
+        loss = _sizes(away).max() + error
         turned = np.linalg.norm(away @ along.T, axis=1).sum(axis=1).max()
         turned += error * np.linalg.norm(along, axis=1).sum() + loss * (inner + loss * length)
         return cls(along, inner + min(loss * length, turned), length)
@@ -573,7 +573,7 @@ class Stiffness(Quantity):
     """
 
     def __init__(
-        self, model: Model, held: Polynomial, torque: Polynomial, radius: Array, share: float = 0.0
+        self, model: Model, held: Polynomial, torque: Polynomial, radius: Array, share: float
     ) -> None:
         """Take the models, what v* holds, the torque, and how far from the reference D and K may be.
 
@@ -611,10 +611,10 @@ class Stiffness(Quantity):
         W_more = np.linalg.norm(M_more + np.tensordot(loose, np.abs(N), axes=1))
         more = float(np.linalg.norm(K_more)) + e.length * float(W_more)
         more += self._apart(N, v, e.length, slopes, slopes_more)
-        upper = self._upper(_roots(self.share * D, self.share * less), K, W, e, more)
+        upper = self._upper(_roots(self.share * D, self.share * less), K, W, e, more, x[0])
         if upper > x[0]:
-            lost = self._lost(values[-1], rates_more)
-            upper = min(upper, self._upper(_roots(D - lost, less), K, W, e, more))
+            root = self._apart_root(D, less, values[-1], rates_more)
+            upper = min(upper, self._upper(root, K, W, e, more, x[0]))
         # How much each joint adds to what is of second order.
         seen = norms((there - np.tensordot(v, N, axes=1))[None])
         pairs = np.linalg.norm(np.tensordot(np.tensordot(odd, W, axes=1), e.along, axes=(1, 1)), axis=(1, 2))
@@ -623,22 +623,27 @@ class Stiffness(Quantity):
         return Bounds(np.array([upper]), seen, int(np.argmax(bends)))
 
     @staticmethod
-    def _upper(root: Array | None, K: Array, W: Array, e: _Solved, more: float) -> float:
+    def _upper(root: Array | None, K: Array, W: Array, e: _Solved, more: float, x: float) -> float:
         """Return a bound on the norm of K - W e and `more`, in a metric with these roots at the corners."""
         if root is None:
             return np.inf
-        wide = _normal(root, W)
-        turned = _sizes(np.tensordot(e.along, wide, axes=(1, 1))).sum(axis=0)
-        upper = norms(_normal(root, K)) + turned + e.ball * _beside(wide) + more * norms(root) ** 2
+        wide, K = _normal(root, W), _normal(root, K)
+        rest = _sizes(np.tensordot(e.along, wide, axes=(1, 1))).sum(axis=0)
+        rest += e.ball * _beside(wide) + more * norms(root) ** 2
+        upper = _sizes(K) + rest
+        far = upper > x
+        upper[far] = norms(K[far]) + rest[far]
         return float(upper.max())
 
-    def _lost(self, rates: Array, beyond: Array) -> Array:
-        """Return what D may lose from K's configuration to its own."""
+    def _apart_root(self, D: Array, less: Array, rates: Array, beyond: Array) -> Array | None:
+        """Return the roots of D less what it may lose from K's configuration to its own; None for a lot."""
         there, away = rates[-1], 2.0 * self.radius
+        more = away @ (_sizes(rates - there).max(axis=0) + np.linalg.norm(beyond, axis=(1, 2)))
+        if 2.0 * more > 1.0 - self.share:
+            return None
         values, vectors = np.linalg.eigh(there)
         lost = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
-        more = _sizes(rates - there).max(axis=0) + np.linalg.norm(beyond, axis=(1, 2))
-        return np.asarray(lost + float(away @ more) * np.eye(len(lost)))
+        return _roots(D - lost - more * np.eye(len(lost)), less)
 
     def _turned(self, cell: Cell) -> tuple[list[Array], list[Array]] | None:
         """Return values at the corners and at the center, the last, and what is beyond, in the metrics there.

@@ -83,7 +83,7 @@ _Prove = Annotated[
     typer.Option("--prove", metavar=opt.FLAG, help="Prove the numbers of the arm, as far as --budget does."),
 ]
 _Budget = Annotated[
-    float, typer.Option(metavar="SECONDS", help="Time for the proof of each number of the arm.")
+    float, typer.Option(metavar="SECONDS", help="Processor time for the proof of each number of the arm.")
 ]
 _Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")

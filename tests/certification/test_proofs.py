@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -139,6 +140,50 @@ def test_every_value_in_a_cell_is_within_the_hull_of_its_corners(
                 assert np.all(np.abs(corners[0] - values[0].ravel()) <= rounding)
                 assert np.all(np.abs(corners[-1] - values[1].ravel()) <= rounding)
     assert found == np.prod(count)
+
+
+@settings(max_examples=15)
+@given(
+    robots(max_joints=3),
+    st.floats(0.0, 2.0),
+    st.floats(0.01, 1.5),
+    st.sampled_from([0.0, 0.02, 0.3]),
+    st.sampled_from(["none", "gravity"]),
+    st.integers(0, 2**32 - 1),
+)
+def test_no_stiffness_in_a_cell_of_any_arm_exceeds_its_bound(
+    robot: Robot, load: float, half: float, radius: float, feedforward: str, seed: int
+) -> None:
+    """By either of its two ways to the metric of another configuration."""
+    case = setting(robot, load, half, feedforward)
+    halves = np.full(robot.n, half)
+    middle = robot.middle()
+    case = case._replace(lower=middle - halves, upper=middle + halves, radius=np.full(robot.n, radius))
+    prover, rng = proofs._Prover(case, 0.5, 0.5), np.random.default_rng(seed)
+    apart = quantities.corners(2.0 * case.radius)
+    for arm, model in zip(case.arms, prover.models, strict=True):
+        rates = [proofs.Norm(model.D, proofs._slopes(model.D), apart)]
+        (rate,) = proofs.largest(rates, prover.around, np.full(1, 1e-9), 0.5, 0.1)
+        made = [
+            proofs.Stiffness(model, prover._held(model), model.G, case.radius, share)
+            for share in (1e-12, max(1e-12, math.exp(-rate)))
+        ]
+        for found, whole in enumerate(pieces(made[0].polynomials, halves, case.radius)):
+            count = np.maximum(1, np.rint(halves / np.maximum(whole.half, 1e-300))).astype(int)
+            place = middle - halves + (2 * np.array(np.unravel_index(found, count)) + 1) * whole.half
+            for cell in (whole, whole.halves(int(rng.integers(robot.n)))[0]):
+                star = (
+                    place + cell.center + cell.half * np.clip(rng.uniform(-1.3, 1.3, (100, robot.n)), -1, 1)
+                )
+                q, between = (star + radius * np.sign(rng.uniform(-1, 1, star.shape)) for _ in range(2))
+                points = quantities.Points(star, q, between)
+                seen = float(quantities.functions(case)["kappa_e"](case, arm, points).max())
+                for quantity, x in zip(made, (0.0, np.inf), strict=True):
+                    known = quantity.bounds(cell, np.zeros(1, int), np.full(1, x))
+                    assert seen <= known.upper[0] * (1.0 + proofs.OUTWARD) + 1e-9
+                    assert known.joint is None or 0 <= known.joint < robot.n
+            if found == 1:
+                break
 
 
 LINK = """<link name="{0}"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
