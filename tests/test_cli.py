@@ -113,6 +113,23 @@ def test_a_table_is_the_same_whether_its_rollouts_are_kept_or_not(
     assert table == again == json.loads((tmp_path / "metrics.json").read_text())
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("comp", {"compare"}),
+        ("run anthro", {ARM}),
+        ("run ur5 --pay", {"--payload", "--payload-range"}),
+        ("compare ur5 --encoder", {"--encoder-bits"}),  # declared by a sensor
+    ],
+)
+def test_a_shell_completes_commands_robots_and_all_options(words: str, expected: set[str]) -> None:
+    asked = {"_ARMGPI_COMPLETE": "complete_bash", "COMP_WORDS": f"armgpi {words}"}
+    asked["COMP_CWORD"] = str(len(words.split()))
+    code = "import sys; sys.argv = ['armgpi']; from armgpi.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True)
+    assert set(done.stdout.split()) == expected
+
+
 def test_every_command_that_reports_has_json_and_a_page() -> None:
     commands = get_command(app).commands  # type: ignore[attr-defined]
     flags = {

@@ -91,10 +91,10 @@ class DeclaredCommand(Command):
     """A command with an option for every declared parameter; they are looked for when they are needed."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
-        """Read the command line; declared options are looked for where a word may be one."""
+        """Read the command line; declared options are looked for where a word is one, or is to become one."""
         own = {flag for each in self.params for flag in (*each.opts, *each.secondary_opts)}
         typed = {word.partition("=")[0] for word in args if word.startswith("--")}
-        ctx.meta[_WANTED] = not typed <= own
+        ctx.meta[_WANTED] = ctx.resilient_parsing or not typed <= own  # the former for completion
         return super().parse_args(ctx, args)
 
     def get_params(self, ctx: Any) -> list[Any]:

@@ -96,7 +96,7 @@ def _exact(value: float | None, suffix: str) -> str:
     """Return a number: all its digits for programs, four for readers."""
     if value is None:
         return ""
-    return repr(float(value)) if suffix == ".csv" else f"{value:.4g}"
+    return repr(float(value)) if suffix == ".csv" else metrics.short(value)
 
 
 def _csv(heads: list[str], rows: list[list[str]]) -> str:
