@@ -126,7 +126,9 @@ def test_a_shell_completes_commands_robots_and_all_options(words: str, expected:
     asked = {"_ARMGPI_COMPLETE": "complete_bash", "COMP_WORDS": f"armgpi {words}"}
     asked["COMP_CWORD"] = str(len(words.split()))
     code = "import sys; sys.argv = ['armgpi']; from armgpi.cli import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True
+    )
     assert set(done.stdout.split()) == expected
 
 

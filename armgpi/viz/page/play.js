@@ -5,6 +5,9 @@
   const by = (id) => document.getElementById(id);
   const { element, short, clamp } = Armgpi;
   const FRAME_RATE = 100;
+  /** A metric as text; less than that is rounding, as in the tables of the command line. */
+  const ROUNDING = 1e-12;
+  const number = (x) => !Number.isFinite(x) ? "∞" : Math.abs(x) < ROUNDING ? "0" : Math.abs(x) < 1e-3 ? x.toExponential(2) : x.toPrecision(4);
 
   /** Return a run as the scene has it: frames of single precision. */
   function actor(result, play, joints) {
@@ -102,7 +105,7 @@
       const rows = runs.map((run) => {
         run.metrics = play_metrics(run.values, n, this.play.dt, run.stopped);
         const { itae, peak, final, variation, torque } = run.metrics.total;
-        const cells = [itae, peak, final, variation, torque].map((x) => element("td", {}, Number.isFinite(x) ? (Math.abs(x) >= 1e-3 || x === 0 ? x.toPrecision(4) : x.toExponential(2)) : "∞"));
+        const cells = [itae, peak, final, variation, torque].map((x) => element("td", {}, number(x)));
         const dot = element("span", { class: "dot", style: `background:${run.color}` });
         const ended = run.stopped >= 0 ? ` diverged at ${short(run.stopped * this.play.dt)} s` : "";
         return element("tr", {}, element("th", { scope: "row", class: "name" }, dot, ` ${run.name}${ended}`), ...cells);
