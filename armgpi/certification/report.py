@@ -11,7 +11,7 @@ from armgpi.certification.adversary import worst
 from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
-from armgpi.certification.words import NUMBERS, OTHERS, claims, table, verdict
+from armgpi.certification.words import NUMBERS, OTHERS, claims, shares, table, verdict
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import open_loop
 from armgpi.loop.units import POSITION
@@ -61,9 +61,11 @@ def _claims(asked: Asked, made: Certificate) -> str:
     ]
     head = ["joint", "error per torque,\ncertified", "worst found", "ratio", "for torques\nup to"]
     head += ["error under\nall stated", "after a jump\nof the load", "torque\nneeded"]
+    inputs = shares(made)
     said = (
         "The worst found is that of a torque which switches at the worst times, at 40 configurations and "
         f"both loads. What disturbed is forgotten at {made.decay:.3g} 1/s."
+        f"{f' Of what disturbs: {inputs}.' if inputs else ''}"
     )
     return page.table(head, rows, label="claims for each joint") + f"<p>{page.text(said)}</p>"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from armgpi.certification.solve import checker, merged
 from armgpi.loop.units import POSITION, TORQUE
 
 #: Numbers of the arm: their names in the file, what they are and their units.
@@ -27,6 +28,10 @@ OTHERS = {
     "hold": ("torque that holds the arm at the reference", "N m or N"),
     "reach": ("torque for what the law asks for, of length 1", ""),
 }
+
+
+#: Shares below this are not told.
+_SMALL = 1e-4
 
 
 def table(made: Any) -> list[str]:
@@ -56,7 +61,7 @@ def verdict(made: Any) -> str:
         return "not certified"
     if made.guaranteed:
         return "guaranteed: every number is proved"
-    return "certified for the numbers above; they are the largest that a search found, and 3 % more"
+    return "certified for searched numbers: the largest that a search found, and 3 % more"
 
 
 def claims(made: Any) -> list[list[str]]:
@@ -80,6 +85,23 @@ def claims(made: Any) -> list[list[str]]:
     return rows
 
 
+def shares(made: Any) -> str:
+    """Return which shares the inputs have in what disturbs, as torques; empty where nothing was stated."""
+    data = made.data
+    if "stated" not in data["solutions"]:
+        return ""
+    known = merged(data["limits"], data["law"], data["numbers"], data["inputs"]["stated"])
+    growth, *_, whole, _ = checker.sample(known)
+    if not whole:
+        return ""
+    parts = {name: growth * x / whole for name, x in data["shares"].items()}
+    parts["encoder"] = 1 - checker.sample({**known, "count": 0})[5] / whole
+    # What is left is what the reference moves on within a sample.
+    parts["velocity of the reference"] += 1 - sum(parts.values())
+    found = sorted(((float(x), name) for name, x in parts.items()), reverse=True)
+    return ", ".join(f"{name} {100.0 * x:.2g} %" for x, name in found if x > _SMALL)
+
+
 def _omega(law: Any) -> str:
     """Return the bandwidth, or between which ones it moves, and how fast."""
     first, last = float(law["omega"][0]), float(law["omega"][-1])
@@ -91,11 +113,13 @@ def _omega(law: Any) -> str:
 def _joints(made: Any) -> list[str]:
     """Return a line for each joint."""
     width = max(len(name) for name in made.joint_names)
-    lines = [f"  {'joint':<{width}}  error per torque      up to        under all   after a jump  torque"]
-    sizes = (20, 11, 10, 12, 10)
+    lines = [f"  {'joint':<{width}}  error per torque      up to        under all     after a jump  torque"]
+    sizes = (20, 11, 12, 12, 10)
     for name, cells in zip(made.joint_names, claims(made), strict=True):
         lines.append(
             f"  {name:<{width}}  " + "  ".join(f"{x:<{w}}" for x, w in zip(cells, sizes, strict=True))
         )
+    told = shares(made)
+    lines += [f"  of what disturbs: {told}"] if told else []
     lines.append(f"  what disturbed is forgotten at {made.decay:.3g} 1/s")
     return lines

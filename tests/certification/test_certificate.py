@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import json
+import re
 import subprocess
 import sys
 from fractions import Fraction
@@ -411,3 +412,23 @@ def test_bad_options_are_refused_by_name(
 ) -> None:
     with pytest.raises(armgpi.errors.ConfigError, match=option):
         _gains(omega, 1.0, pole, rate)
+
+
+def test_shares_of_what_disturbs_are_told_and_add_up() -> None:
+    options: dict[str, Any] = {"payload": (0.0, 0.1), "speed": 0.2, "box": 0.2, "radius": 0.2}
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
+
+    def shares(**stated: Any) -> dict[str, float]:
+        made = armgpi.certify(robot, feedforward="gravity", **options, **stated)
+        told = [line for line in str(made).splitlines() if "of what disturbs" in line]
+        found = re.findall(r"([a-z][a-z ]+?) ([\d.e+-]+) %", told[0].split(": ")[1]) if told else []
+        return {name: float(x) for name, x in found}
+
+    fine, coarse = (shares(torque=0.002, bits=bits, acceleration=0.2) for bits in (16, 15))
+    moved = {"acceleration of the reference", "velocity of the reference"}
+    for each in fine, coarse:
+        assert set(each) == moved | {"encoder", "disturbance"}
+        assert sum(each.values()) == pytest.approx(100.0, abs=2.0)
+    assert coarse["encoder"] == pytest.approx(2.0 * fine["encoder"], rel=0.1)
+    assert shares(torque=0.002) == {"disturbance": 100.0}
+    assert not shares()
