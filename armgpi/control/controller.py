@@ -10,11 +10,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, PerJointInput
-from armgpi.errors import EffortError, ParameterError
+from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch, check_robot
+from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot
 from armgpi.robot.robot import Robot
 
 
@@ -239,15 +239,3 @@ def common_batch(*sources: int | Array | None) -> int | None:
     if len(sizes) > 1:
         raise ParameterError("batch", sorted(sizes), "the same size everywhere")
     return sizes.pop() if sizes else None
-
-
-def check_powered(robot: AnyRobot, effort: Array) -> None:
-    """Refuse efforts [N m or N], (n,) or (batch, n), that leave a joint no torque.
-
-    Raises:
-        EffortError: when one does.
-    """
-    powerless = np.argwhere(~(effort > 0.0))
-    if powerless.size:
-        index = tuple(int(i) for i in powerless[0])
-        raise EffortError(robot.joint_names[index[-1]], effort[index])

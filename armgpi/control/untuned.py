@@ -17,7 +17,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
-from armgpi.control.controller import check_powered
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Tuning
 from armgpi.control.margins import (
@@ -38,7 +37,7 @@ from armgpi.control.payload import (
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import with_parameters
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch
+from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 

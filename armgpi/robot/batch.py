@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import SMALLEST, Array, as_sized_array, check_type, frozen, is_listing
-from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.errors import ArrayError, EffortError, NameNotFound, ParameterError
 from armgpi.parameter import plain
 from armgpi.robot.dynamics import stacked
 from armgpi.robot.equations import Equations, Friction, Limits
@@ -232,3 +232,15 @@ def check_same_joints(other: Any, name: str, robot: AnyRobot) -> None:
     check_robot(other, name)
     if other.joint_names != robot.joint_names:
         raise ParameterError(name, other, f"a robot with the joints {', '.join(robot.joint_names)}")
+
+
+def check_powered(robot: AnyRobot, effort: Array) -> None:
+    """Refuse efforts [N m or N], (n,) or (batch, n), that leave a joint no torque.
+
+    Raises:
+        EffortError: when one does.
+    """
+    powerless = np.argwhere(~(effort > 0.0))
+    if powerless.size:
+        index = tuple(int(i) for i in powerless[0])
+        raise EffortError(robot.joint_names[index[-1]], effort[index])
