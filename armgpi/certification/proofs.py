@@ -303,11 +303,12 @@ class _Search:
         at = quantity.places(which)
         known = quantity.bounds(cell, which, self._share * self.seen[at])
         np.maximum.at(self.seen, at, known.seen)
-        shares = known.upper / (self._share * self.seen[at])
+        upper = np.where(np.isnan(known.upper), np.inf, known.upper)  # what is no number proves nothing
+        shares = upper / (self._share * self.seen[at])
         if (left := shares > 1.0).any():
             order = -float(shares.max()), next(self._arrived)
             heapq.heappush(
-                self.waiting, _Waiting(*order, quantity, cell, which[left], known.upper[left], known.joint)
+                self.waiting, _Waiting(*order, quantity, cell, which[left], upper[left], known.joint)
             )
 
     def halve(self) -> None:

@@ -269,3 +269,13 @@ def test_branch_and_bound_ends_with_a_bound_when_time_is_over(arm: Robot) -> Non
     proven = proofs.proved(case, 1e-9, budget=0.05)
     for number in (proven.sigma, proven.kappa_v, *proven.inverse):
         assert number.status in ("proved", "searched")
+
+
+def test_what_is_no_number_proves_nothing(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = setting(arm, 0.25, 0.1)
+    monkeypatch.setattr(
+        proofs.Norm,
+        "bounds",
+        lambda quantity, cell, which, x: proofs.Bounds(np.full(len(which), np.nan), np.zeros(len(which))),
+    )
+    assert proofs.proved(case, budget=0.1).sigma.status == "searched"
