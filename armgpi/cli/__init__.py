@@ -23,6 +23,9 @@ from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
 from armgpi.cli.terminal import say
 from armgpi.escape import shown
 
+#: How often Python looks for garbage.
+_USUAL = gc.get_threshold()
+
 
 class _Commands(Commands):
     """The commands; what Click says of wrong options and arguments is shown as everything else is."""
@@ -106,14 +109,26 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+def _collect_late() -> None:
+    """Let Python look for garbage after 100,000 new objects only, and then as usual; and not at the end.
+
+    Imports make 60,000 that stay. Looking through them again and again takes a quarter of a start.
+    """
+
+    def as_usual(*_: object) -> None:
+        gc.callbacks.remove(as_usual)
+        gc.set_threshold(*_USUAL)
+
+    gc.callbacks.append(as_usual)
+    gc.set_threshold(100_000)
+    atexit.register(gc.freeze)
+
+
 def main() -> None:
     """Run the command line; every error of ours becomes one line and an exit code."""
     from armgpi.errors import ArmgpiError, ArmgpiWarning
 
-    # Imports make 60,000 objects that stay: looking through them for garbage, again and again and once more
-    # at the end, takes a quarter of a start.
-    gc.set_threshold(100_000)
-    atexit.register(gc.freeze)
+    _collect_late()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         text = f"warning: {message}" if issubclass(category, ArmgpiWarning) else str(message)

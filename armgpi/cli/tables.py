@@ -44,12 +44,13 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     if len(records) == 1:
         title = f"{shown(records[0]['label'])} on {title}"
     tables = [(title, chosen)]
-    if natural_width(console, _table(title, records, chosen, slides)) > console.width:
+    if narrow := natural_width(console, _table(title, records, chosen, slides)) > console.width:
         tables = [(f"{title}: {group}", [m for m in chosen if m.group == group]) for group in metrics.GROUPS]
     for heading, columns in tables:
-        # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
-        folded = _table(heading, records, columns, slides, longest=_FOLDED)
-        console.width = max(console.width, natural_width(console, folded))
+        if narrow:
+            # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
+            folded = _table(heading, records, columns, slides, longest=_FOLDED)
+            console.width = max(console.width, natural_width(console, folded))
         console.print(_table(heading, records, columns, slides))
     if note := units.note(robot.joint_names, robot.prismatic):
         console.print(shown(note))
