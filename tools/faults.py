@@ -275,10 +275,12 @@ def pushed(name: str) -> tuple[float, float]:
     pushed for a sample, and pushed back for another.
     """
     robot, small = robot_of(name, "robot"), 1e-4
-    q = robot.middle()
+    reference, begin = move_of(robot, rest=False)
+    q = reference.at(begin * DT).q
     torque = 0.5 * robot.limits.effort
     plant = RigidBodyPlant(robot, Pulse(-small * torque, onset=0.1, duration=0.05))
-    rollout = simulate(plant, GPI.untuned(robot, DT, bits=BITS), Hold(q), 0.3, progress=False)
+    law = GPI.untuned(robot, DT, bits=BITS, rest_dead_zone=0.0)
+    rollout = simulate(plant, law, Hold(q), 0.3, progress=False)
     at_once = np.abs(np.linalg.solve(robot.mass_matrix(q), torque)).max() * DT**2
     return float(np.abs(rollout.q - q).max()) / small, float(at_once)
 

@@ -330,7 +330,7 @@ class _Seen(NamedTuple):
         joint: first joint that it concerns, (1,).
         still: see :class:`Watch`.
         e: distance from the reference [rad or m].
-        distrusted: which joints do not measure well, or do not follow a stop.
+        distrusted: which joints do not measure well, or answer their torques the wrong way.
     """
 
     q: Array
@@ -704,7 +704,9 @@ class Supervised(Controller):
         cut = watch.cut > self._cut_samples if self._cut_samples else away & ~away
         failing = away | cut
         turned = self._turned(watch.against)
-        distrusted = ~good | frozen | turned | (~active & failing) | (watch.still >= COUNTED)
+        distrusted = ~good | frozen | turned | (watch.still >= COUNTED)
+        if not self._answered:  # its motor may turn the other way
+            distrusted = distrusted | (~active & failing)
         code = np.where(cut, float(Reason.SATURATED), np.where(watch.late > 0.0, float(Reason.LATE), 0.0))
         for wrong, reason in (
             (away, Reason.FOLLOWING),
