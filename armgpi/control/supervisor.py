@@ -612,7 +612,7 @@ class Supervised(Controller):
         unsound = _beyond(_sum(asked), LARGEST)
         dead = dead | unsound
         opened = dead | seen.lost
-        tau, answer = self._torque(asked, opened, dead, watch, aim, seen, v)
+        tau, answer = self._torque(asked, (lower, upper), opened, dead, watch, aim, seen, v)
         tau = np.minimum(np.maximum(tau, lower), upper)
         going: Array | float = float(State.RUN)
         waits = opened
@@ -779,17 +779,26 @@ class Supervised(Controller):
         return FullState(q, v) if self.measurement_type is FullState else Measurement(q)
 
     def _torque(
-        self, asked: Array, opened: Mask, dead: Mask, watch: Watch, aim: Target, seen: _Seen, v: Array
+        self,
+        asked: Array,
+        limits: tuple[Array, Array],
+        opened: Mask,
+        dead: Mask,
+        watch: Watch,
+        aim: Target,
+        seen: _Seen,
+        v: Array,
     ) -> tuple[Array, _Answer]:
         """Return the torque before its limits, and how the joints answer theirs.
 
-        The nominal model is asked once in a sample: for a torque in open loop, or for that of the motion
-        measured.
+        The nominal model is asked once in a sample: for a torque in open loop, for that of the motion
+        measured, or by the law for what a torque cut leaves. So no step takes much longer than others.
         """
         alert = _any(~opened & (np.abs(seen.e) > _ALERT)) if self._answered else opened & ~opened
         torque, motion = self._open_loop(opened, dead, watch, aim, seen, v)
-        model = self._brakes.inverse_where(*_chosen(alert, self._motion(watch, seen, v), motion))
-        answer = self._answer(alert, dead, model, watch, seen, v)
+        looks = alert & ~_any((asked <= limits[0]) | (asked >= limits[1]))
+        model = self._brakes.inverse_where(*_chosen(looks, self._motion(watch, seen, v), motion))
+        answer = self._answer(alert, looks, dead, model, watch, seen, v)
         tau = np.where(opened, model + torque, asked)
         return np.where(dead & self._turned(answer.against), 0.0, tau), answer
 
@@ -797,28 +806,33 @@ class Supervised(Controller):
         """Tell which joints have answered their torque the wrong way for too long."""
         return against > float(self._answered) if self._answered else against < 0.0
 
-    def _answer(self, alert: Mask, dead: Mask, model: Array, watch: Watch, seen: _Seen, v: Array) -> _Answer:
+    def _answer(
+        self, alert: Mask, looks: Mask, dead: Mask, model: Array, watch: Watch, seen: _Seen, v: Array
+    ) -> _Answer:
         """Return how the joints answer their torques, from the torque of the nominal model for their motion.
 
         Torques and what answers them are compared by what is new in them: neither loads nor friction that
-        stay are, and a push only while it begins. A motor that turns the other way is at every change.
+        stay are, and a push only while it begins. A motor that turns the other way is at every change. While
+        the model is not asked, a joint that began to answer the wrong way does so if it accelerates.
         """
         if not self._answered:
             return _Answer(*(np.zeros_like(v),) * 4)
-        known = alert & (watch.against > 0.0)
+        known = watch.against > 0.0
         asked = np.where(known, watch.asked + self._smoothing * (watch.tau - watch.asked), watch.tau)
         change = np.where(known, asked - watch.asked_before, 0.0)
         asked_before = asked - change + self._forgotten * change
         answer = np.where(known, model - watch.answer_before, 0.0)
-        answer_before = model - answer + self._forgotten * answer
+        answer_before = np.where(looks, model - answer + self._forgotten * answer, watch.answer_before)
+        answer = np.where(looks, answer, v - watch.v)
         # The torque pushes back, and what it does is to push on.
         wrong = (np.abs(seen.e) > _ALERT) & (np.abs(change) > _ASKED * self.effort)
         wrong = wrong & (change * seen.e < 0.0) & (answer * seen.e > 0.0) & ((v - watch.rv) * seen.e > 0.0)
-        against = np.where(alert, np.where(wrong, watch.against + 1.0, 1.0), 0.0)
+        found = np.where(wrong, watch.against + 1.0, 1.0), asked, asked_before, answer_before
+        before = watch.against, watch.asked, watch.asked_before, watch.answer_before
         # Without the loop nothing new is found, and nothing forgotten.
-        against = np.where(dead, watch.against, against)
-        parts = (asked, asked_before, answer_before)
-        return _Answer(against, *(np.where(alert, part, 0.0) for part in parts))
+        goes_on = alert & (looks | known)
+        kept = [np.where(dead, old, 0.0) for old in before]
+        return _Answer(*(np.where(goes_on, new, old) for new, old in zip(found, kept, strict=True)))
 
     def _motion(self, watch: Watch, seen: _Seen, v: Array) -> tuple[Array, ...]:
         """Return that a torque is asked for, and for which motion: the one measured."""
