@@ -137,7 +137,8 @@ def _tests(controller: Supervised) -> list[str]:
     middle = float(robot.middle()[joint])
     slip = min(0.4 * jump, 0.01)
     small = min(slip, 0.4 * step)
-    shake = 0.1 * min(0.4 * float(np.min(bounds.jump)), small)
+    # It shakes, or it would be RESPONSE; what repeats itself would be FROZEN.
+    shake = 0.3 * float(np.min(bounds.jump))
     room = upper - middle
     motions = [
         _Motion("not_finite", nan_q=1),
@@ -146,7 +147,7 @@ def _tests(controller: Supervised) -> list[str]:
         _Motion("frozen", dr=min(travel / 8.0, small), samples=_LONGEST),
         _Motion("position", q=room - 1.5 * small, dq=small, r=room - 1.5 * small, dr=small),
         _Motion("following", dq=slip, dither=shake, samples=min(_LONGEST, int(1.2 * following / slip) + 2)),
-        _Motion("saturated", r=0.9 * following, dither=shake, samples=_LONGEST),
+        _Motion("saturated", r=0.9 * following, dither=0.1 * min(shake, small), samples=_LONGEST),
         _Motion("late", elapsed=given.missed + 2),
         _Motion("response", ddq=min(following / _RUNNING_AWAY**2, small), samples=_RUNNING_AWAY),
     ]

@@ -341,7 +341,8 @@ def test_after_a_gap_the_stop_begins_where_the_arm_is_and_as_fast_as_it_must_be(
 
 
 def test_a_joint_that_is_pushed_faster_than_its_limit_is_no_jump_and_one_that_jumps_is() -> None:
-    supervised, state = started(following=100.0, position_margin=100.0)
+    # Its positions are given, so no torque is answered.
+    supervised, state = started(following=100.0, position_margin=100.0, response=0.0)
     dt_limit = DT * ARM.limits.velocity[2]
     q, change = Q.copy(), 0.0
     for _ in range(20):  # ten times its velocity limit, at an acceleration that is below the bound
