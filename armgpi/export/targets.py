@@ -138,7 +138,7 @@ def _tests(controller: Supervised) -> list[str]:
     slip = min(0.4 * jump, 0.01)
     small = min(slip, 0.4 * step)
     # It shakes, or it would be RESPONSE; what repeats itself would be FROZEN.
-    shake = 0.3 * float(np.min(bounds.jump))
+    shake = 0.1 * float(np.min(bounds.jump))
     room = upper - middle
     motions = [
         _Motion("not_finite", nan_q=1),
