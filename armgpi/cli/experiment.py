@@ -113,15 +113,16 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     if len(experiment.runs) > 1 and not compare:
         raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
     runs = experiments.record_all(experiment, backend=backend)
-    records = experiments.records_of(runs)
     result: Any = None
     if any(options[name] for name in ("out", "plot", "view", "html", "report")):
         _import_xarray()
         result = experiments.join({label: each.dataset() for label, each in runs.items()})
+    # Those of what is written, to the last bit; the others differ by rounding.
+    records = experiments.records_of(runs) if result is None else experiments.records(result)
     paths: list[Path] = []
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
         if options["out"] is not None:
-            paths = experiments.save(result, experiment, options["out"], found=records)
+            paths = experiments.save(result, experiment, options["out"])
         if options["table"] is not None:
             paths.append(write_table(experiment, records, options["table"]))
         paths += pictures.make(options, result, experiment)

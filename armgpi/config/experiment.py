@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,11 +177,7 @@ def prepare(folder: Path) -> None:
 
 
 def save(
-    result: xr.Dataset,
-    experiment: Experiment,
-    folder: Path,
-    more: Mapping[str, str] | None = None,
-    found: Sequence[Mapping[str, Any]] | None = None,
+    result: xr.Dataset, experiment: Experiment, folder: Path, more: Mapping[str, str] | None = None
 ) -> list[Path]:
     """Write ``rollout.nc``, the exact ``experiment.yaml`` and ``metrics.json`` to a folder, made if needed.
 
@@ -195,7 +191,6 @@ def save(
         experiment: what they came from.
         folder: where to.
         more: further files, name -> text.
-        found: their :func:`records`, where these are known.
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
@@ -205,7 +200,7 @@ def save(
     contents: dict[str, str | bytes] = {
         "rollout.nc": rollout.netcdf(result),
         "experiment.yaml": config,
-        "metrics.json": json.dumps(records(result) if found is None else found, indent=2) + "\n",
+        "metrics.json": json.dumps(records(result), indent=2) + "\n",
     }
     return files.write_set(folder, contents | copied | dict(more or {}))
 
