@@ -114,10 +114,10 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
     runs = experiments.record_all(experiment, backend=backend)
     result: Any = None
-    if any(options[name] for name in ("out", "plot", "view", "html", "report")):
+    # A table on the terminal needs no dataset; what has all digits is to the last bit what is written.
+    if any(options[name] for name in ("out", "plot", "view", "html", "report", "as_json", "table")):
         _import_xarray()
         result = experiments.join({label: each.dataset() for label, each in runs.items()})
-    # Those of what is written, to the last bit; the others differ by rounding.
     records = experiments.records_of(runs) if result is None else experiments.records(result)
     paths: list[Path] = []
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
