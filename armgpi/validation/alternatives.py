@@ -89,6 +89,11 @@ def scope_of(
         if _of_state(node, arguments):
             seen.scalars[ast.unparse(node)] = node
     seen.visit(tree)
+    for name in {text.split("[")[0] for text in seen.scalars} & set(arguments):
+        kind = kinds.get(name)  # where v[0] stands v[1] may be missing
+        count = kind[0] if isinstance(kind, tuple) and len(kind) == 1 else 0
+        entries = (_entry(name, ast.Constant(k)) for k in range(count))
+        seen.scalars |= {ast.unparse(entry): entry for entry in entries}
     for name, kind in kinds.items():
         if kind in ((2,), (3,)):
             seen.vectors[name] = ast.Name(name, ast.Load())
@@ -96,8 +101,11 @@ def scope_of(
             seen.matrices[name] = ast.Name(name, ast.Load())
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
+    numbers = [name for name, value in values.items() if _are_numbers(value)]
     for index in _counters(tree):
         seen.indexed(index, kinds)
+        entries = (_entry(name, ast.Name(index, ast.Load())) for name in numbers)
+        seen.scalars |= {ast.unparse(entry): entry for entry in entries}
     few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))[:_VECTORS]
     return Scope(
         kinds,
@@ -111,6 +119,16 @@ def scope_of(
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
     )
+
+
+def _are_numbers(value: Any) -> bool:
+    """Tell whether a value is a list of numbers, such as the masses."""
+    return isinstance(value, list | tuple) and bool(value) and all(isinstance(x, float) for x in value)
+
+
+def _entry(name: str, index: ast.expr) -> ast.Subscript:
+    """Return an entry of a list."""
+    return ast.Subscript(ast.Name(name, ast.Load()), index, ast.Load())
 
 
 def _is_key(node: ast.AST) -> bool:
@@ -150,7 +168,7 @@ class _Seen(ast.NodeVisitor):
     def indexed(self, index: str, kinds: Mapping[str, Any]) -> None:
         """Keep what is one entry of a list, of vectors or matrices, or of an argument."""
         for name, kind in kinds.items():
-            entry = ast.Subscript(ast.Name(name, ast.Load()), ast.Name(index, ast.Load()), ast.Load())
+            entry = _entry(name, ast.Name(index, ast.Load()))
             if isinstance(kind, tuple) and len(kind) > 1:
                 into = {(3,): self.vectors, (3, 3): self.matrices}.get(kind[1:], {})
                 into[ast.unparse(entry)] = entry

@@ -18,10 +18,10 @@ from armgpi.validation.conventions import declared
 from armgpi.validation.diagnose import Cause, Vary, diagnose
 from armgpi.validation.edits import ROWS
 from armgpi.validation.hypotheses import CONVENTIONS
-from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
-from armgpi.validation.samples import Sampled, States
+from armgpi.validation.samples import Sampled
 from armgpi.validation.tree import evaluate, from_robot
 from armgpi.validation.worker import Worker
 
@@ -177,9 +177,16 @@ def _causes(
     way: Array | None,
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
-    references = {name: _reference(robot, problem, name, states) for name in sampled}
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
-    found, searched = repair.search(model, worker, states, problem, references, way)
+    found, searched = repair.search(
+        model,
+        worker,
+        states,
+        problem,
+        lambda name, s: _reference(robot, problem, name, s),
+        list(sampled),
+        way,
+    )
     if found is not None and worker.source is not None:
         # One convention of the whole model is shorter than several changes that undo it.
         told = diagnose(problem, {}, vary, sourced=True) if len(found.changes) > 1 else []

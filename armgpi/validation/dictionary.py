@@ -27,7 +27,7 @@ _SUMMED, _MOST_SUMMED = (1.0, -1.0, 2.0, -2.0), 900
 #: A sum is hardly so much smaller than its parts.
 _CANCELLED = 1e3
 #: Names and expressions that take part, at most: their products are listed.
-_MOST_NAMES, _MOST_STATES = 16, 18
+_MOST_NAMES, _MOST_STATES = 20, 18
 
 
 class Term(NamedTuple):
@@ -147,7 +147,8 @@ class Dictionary:
     def _two(self, value: float) -> Term | None:
         """Return a sum of two products of numbers that has a value."""
         words, logs = self._products
-        short = [k for k, word in enumerate(words) if 0 < len(word) <= 3][:_MOST_SUMMED]
+        short = [k for k, word in enumerate(words) if 0 < len(word) <= 3]
+        short = sorted(short, key=lambda k: len(words[k]))[:_MOST_SUMMED]
         signs = np.array([np.prod([self._signs[x] for x in words[k]]) for k in short])
         parts = np.concatenate([c * signs * np.exp(logs[short]) for c in _SUMMED])
         order = np.argsort(parts)
@@ -157,7 +158,7 @@ class Dictionary:
             near = order[np.clip(at + shift, 0, len(order) - 1)]
             close = np.abs(parts + parts[near] - value) <= EXACT * np.maximum(np.abs(parts), abs(value))
             close &= np.abs(parts) < _CANCELLED * abs(value)
-            for i in np.flatnonzero(close):
+            for i in sorted(np.flatnonzero(close), key=lambda i: len(words[short[i % len(short)]])):
                 j = int(near[i])
                 degrees = [len(words[short[k % len(short)]]) for k in (int(i), j)]
                 # What is added has one unit: m l² and m lc², or a moment of inertia, which has one name.

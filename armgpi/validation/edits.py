@@ -9,11 +9,13 @@ more than calling the model. Which of them are tried says :mod:`armgpi.validatio
 from __future__ import annotations
 
 import ast
+import gc
+import itertools
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
@@ -22,7 +24,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.validation.alternatives import Scope, alternatives, insertion, scope_of, vector_terms
 from armgpi.validation.dictionary import Dictionary
-from armgpi.validation.models import ARGUMENTS, Origin, joint_of
+from armgpi.validation.models import ARGUMENTS, Origin, States, joint_of
 from armgpi.validation.numbers import Number, namespace
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
@@ -87,22 +89,72 @@ _KEPT = {
 }
 
 
+#: Name of the states in which everything moves.
+ALL = ""
+
+
 class Target(NamedTuple):
-    """What a function of the model should give; a forward dynamics as :func:`apart` has it.
+    """What a function of the model, or a part of it, should give; of a forward dynamics :func:`apart`.
+
+    A part is what is left when the values at rest, or with one joint moving, are taken off: the gravity in a
+    torque, the share of one acceleration, of one product of velocities.
 
     Attributes:
-        states: arguments, arrays (rows, n).
+        function: its name.
         values: the reference's values, (rows, m).
         tolerance: how far each of the m may be off, (m,).
         best: values, (rows, k), that are preferred where several fit: the matrix of the Christoffel symbols.
         soft: values on the way, which show where a mistake is, and not whether there is one.
+        states: names of the states whose values are added, with their signs.
     """
 
-    states: tuple[Array, ...]
+    function: str
     values: Array
     tolerance: Array
     best: Array | None = None
     soft: bool = False
+    states: tuple[tuple[float, str], ...] = ((1.0, ALL),)
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is all that the function gives."""
+        return self.states[0][1] == ALL
+
+
+class Goal(NamedTuple):
+    """What a model should give.
+
+    Attributes:
+        states: states by their names, arrays (rows, n).
+        targets: what its functions, and their parts, should give there; the whole ones first, by their names.
+    """
+
+    states: Mapping[str, States]
+    targets: Mapping[str, Target]
+
+    def arguments(self, function: str, label: str, row: int) -> list[Array]:
+        """Return the arguments of a call, as copies."""
+        return [getattr(self.states[label], letter)[row].copy() for letter in ARGUMENTS[function]]
+
+    def called(self, calls: Mapping[str, Callable[..., Any]], function: str, label: str, row: int) -> Array:
+        """Return what a function gives at one state, flat."""
+        state = self.arguments(function, label, row)
+        one = calls[function]
+        value = apart(one, *state) if function == "forward_dynamics" else one(*state)
+        return self.flat(function, value, label, row)
+
+    def flat(self, function: str, value: Any, label: str, row: int) -> Array:
+        """Return what a function gave as a flat array: C v for C, the position of a pose."""
+        if hasattr(value, "tolist") and not isinstance(value, np.ndarray | np.generic):
+            value = value.tolist()
+        array = np.asarray(value, dtype=np.float64)
+        if function == "coriolis_matrix":
+            array = array @ self.states[label].v[row]
+        elif function == "forward_kinematics" and array.shape == (4, 4):
+            array = array[:3, 3]
+        elif function == "recursion":
+            array = array[:4]  # a moment is about a point that may be another one
+        return array.ravel()
 
 
 class Change(NamedTuple):
@@ -151,16 +203,31 @@ class Site(NamedTuple):
 
 
 class Pick(NamedTuple):
-    """One alternative of one site, with the values of its missing term at the rows and its text."""
+    """One alternative of one site, with the values of its missing term and its text."""
 
     block: Block
     site: int
     choice: int
     bits: float
-    values: Array | None = None
+    values: dict[str, Array] | None = None  # of the missing term, (rows, ...) by states
     kind: str = ""
     new: str = ""
     sure: bool = False  # its effect is known to be what lacks
+
+    def term(self, label: str) -> Array:
+        """Return the missing term at some states: by its text, nothing where it has none yet.
+
+        Raises:
+            ValueError: when it has no value there.
+        """
+        assert self.values is not None
+        if label not in self.values:
+            old = ast.unparse(self.block.sites[self.site].node)
+            there, here = (self.block.values(text, label) for text in (self.new or old, old))
+            if there is None or here is None or there.shape != here.shape:
+                raise ValueError
+            self.values[label] = there - here
+        return self.values[label]
 
 
 class Block:
@@ -173,7 +240,7 @@ class Block:
         self.everywhere, self.literals = everywhere, _literals(everywhere)
         self.name, self.body, self.namespace = name, body, namespace
         self.names = (f"{_SWITCH}{k}", f"{_TERM}{k}")
-        self.calls: list[dict[str, Any]] = []  # the local variables, at every row
+        self.calls: dict[str, list[dict[str, Any]]] = {}  # the local variables, by states, at every row
         self.once = True
         self.rebuilds = False  # whether the functions have to be read again after a change
         self.sites: list[Site] = []
@@ -181,11 +248,11 @@ class Block:
         self.terms: list[Any] = []
         self.reaches: set[str] = set()
         self.scope = Scope({})
-        self._dictionaries: dict[frozenset[str], Dictionary] = {}
+        self._dictionaries: dict[tuple[int, str], Dictionary] = {}
 
     def compiled(self, path: str, arguments: tuple[str, ...]) -> CodeType:
         """Compile every alternative of every expression behind its switch."""
-        values = {**_numbers(self.namespace), **(self.calls[0] if self.calls else {})}
+        values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else {})}
         self.scope = scope_of(ast.Module(self.body, []), values, arguments, self.everywhere)
         module = ast.Module([self._rebuilt(statement) for statement in self.body], [])
         self.switch, self.terms = [0] * len(self.sites), list[Any]([0.0]) * len(self.sites)
@@ -252,20 +319,36 @@ class Block:
         """Return the names that have no value before a line."""
         return frozenset(name for name, first in self._first.items() if first >= line)
 
-    def dictionary(self, line: int) -> Dictionary:
-        """Return the products of names that can be written in a line of this block."""
-        later = self.later(line)
-        if later not in self._dictionaries:
-            self._dictionaries[later] = self._products(later)
-        return self._dictionaries[later]
+    @cached_property
+    def used(self) -> set[str]:
+        """Names that are read anywhere in the file."""
+        names = (n for n in ast.walk(self.everywhere) if isinstance(n, ast.Name))
+        return {n.id for n in names if isinstance(n.ctx, ast.Load)}
 
-    def _products(self, later: frozenset[str]) -> Dictionary:
-        """Return the products of all names but some."""
+    def _written_in(self, line: int) -> set[str]:
+        """Return the expressions that stand in a line."""
+        found = (
+            n for s in self.body for n in ast.walk(s) if isinstance(n, ast.Name | ast.Subscript | ast.Call)
+        )
+        return {ast.unparse(node) for node in found if node.lineno == line}
+
+    def dictionary(self, line: int, label: str) -> Dictionary:
+        """Return the products of names that can be written in a line, by their values at some states."""
+        if (line, label) not in self._dictionaries:
+            self._dictionaries[line, label] = self._products(line, label)
+        return self._dictionaries[line, label]
+
+    def _products(self, line: int, label: str) -> Dictionary:
+        """Return the products of the names that have a value in a line, those that stand in it first."""
+        later, there = self.later(line), self._written_in(line)
         texts = [name for name, kind in self.scope.kinds.items() if kind == "float"]
+        texts += map(ast.unparse, (*self.scope.scalars, *self.scope.items))
+        # What stands in the line, then what stands nowhere: that is what was forgotten.
+        texts.sort(key=lambda text: (text not in there, text in self.used))
         constants, states = {}, {}
-        for text in dict.fromkeys([*texts, *map(ast.unparse, (*self.scope.scalars, *self.scope.items))]):
+        for text in dict.fromkeys(texts):
             known = not later or not later & _used(ast.parse(text))
-            values = self.values(text) if known else None
+            values = self.values(text, label) if known else None
             if values is None or values.ndim > 1:
                 continue
             if np.ptp(values) == 0.0:
@@ -274,11 +357,11 @@ class Block:
                 states[text] = values
         return Dictionary(constants, states)
 
-    def values(self, text: str) -> Array | None:
-        """Return what an expression is at the rows; None where it has no value there."""
+    def values(self, text: str, label: str = ALL) -> Array | None:
+        """Return what an expression is at the rows of some states; None where it has no value there."""
         code = compile(text, "<term>", "eval")
         try:
-            found = [eval(code, self.namespace, names) for names in self.calls]
+            found = [eval(code, self.namespace, names) for names in self.calls[label]]
             return np.array([x if isinstance(x, np.ndarray) else float(x) for x in found], dtype=np.float64)
         except Exception:  # a name that is not there yet, an index out of range, a variable of a loop
             return None
@@ -380,27 +463,27 @@ def cross(a: Any, b: Any, *rest: Any, _general: Any = np.cross, **options: Any) 
 class Editor:
     """A model's source with its switches."""
 
-    def __init__(self, origin: Origin, targets: Mapping[str, Target], known: Sequence[float]) -> None:
+    def __init__(self, origin: Origin, goal: Goal, known: Sequence[float]) -> None:
         """Compile the switches into the model's functions.
 
         Args:
             origin: the file of the model.
-            targets: what its functions should give.
+            goal: what its functions should give.
             known: numbers that the robot has too, without signs: those are hardly the wrong ones.
         """
         self._known = np.array(known)
         self._path, self.source, self._module, self._resolve = origin
-        self.targets = targets
+        self.goal, self.targets = goal, goal.targets
         self._tree = ast.parse(self.source)
         self._makers: set[FunctionType] = set()
-        self._spaces: dict[int, dict[str, Any]] = {}
-        self._terms: dict[tuple[int, int], Array] = {}  # block and site -> values of its term at the rows
+        self._spaces: dict[tuple[str, int], dict[str, Any]] = {}
+        self._terms: dict[tuple[int, int], Pick] = {}  # block and site of a term that is made -> what it is
         self._calls = self._resolve().calls
         self._symbolic = not any(
             (function := _plain(f)) and function.__code__.co_filename == self._path
             for f in self._calls.values()
         )
-        if self._symbolic and "forward_dynamics" in targets:
+        if self._symbolic and "forward_dynamics" in self.targets:
             raise ValueError  # a forward dynamics of SymPy is not taken apart
         found = {} if self._symbolic else self._reached()
         self._trace(found)
@@ -408,6 +491,7 @@ class Editor:
         self._assigned: set[str] = set()
         self._code: CodeType | None = None
         self._assignments()
+        gc.freeze()  # a collection among all that SymPy and the states keep takes as long as a hundred trials
 
     # What the model is made of.
 
@@ -415,8 +499,8 @@ class Editor:
         """Return the functions in the file that the model's functions call, themselves included."""
         nodes = {(n.name, _first_line(n)): n for n in ast.walk(self._tree) if isinstance(n, ast.FunctionDef)}
         found: dict[FunctionType, Block] = {}
-        for name in self.targets:
-            todo, seen = [self._calls[name]], set()
+        for name, target in self.targets.items():
+            todo, seen = [self._calls[target.function]], set()
             while todo:
                 thing = todo.pop()
                 function = _plain(thing)
@@ -454,24 +538,25 @@ class Editor:
             if block is not None:
                 now.setdefault(block, []).append(dict(frame.f_locals))
 
-        for name, target in self.targets.items() if blocks else ():
-            for row in zip(*target.states, strict=True):
-                now.clear()
-                sys.setprofile(watch)
-                try:
-                    self._calls[name](*(x.copy() for x in row))
-                finally:
-                    sys.setprofile(None)
-                for block, frames in now.items():
-                    block.once = block.once and len(frames) == 1
-                    if len(block.calls) < len(target.values):
-                        block.calls.append(frames[0])
+        whole = [name for name, target in self.targets.items() if target.whole] if blocks else []
+        for name, label, row in itertools.product(whole, self.goal.states, range(ROWS)):
+            now.clear()
+            sys.setprofile(watch)
+            try:
+                self._calls[name](*self.goal.arguments(name, label, row))
+            finally:
+                sys.setprofile(None)
+            for block, frames in now.items():
+                block.once = block.once and len(frames) == 1
+                calls = block.calls.setdefault(label, [])
+                if len(calls) < ROWS:
+                    calls.append(frames[0])
 
     def _installed(self, function: FunctionType, block: Block) -> Block:
         """Put the switches into a function."""
         code, space = function.__code__, dict[str, Any]()
         if function in self._makers:
-            block.rebuilds, block.once, block.calls = True, True, [{}] * ROWS
+            block.rebuilds, block.once, block.calls = True, True, self._nowhere()
             block.reaches = set(self.targets)
         exec(block.compiled(self._path, code.co_varnames[: code.co_argcount]), space)
         function.__code__ = space[block.name].__code__
@@ -485,33 +570,31 @@ class Editor:
         if not body:
             return
         block = Block(len(self.blocks), "", body, vars(self._module), self._tree)
-        block.reaches, block.calls, block.rebuilds = set(self.targets), [{}] * ROWS, True
+        block.reaches, block.calls, block.rebuilds = set(self.targets), self._nowhere(), True
         self._assigned = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
         if self._symbolic:
             self._code = compile(ast.Module(body, []), self._path, "exec")
-            block.calls = [self._at(k) for k in range(ROWS)]
+            block.calls = {label: [self._at(label, k) for k in range(ROWS)] for label in self.goal.states}
         self._code = block.compiled(self._path, ())
         self.blocks.append(block)
         self._spaces.clear()
-        for space in block.calls:  # the switches of what is evaluated there
+        for space in itertools.chain(*block.calls.values()):  # the switches of what is evaluated there
             space.update({name: vars(self._module)[name] for name in block.names})
 
-    def _arguments(self, row: int) -> dict[str, float]:
+    def _nowhere(self) -> dict[str, list[dict[str, Any]]]:
+        """Return no local variables, for every state."""
+        return {label: [{}] * ROWS for label in self.goal.states}
+
+    def _arguments(self, label: str, row: int) -> dict[str, float]:
         """Return the values of the symbols that a module of SymPy has for the joints, at one state."""
         found: dict[str, float] = {}
-        arrays = {
-            letter: states[row]
-            for name, target in self.targets.items()
-            for letter, states in zip(ARGUMENTS[name], target.states, strict=True)
-        }
+        states = self.goal.states[label]
         names = {str(x) for x in vars(self._module).values() if getattr(x, "is_Symbol", False)}
         parameters = vars(self._module).get("parameters", {})
         for symbol in names - parameters.keys():
             joint = joint_of(symbol)
             if joint is not None:
-                # What no function that is asked for depends on may have any value.
-                array = arrays.get(joint[0], np.zeros(9))
-                found[symbol] = float(array[joint[1] - 1])
+                found[symbol] = float(getattr(states, joint[0])[row][joint[1] - 1])
         return found
 
     # Trying.
@@ -523,45 +606,52 @@ class Editor:
         saved = {name: space[name] for name in self._assigned if name in space} if again else {}
         try:
             with impatient(), np.errstate(all="ignore"):
-                for (number, site), term in self._terms.items():
+                for (number, site), pick in self._terms.items():
                     if self.is_constant(self.blocks[number], site):
-                        self.blocks[number].terms[site] = float(term[0])
-                if self._symbolic:
-                    spaces = [self._at(k) for k in range(rows)]
-                    found = {
-                        name: stacked(name, [x[name] for x in spaces], self.targets[name]) for name in names
-                    }
-                else:
-                    calls = self._again(space) if again else self._calls
-                    found = {name: self._rows(calls, name, rows) for name in names}
+                        self.blocks[number].terms[site] = float(next(iter(pick.values.values()))[0])  # type: ignore[union-attr]
+                calls = self._calls if self._symbolic or not again else self._again(space)
+
+                @cache
+                def at(label: str, row: int) -> dict[str, Any]:
+                    return self._at(label, row)
+
+                @cache
+                def given(function: str, label: str, row: int) -> Array:
+                    signal.setitimer(signal.ITIMER_PROF, PATIENCE)
+                    self._place_terms(label, row)
+                    if self._symbolic:
+                        return self.goal.flat(function, at(label, row)[function], label, row)
+                    return self.goal.called(calls, function, label, row)
+
+                found = {name: stacked(self.targets[name], given, rows) for name in names}
         except (Exception, _Slow):
             return None
         finally:
             space.update(saved)
         return found if all(np.isfinite(x).all() for x in found.values()) else None
 
-    def _at(self, row: int) -> dict[str, Any]:
-        """Return the names of a module of SymPy with their values at one state."""
-        assert self._code is not None
-        for (number, site), term in self._terms.items():
+    def _place_terms(self, label: str, row: int) -> None:
+        """Give the missing terms their values at one state."""
+        for (number, site), pick in self._terms.items():
             if not self.is_constant(self.blocks[number], site):
-                self.blocks[number].terms[site] = term[row]
-        return self._filled(row)
+                self.blocks[number].terms[site] = pick.term(label)[row]
 
-    def _filled(self, row: int) -> dict[str, Any]:
+    def _at(self, label: str, row: int) -> dict[str, Any]:
         """Return the names of a module of SymPy with their values at one state, its parameters' included."""
-        if row not in self._spaces:
-            space = vars(self._module)
-            values = {**space.get("parameters", {}), **self._arguments(row)}
-            self._spaces[row] = namespace(space, {str(name): Number(x) for name, x in values.items()})
-        found = dict(self._spaces[row])
+        if (label, row) not in self._spaces:
+            self._spaces[label, row] = self._space(label, row, vars(self._module).get("parameters", {}))
+        found = dict(self._spaces[label, row])
         exec(self._code or "", found)
         parameters = found.get("parameters", {})
         if parameters != vars(self._module).get("parameters", {}):  # a change is in there
-            values = {**parameters, **self._arguments(row)}
-            found = namespace(vars(self._module), {str(name): Number(x) for name, x in values.items()})
+            found = self._space(label, row, parameters)
             exec(self._code or "", found)
         return found
+
+    def _space(self, label: str, row: int, parameters: Mapping[str, float]) -> dict[str, Any]:
+        """Return the names of a module of SymPy with numbers in place of its symbols."""
+        values = {**parameters, **self._arguments(label, row)}
+        return namespace(vars(self._module), {str(name): Number(x) for name, x in values.items()})
 
     def is_right(self, site: Site) -> bool:
         """Tell whether a number with a name is one that the robot has too: hardly the wrong one."""
@@ -580,22 +670,15 @@ class Editor:
             exec(self._code, space)
         return self._resolve().calls
 
-    def _rows(self, calls: Mapping[str, Callable[..., Any]], name: str, rows: int) -> Array:
-        """Return what one function gives at the first rows."""
-        values = []
-        for k in range(rows):
-            for (number, site), term in self._terms.items():
-                if not self.is_constant(self.blocks[number], site):
-                    self.blocks[number].terms[site] = term[k]
-            values.append(called(calls[name], name, self.targets[name], k))
-        return stacked(name, values, self.targets[name])
-
     def matrix(self) -> Array | None:
         """Return the Coriolis matrix at the first state, None when it raises."""
-        state = [x[0].copy() for x in self.targets["coriolis_matrix"].states]
+        name = "coriolis_matrix"
         try:
+            self._place_terms(ALL, 0)
             value = (
-                self._at(0)["coriolis_matrix"] if self._symbolic else self._calls["coriolis_matrix"](*state)
+                self._at(ALL, 0)[name]
+                if self._symbolic
+                else self._calls[name](*self.goal.arguments(name, ALL, 0))
             )
             return np.asarray(value, dtype=np.float64)
         except Exception:
@@ -608,7 +691,7 @@ class Editor:
             block = pick.block
             block.switch[pick.site] = pick.choice + 1
             if pick.values is not None:
-                self._terms[self.blocks.index(block), pick.site] = pick.values
+                self._terms[self.blocks.index(block), pick.site] = pick
         try:
             yield
         finally:
@@ -661,48 +744,36 @@ def apart(forward_dynamics: Callable[..., Any], q: Array, v: Array, _: Array) ->
     return np.concatenate([D.ravel(), -D @ still])
 
 
-def called(function: Callable[..., Any], name: str, target: Target, row: int) -> Any:
-    """Return what a function gives at one of the states."""
-    state = [x[row].copy() for x in target.states]
-    return apart(function, *state) if name == "forward_dynamics" else function(*state)
+def stacked(target: Target, given: Callable[[str, str, int], Array], rows: int) -> Array:
+    """Return what a function gives at the first states as an array, (rows, m).
 
-
-def stacked(name: str, values: list[Any], target: Target) -> Array:
-    """Return what a function gave at the first states as an array, (rows, m).
+    Args:
+        target: the function and the part of it.
+        given: what a function gives at the row of some states, flat.
+        rows: how many.
 
     Raises:
         ValueError: when it has another shape than the target.
     """
-    array = np.stack([flat(name, x, target, k) for k, x in enumerate(values)])
+    array: Array = sum(
+        sign * np.stack([given(target.function, label, k) for k in range(rows)])
+        for sign, label in target.states
+    )  # type: ignore[assignment]
     if array.shape[1] != target.values.shape[1]:
         raise ValueError
-    return array - array[0] if name == "potential_energy" else array
+    return array - array[0] if target.function == "potential_energy" else array
 
 
-def agree(calls: Mapping[str, Callable[..., Any]], targets: Mapping[str, Target]) -> bool:
+def agree(calls: Mapping[str, Callable[..., Any]], goal: Goal) -> bool:
     """Tell whether functions give what they should."""
     try:
         with impatient(), np.errstate(all="ignore"):
-            for name, target in targets.items():
-                if target.soft:
+            for target in goal.targets.values():
+                if target.soft or not target.whole:
                     continue
-                values = stacked(name, [called(calls[name], name, target, k) for k in range(ROWS)], target)
+                values = stacked(target, lambda *key: goal.called(calls, *key), ROWS)
                 if not (np.abs(values - target.values) <= target.tolerance).all():
                     return False
     except (Exception, _Slow):
         return False
     return True
-
-
-def flat(name: str, value: Any, target: Target, row: int) -> Array:
-    """Return what a function gave as a flat array: C v for C, the position of a pose."""
-    if hasattr(value, "tolist") and not isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    array = np.asarray(value, dtype=np.float64)
-    if name == "coriolis_matrix":
-        array = array @ target.states[1][row]
-    elif name == "forward_kinematics" and array.shape == (4, 4):
-        array = array[:3, 3]
-    elif name == "recursion":
-        array = array[:4]  # a moment is about a point that may be another one
-    return array.ravel()

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.samples import SAFETY, Sampled, States, slopes, torque_of
+from armgpi.validation.models import States
+from armgpi.validation.samples import SAFETY, Sampled, slopes, torque_of
 from armgpi.validation.tree import christoffel
 from armgpi.validation.worker import Worker
 

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.arrays import Array
 from armgpi.validation.conventions import SHORT, Convention
 from armgpi.validation.recursion import lengths
 
@@ -69,6 +70,22 @@ _LETTERS = {
 
 class Unusable(Exception):
     """A model that cannot be used; the text says why."""
+
+
+class States(NamedTuple):
+    """States at which models are compared, arrays of shape (N, n).
+
+    Attributes:
+        q: positions [rad or m].
+        v: velocities [rad/s or m/s].
+        a: accelerations [rad/s^2 or m/s^2].
+        tau: torques [N m or N].
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
 
 
 class Origin(NamedTuple):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,10 +14,9 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import phrasing, samples
 from armgpi.validation.diagnose import Cause
-from armgpi.validation.edits import ROWS, Target
-from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.edits import ALL, ROWS, Goal, Target
+from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
-from armgpi.validation.samples import States
 from armgpi.validation.search import Repaired
 from armgpi.validation.tree import evaluate
 from armgpi.validation.worker import Worker
@@ -25,40 +27,98 @@ def search(
     worker: Worker,
     states: States,
     problem: Problem,
-    references: Mapping[str, Array],
+    reference: Callable[[str, States], Array],
+    names: Sequence[str],
     way: Array | None = None,
 ) -> tuple[Repaired | None, bool]:
     """Return the changes of the source with which a copy of the model agrees, and whether it was searched.
 
-    `way` is what the robot has on the way of a recursion, (rows, 5, n), for a model that tells of that.
+    Args:
+        model: as the user gave it.
+        worker: its process.
+        states: at which it was sampled.
+        problem: model and reference.
+        reference: what a function should give at some states.
+        names: its functions.
+        way: what the robot has on the way of a recursion, (rows, 5, n), for a model that tells of that.
     """
     if worker.source is None:
         return None, False
     few = States(*(x[:ROWS] for x in states))
-    targets = {}
-    for name, values in references.items():
-        arguments = tuple(getattr(few, letter) for letter in ARGUMENTS[name])
-        flat = np.asarray(values[: len(few.q)], dtype=np.float64).reshape(len(few.q), -1)
-        if name == "forward_dynamics":
-            flat = _taken_apart(problem, few, flat)
-        size = float(np.abs(flat).max())
-        best = None
-        if name == "coriolis_matrix":
-            H = evaluate(problem.tree, few.q, ["H"])["H"]
-            best = np.einsum("Nijk,Nk->Nij", H, few.v).reshape(len(few.q), -1)
-        # At least what rounding leaves: an output that must be zero is compared with the others.
-        targets[name] = Target(arguments, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
+    where = {ALL: few, **_moving(few)}
+    targets = {name: _target(problem, few, name, reference(name, few)) for name in names}
+    for name in names:
+        targets |= _parts(targets[name], where, partial(_reference, problem, reference, name))
     if way is not None:
         flat = way[:ROWS, :4].reshape(ROWS, -1)
         size = max(float(np.abs(flat).max()), 1e-3)
-        tolerance = np.full(flat.shape[1], 1e-8 * size)
-        targets["recursion"] = Target((few.q, few.v, few.a), flat, tolerance, soft=True)
+        targets["recursion"] = Target("recursion", flat, np.full(flat.shape[1], 1e-8 * size), soft=True)
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
-        searched, found = copy.search(targets, known)
+        searched, found = copy.search(Goal(where, targets), known)
     if found is None or not agrees(model, worker, found.source, states, problem):
         return None, searched
     return found, True
+
+
+def _target(problem: Problem, s: States, name: str, values: Array) -> Target:
+    """Return what a function should give at some states."""
+    flat = _flat(problem, name, s, values)
+    size, best = float(np.abs(flat).max()), None
+    if name == "coriolis_matrix":
+        H = evaluate(problem.tree, s.q, ["H"])["H"]
+        best = np.einsum("Nijk,Nk->Nij", H, s.v).reshape(len(s.q), -1)
+    # At least what rounding leaves: an output that must be zero is compared with the others.
+    return Target(name, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
+
+
+def _reference(problem: Problem, reference: Callable[[str, States], Array], name: str, s: States) -> Array:
+    return _flat(problem, name, s, reference(name, s))
+
+
+def _flat(problem: Problem, name: str, s: States, values: Array) -> Array:
+    """Return the values of a function as the search compares them, (rows, m)."""
+    flat = np.asarray(values, dtype=np.float64).reshape(len(s.q), -1)
+    return _taken_apart(problem, s, flat) if name == "forward_dynamics" else flat
+
+
+def _moving(s: States) -> dict[str, States]:
+    """Return states in which nothing moves, one joint, or two."""
+    n = s.q.shape[1]
+
+    def only(v: Sequence[int], a: Sequence[int]) -> States:
+        return s._replace(
+            v=np.where(np.isin(range(n), v), s.v, 0.0), a=np.where(np.isin(range(n), a), s.a, 0.0)
+        )
+
+    found = {"rest": only((), ())}
+    found |= {f"a{i}": only((), (i,)) for i in range(n)}
+    found |= {f"v{i}": only((i,), ()) for i in range(n)}
+    return found | {f"v{i}v{j}": only((i, j), ()) for i, j in itertools.combinations(range(n), 2)}
+
+
+def _parts(
+    whole: Target, where: Mapping[str, States], reference: Callable[[States], Array]
+) -> dict[str, Target]:
+    """Return a function's parts: what gravity, each acceleration and each product of velocities gives."""
+    letters = ARGUMENTS[whole.function]
+    if "v" not in letters or whole.function == "recursion":
+        return {}
+    still = "a" in letters or "tau" in letters  # something is left at rest
+    values = {
+        label: reference(states) for label, states in where.items() if "a" in letters or label[:1] != "a"
+    }
+    found = {}
+    for label in values:
+        if label == ALL or (label == "rest" and not still):
+            continue
+        pair = re.findall(r"v\d+", label)
+        states = [(1.0, label), *((-1.0, one) for one in pair if len(pair) > 1)]
+        if still and label != "rest":
+            states.append((1.0 if len(pair) > 1 else -1.0, "rest"))
+        flat = np.sum([sign * values[one] for sign, one in states], axis=0)
+        found[f"{whole.function} {label}"] = whole._replace(values=flat, best=None, states=tuple(states))
+    return found
 
 
 def _taken_apart(problem: Problem, s: States, accelerations: Array) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
-from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.tree import Quantities
 from armgpi.validation.worker import Worker
 
@@ -35,22 +35,6 @@ ROUNDING = 1e-6
 #: What is computed may be off by so many times its rounding, seen from one step to the next: the few steps
 #: do not show the worst.
 SAFETY = 20.0
-
-
-class States(NamedTuple):
-    """States at which models are compared, arrays of shape (N, n).
-
-    Attributes:
-        q: positions [rad or m].
-        v: velocities [rad/s or m/s].
-        a: accelerations [rad/s^2 or m/s^2].
-        tau: torques [N m or N].
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    tau: Array
 
 
 class Sampled(NamedTuple):

@@ -12,6 +12,7 @@ This runs in the worker (:mod:`armgpi.validation.worker`), beside the model.
 from __future__ import annotations
 
 import ast
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -20,13 +21,14 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.validation.edits import (
+    ALL,
     ROWS,
     Block,
     Change,
     Editor,
+    Goal,
     Pick,
     Site,
-    Target,
     agree,
     impatient,
     patched,
@@ -39,6 +41,8 @@ BUDGET = 16.0
 MOST = 3
 #: Changes with which the search goes on, where none makes all agree.
 _BEAM = 3
+#: Share of the time in which the search goes on with the changes that are tried fast.
+_FIRST = 0.3
 #: Configurations at which changes are tried first.
 _FEW = 2
 #: Kinds of changes: to say which one it is costs their logarithm.
@@ -59,6 +63,8 @@ _SLOW = 0.7
 _HUGE = 1e12
 #: What gravity is usually taken for [m/s²].
 _GRAVITY = (9.81, 9.8, 9.80665, 9.806, 10.0)
+#: A product of names that is looked up takes no more than this, nor does a number of few digits [bits].
+_LOOKED_UP = 28.0
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
@@ -81,7 +87,7 @@ class Repaired(NamedTuple):
 def repaired(
     functions: Functions,
     again: Again,
-    targets: Mapping[str, Target],
+    goal: Goal,
     known: Sequence[float],
     until: float | None = None,
     most: int = MOST,
@@ -91,35 +97,60 @@ def repaired(
     Args:
         functions: the model's, with the file that they come from.
         again: reads the functions out of another text of that file.
-        targets: what the functions should give.
+        goal: what the functions should give.
         known: numbers that are hardly the wrong ones, as the robot has them too.
         until: when to give up, on the clock of the process [s].
         most: changes that may be made.
     """
     until = time.process_time() + BUDGET if until is None else until
     assert functions.origin is not None
-    trials = _Trials(Editor(functions.origin, targets, known), again, until)
-    steps = trials.steps()
-    best = trials.first_that_agrees((step.pick,) for step in steps if not step.left)
-    if most > 1 and (best is None or best.bits > trials.usual):
-        two = trials.first_that_agrees(trials.pairs())
-        best = min((one for one in (best, two) if one), key=lambda one: one.bits, default=None)
+    trials = _Trials(Editor(functions.origin, goal, known), again, until)
+    best: Repaired | None = None
+    steps: list[_Step] = []
+    for k, steps in enumerate(trials.stages()):
+        one = trials.first_that_agrees((step.pick,) for step in steps if not step.left)
+        if most > 1 and (one is None or one.bits > trials.usual):
+            one = _shorter(one, trials.first_that_agrees(trials.pairs()))
+        if one is not None:
+            return _shorter(best, one)
+        if most > 1 and k == 0:
+            best = _gone_on(trials, steps, again, goal, known, most, trials.share(_FIRST))
     if best is not None or most == 1:
         return best
-    going_on = [step.pick for step in steps][:_BEAM]
-    for k, pick in enumerate(going_on):
+    # What brings some of it into agreement deserves time of its own.
+    late = max(until, time.process_time() + 0.75 * BUDGET) if most == MOST and steps else until
+    best = _gone_on(trials, steps, again, goal, known, most, late)
+    return best or trials.first_that_agrees(itertools.chain(trials.tried_pairs(), trials.fits_beside()))
+
+
+def _gone_on(
+    trials: _Trials,
+    steps: list[_Step],
+    again: Again,
+    goal: Goal,
+    known: Sequence[float],
+    most: int,
+    until: float,
+) -> Repaired | None:
+    """Return the shortest repair that begins with one of the best changes, None when there is no time."""
+    best: Repaired | None = None
+    for pick in [step.pick for step in steps][:_BEAM]:
         now = time.process_time()
         if now > until or (best is not None and pick.bits + 0.5 * trials.usual > best.bits):
             continue  # it cannot be shorter
         if made := trials.made((pick,)):
-            share = now + (until - now) / (len(going_on) - k)
-            rest = repaired(made[1], again, targets, known, share, most - 1)
+            rest = repaired(made[1], again, goal, known, now + 0.6 * (until - now), most - 1)
             if rest is not None:
-                one = Repaired((*made[0].changes, *_before(rest.changes, made[0].changes[0])), rest.source)
-                best = one if best is None or one.bits < best.bits else best
-                if best.bits <= trials.usual:
+                changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
+                best = _shorter(best, Repaired(changes, rest.source))
+                if best is not None and best.bits <= trials.usual:
                     break
-    return best or trials.first_that_agrees(trials.tried_pairs())
+    return best
+
+
+def _shorter(one: Repaired | None, other: Repaired | None) -> Repaired | None:
+    """Return the repair of the shorter description, of two that may be none."""
+    return min((x for x in (one, other) if x is not None), key=lambda x: x.bits, default=None)
 
 
 def _before(changes: tuple[Change, ...], first: Change) -> Iterator[Change]:
@@ -155,6 +186,9 @@ class _Trials:
         """Take a source with its switches, what reads a changed one, and when to give up [s]."""
         self.editor, self._again, self._until = editor, again, until
         self._targets, self._blocks = editor.targets, editor.blocks
+        #: Changes that touch nothing that agrees, and those of them that were looked at part by part.
+        self._inside: list[Pick] = []
+        self._tried_inside: list[Pick] = []
         self._sites = max(sum(len(block.sites) for block in self._blocks), 1)
         #: What two changes of the usual kinds take: what is longer has to be compared with others [bits].
         self.usual = 2.0 * float(np.log2(self._sites * _KINDS))
@@ -176,7 +210,7 @@ class _Trials:
     def first_that_agrees(self, found: Iterable[Sequence[Pick]]) -> Repaired | None:
         """Return the first changes that make a copy of the source agree."""
         for picks in found:
-            if (made := self.made(picks)) and agree(made[1].calls, self._targets):
+            if (made := self.made(picks)) and agree(made[1].calls, self.editor.goal):
                 return made[0]
         return None
 
@@ -193,24 +227,26 @@ class _Trials:
 
     def _matters(self, off: Wrong) -> bool:
         """Tell whether something differs that makes a model wrong."""
-        return any(w.any() and not self._targets[name].soft for name, w in off.items())
+        targets = self._targets
+        return any(w.any() and targets[n].whole and not targets[n].soft for n, w in off.items())
 
-    def steps(self) -> list[_Step]:
-        """Return the changes that make all agree, else those that make the most agree; the best first."""
+    def stages(self) -> Iterator[list[_Step]]:
+        """Yield the changes that make all agree, else those that make the most agree, the best first.
+
+        What is tried fast comes before what takes long: the later lists have all of the earlier ones.
+        """
         if self._start is None:
-            return []
+            return
         picks = self._picks({name for name, w in self._wrong.items() if w.any()})
         usual = [pick for pick in picks if pick.kind in _USUAL or pick.sure]
         others = [pick for pick in picks if pick.kind not in _USUAL and not pick.sure]
         found: dict[Any, _Step] = {}
-        # From what is tried fast to what takes long.
-        for more in (
-            self._helpful(usual, first=True),
-            self._fits(),
-            self._helpful(others, first=True),
-            self._helpful(picks, first=False),
+        for stage in (
+            (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits(whole=True)),
+            (self._helpful(others, first=True), self._helpful(picks, first=False)),
+            (self._fits(whole=False), self._helpful_in_parts()),
         ):
-            for pick in more:
+            for pick in itertools.chain(*stage):
                 step, does = self._step(pick)
                 if step is not None:
                     # Of those that do the same the shortest one.
@@ -218,9 +254,11 @@ class _Trials:
                     # The others have longer descriptions.
                     if not step.left and not step.ugly and pick.kind in _USUAL:
                         break
-            if any(not step.left for step in found.values()):
-                break
-        return sorted(found.values(), key=lambda step: step[:3])
+            yield sorted(found.values(), key=lambda step: step[:3])
+
+    def _differing(self, reached: Iterable[str]) -> list[str]:
+        """Return the functions that differ, of those that are reached."""
+        return [n for n, w in self._wrong.items() if w.any() and n in reached and self._targets[n].whole]
 
     def _helpful(self, picks: list[Pick], first: bool) -> Iterator[Pick]:
         """Yield the changes that make values agree and spoil none, at the first state.
@@ -233,7 +271,7 @@ class _Trials:
         for pick in picks:
             if self._over():
                 return
-            differing = [n for n, w in self._wrong.items() if w.any() and n in pick.block.reaches]
+            differing = self._differing(pick.block.reaches)
             names = differing[:1] if first else differing[1:]
             if not names:
                 continue
@@ -246,6 +284,44 @@ class _Trials:
                 self._tried.append(_Tried(pick, effects))
             if self._helps(outputs):
                 yield pick
+            elif self._touches_wrong_alone(outputs):
+                self._inside.append(pick)
+
+    def _touches_wrong_alone(self, outputs: Mapping[str, Array]) -> bool:
+        """Tell whether a change moves something, and nothing that agrees."""
+        assert self._start is not None
+        off = self._off(outputs)
+        moved = any((x[-1] != self._start[name][len(x) - 1]).any() for name, x in outputs.items())
+        return moved and not any((off[name] & ~self._wrong[name]).any() for name in off)
+
+    def _helpful_in_parts(self) -> Iterator[Pick]:
+        """Yield the changes that make a part of a function agree and spoil no other, at the first state."""
+        parts = [name for name, target in self._targets.items() if not target.whole]
+        # Where much agrees, a change that spoils something shows it.
+        parts.sort(key=lambda name: int(self._wrong[name].sum()))
+        late, inside = self.share(0.2), self._inside
+        self._inside, self._tried_inside = [], [*self._tried_inside, *inside]
+        for pick in inside:
+            if time.process_time() > late:
+                return
+            helps = False
+            for name in parts:
+                if name not in pick.block.reaches:
+                    continue
+                with self.editor.making(pick):
+                    outputs = self.editor.outputs([name], 1)
+                off = None if outputs is None else self._off(outputs)[name]
+                if off is None or (off & ~self._wrong[name]).any():
+                    helps = False
+                    break
+                helps = helps or bool((self._wrong[name] & ~off).any())
+            if helps:
+                yield pick
+
+    def share(self, share: float) -> float:
+        """Return when a share of the time that is left has passed."""
+        now = time.process_time()
+        return now + share * (self._until - now)
 
     def _helps(self, outputs: Mapping[str, Array]) -> bool:
         """Tell whether some values agree that did not, and all that did."""
@@ -305,7 +381,7 @@ class _Trials:
         """Yield vectors that may be missing in a sum: where it is linear, those with a right effect."""
         old = ast.unparse(block.sites[k].node)
         now = block.values(old)
-        name = next((n for n in self._targets if n in differing & block.reaches), None)
+        name = next(iter(self._differing(block.reaches)), None)
         if now is None or now.shape[1:] not in ((2,), (3,)) or name is None:
             return
         size = now.shape[1]
@@ -313,7 +389,7 @@ class _Trials:
         choice = len(block.sites[k].choices) - 1
         effects = []
         for step in (np.zeros(size), *np.eye(size), np.ones(size)):
-            with self.editor.making(Pick(block, k, choice, 0.0, np.tile(step, (ROWS, 1)))):
+            with self.editor.making(Pick(block, k, choice, 0.0, {ALL: np.tile(step, (ROWS, 1))})):
                 outputs = self.editor.outputs([name], 1)
             if outputs is None:
                 return
@@ -330,37 +406,67 @@ class _Trials:
                 if not linear or ((moved & right & wrong).any() and not (moved & ~wrong).any()):
                     new = f"{old} {'+' if sign > 0.0 else '-'} {text}"
                     bits = self._bits(2 * len(terms) + 1)
-                    yield Pick(block, k, choice, bits, sign * values, "term", new, bool(linear))
+                    yield Pick(block, k, choice, bits, {ALL: sign * values}, "term", new, bool(linear))
 
     # Terms that are solved for.
 
-    def _fits(self) -> Iterator[Pick]:
-        """Yield terms that are missing: what each has to be is solved for, and looked up."""
+    def _fits(self, whole: bool) -> Iterator[Pick]:
+        """Yield terms that are missing: what each has to be is solved for, and looked up.
+
+        Args:
+            whole: in what the functions give; else in their parts.
+        """
         for block in sorted(self._blocks, key=lambda b: not b.rebuilds):  # constants are found fast
-            if not block.once or len(block.calls) < ROWS:
+            if not block.once or len(block.calls.get(ALL, ())) < ROWS:
                 continue
             for k, site in enumerate(block.sites):
                 if not site.fitted or self._over() or self.editor.is_right(site):
                     continue
-                for values in self._solved(block, k):
-                    for text, bits in _written(block, site, values):
+                for label, values in self._solved(block, k) if whole else self._solved_in_parts(block, k):
+                    for text, bits in _written(block, site, values, label):
                         bits += self._bits(1)
                         kind = "value" if site.literal else "term"
-                        yield Pick(block, k, len(site.choices) - 1, float(bits), values, kind, text)
+                        yield Pick(block, k, len(site.choices) - 1, float(bits), {label: values}, kind, text)
 
-    def _solved(self, block: Block, k: int) -> Iterator[Array]:
+    def _solved(self, block: Block, k: int) -> Iterator[tuple[str, Array]]:
         """Yield terms with which some values agree and none is spoiled, at the rows."""
-        pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, np.zeros(ROWS))
+        pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {ALL: np.zeros(ROWS)})
         constant = self.editor.is_constant(block, k)
-        for used in self._groups(*self._slope(pick, _FEW), constant):
-            values = self._root(pick, used, constant)
-            if values is None:
-                continue
-            with self.editor.making(pick._replace(values=values)):
-                outputs = self.editor.outputs(block.reaches, ROWS)
-            if outputs is not None and self._helps(outputs):
-                yield values
+        names = [name for name in block.reaches if self._targets[name].whole]
+        slopes = self._slope(pick, ALL, names, _FEW)
+        for used in self._groups(*slopes, constant):
+            if (values := self._agreeing(pick, ALL, used, names, constant)) is not None:
+                yield ALL, values
                 return
+
+    def _solved_in_parts(self, block: Block, k: int) -> Iterator[tuple[str, Array]]:
+        """Yield terms with which a part of a function agrees."""
+        constant = self.editor.is_constant(block, k)
+        for name, target in self._targets.items():
+            if target.whole or name not in block.reaches or not self._wrong[name].any() or self._over():
+                continue
+            label = target.states[0][1]
+            pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {label: np.zeros(ROWS)})
+            slope, _ = self._slope(pick, label, [name], 1)
+            moved = (slope[name] != 0.0).any(axis=0) if slope else np.zeros(1, dtype=np.bool_)
+            if not moved.any() or (moved & ~self._wrong[name]).any():
+                continue
+            values = self._agreeing(pick, label, {name: moved}, [name], constant)
+            if values is not None:
+                yield label, values
+                if constant:
+                    return
+
+    def _agreeing(
+        self, pick: Pick, label: str, used: Wrong, names: Iterable[str], constant: bool
+    ) -> Array | None:
+        """Return the term for which some values agree and none of some functions is spoiled."""
+        values = self._root(pick, label, used, constant)
+        if values is None:
+            return None
+        with self.editor.making(pick._replace(values={label: values})):
+            outputs = self.editor.outputs(names, ROWS)
+        return values if outputs is not None and self._helps(outputs) else None
 
     def _groups(self, slope: Mapping[str, Array], rest: Mapping[str, Array], constant: bool) -> list[Wrong]:
         """Return which values may be wrong because of one term: all that it moves, those of one function, ...
@@ -389,25 +495,27 @@ class _Trials:
                 groups.append(masks)
         return groups
 
-    def _slope(self, pick: Pick, rows: int) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return how much a term moves what the functions give, and what that lacks; nothing if they fail."""
+    def _slope(
+        self, pick: Pick, label: str, names: Iterable[str], rows: int
+    ) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return how much a term moves what functions give, and what that lacks; nothing if they fail."""
         assert pick.values is not None
         with self.editor.making(pick):
-            here = self.editor.outputs(pick.block.reaches, rows)
-        with self.editor.making(pick._replace(values=pick.values + _NUDGE)):
-            there = self.editor.outputs(pick.block.reaches, rows)
+            here = self.editor.outputs(names, rows)
+        with self.editor.making(pick._replace(values={label: pick.values[label] + _NUDGE})):
+            there = self.editor.outputs(names, rows)
         if here is None or there is None:
             return {}, {}
         slope = {name: (there[name] - here[name]) / _NUDGE for name in here}
         return slope, {name: self._targets[name].values[:rows] - here[name] for name in here}
 
-    def _root(self, pick: Pick, used: Wrong, constant: bool) -> Array | None:
+    def _root(self, pick: Pick, label: str, used: Wrong, constant: bool) -> Array | None:
         """Return the term for which some values agree, by Gauss and Newton; None without one."""
         values, near, before = np.zeros(ROWS), 0, np.inf
         for step in range(_STEPS if constant else _STEPS // 2):
             # One number shows at two states whether it is right.
             rows = _FEW if constant or step == 0 else ROWS
-            slopes, rests = self._slope(pick._replace(values=values), rows)
+            slopes, rests = self._slope(pick._replace(values={label: values}), label, list(used), rows)
             if not slopes:
                 return None
             slope, rest = (
@@ -437,7 +545,7 @@ class _Trials:
 
     def _candidates(self) -> tuple[str, list[_Tried], Array, Array]:
         """Return a function that differs, what was tried on it with the effects, and what it lacks."""
-        differing = [n for n, w in self._wrong.items() if w.any() and not self._targets[n].soft]
+        differing = [n for n in self._differing(self._targets) if not self._targets[n].soft]
         count = {n: sum(n in one.effects for one in self._tried) for n in differing}
         name = max(count, key=lambda n: count[n], default="")
         if self._start is None or not count.get(name):
@@ -484,6 +592,19 @@ class _Trials:
                 if outputs is not None and not self._away(name, outputs[name]).any() and self._both(one, two):
                     yield one, two
 
+    def fits_beside(self) -> Iterator[tuple[Pick, Pick]]:
+        """Yield a usual change with a missing term that make all agree, of those that touch nothing right."""
+        usual = [pick for pick in self._tried_inside if pick.kind in _USUAL]
+        for one in sorted(usual, key=lambda pick: pick.bits):
+            if self._over():
+                return
+            with self.editor.making(one):
+                found = list(self._fits(whole=True))
+            # A number of many digits, or a sum of two terms, explains anything beside another change.
+            most = _LOOKED_UP + self._bits(1)
+            found = [two for two in found if two.bits <= most]
+            yield from ((one, two) for two in found if self._both(one, two))
+
     def _both(self, one: Pick, two: Pick) -> bool:
         """Tell whether two changes make all agree."""
         if one.block is two.block and one.site == two.site:
@@ -499,31 +620,30 @@ def _apart(slope: Array, rest: Array, move: Array) -> bool:
     return bool((left > 0.5 * np.linalg.norm(rest, axis=1)).any())
 
 
-def _written(block: Block, site: Site, values: Array) -> Iterator[tuple[str, float]]:
+def _written(block: Block, site: Site, values: Array, label: str) -> Iterator[tuple[str, float]]:
     """Yield what an expression has to be where a term of known values is missing in it."""
     if isinstance(site.node, ast.Constant):
         yield from _number(site, float(values[0])) if np.ptp(values) <= 1e-9 * np.abs(values).max() else ()
         if site.literal or site.node.value != 0:
             return
     old = ast.unparse(site.node)
-    dictionary = block.dictionary(site.node.lineno)
+    dictionary = block.dictionary(site.node.lineno, label)
     if found := dictionary.term(values):
         yield _sum(old, found.text), found.bits
         return
     # A factor that all of it lacks, or one of its parts.
     for part, sign in _parts(site.node):
-        now = block.values(ast.unparse(part))
+        now = block.values(ast.unparse(part), label)
         if now is None or now.shape != values.shape:
             continue
         with np.errstate(all="ignore"):
             factor = 1.0 + sign * values / now
         if np.isfinite(factor).all() and (found := dictionary.term(factor)):
-            new = ast.BinOp(ast.parse(f"({found.text})", mode="eval").body, ast.Mult(), part)
+            new: ast.expr = ast.BinOp(ast.parse(found.text, mode="eval").body, ast.Mult(), part)
             yield ast.unparse(_with_part(site.node, part, new)), found.bits + 1.0
-            return
-        if part is site.node and (found := dictionary.term(now + values)):
-            yield found.text, found.bits + 2.0
-            return
+        elif found := dictionary.term(now + sign * values):
+            new = ast.parse(found.text, mode="eval").body
+            yield ast.unparse(_with_part(site.node, part, new)), found.bits + 2.0
 
 
 def _parts(node: ast.expr, sign: float = 1.0) -> Iterator[tuple[ast.expr, float]]:

@@ -22,8 +22,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation import check, laws, samples
-from armgpi.validation.models import ARGUMENTS
-from armgpi.validation.samples import States
+from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.tree import Body, Tree, evaluate, from_robot
 from armgpi.validation.worker import Worker
 

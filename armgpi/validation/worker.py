@@ -148,15 +148,13 @@ class Worker:
                 values.append(value)
         return values
 
-    def search(
-        self, targets: Mapping[str, edits.Target], known: Sequence[float]
-    ) -> tuple[bool, search.Repaired | None]:
+    def search(self, goal: edits.Goal, known: Sequence[float]) -> tuple[bool, search.Repaired | None]:
         """Return whether the source could be searched, and changes with which the model gives what it should.
 
         Numbers that are `known` to be right stay. The model is of no use afterwards.
         """
         try:
-            self._pipe.send(("", targets, known))
+            self._pipe.send(("", goal, known))
             found: tuple[bool, search.Repaired | None] = self._receive("", 10.0 * search.BUDGET, "")
         except (OSError, ModelError):
             return False, None
@@ -281,7 +279,7 @@ def _answer_all(
 def _searched(
     functions: models.Functions,
     again: search.Again,
-    targets: Mapping[str, edits.Target],
+    goal: edits.Goal,
     known: Sequence[float],
 ) -> tuple[bool, search.Repaired | None]:
     """Return whether a source could be searched, and changes with which the model gives what it should."""
@@ -290,7 +288,7 @@ def _searched(
         if origin is None or not edits.harmless(origin.source):
             return False, None
         np.cross = edits.cross  # this process ends with the search
-        return True, search.repaired(functions, again, targets, known)
+        return True, search.repaired(functions, again, goal, known)
     except Exception:
         return False, None  # a source that is too odd to be changed
 
