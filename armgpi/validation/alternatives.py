@@ -44,6 +44,7 @@ class Scope(NamedTuple):
         keys: keys of dictionaries that are read.
         joints: expressions of the joints' positions.
         items: items of dictionaries that are read anywhere, such as ``p["m2"]``.
+        entries: other entries of arguments and of lists of numbers, such as ``v[1]`` or ``masses[i]``.
         cross: how the function for cross products is called there.
         loops: whether variables have several values in one call.
     """
@@ -56,6 +57,7 @@ class Scope(NamedTuple):
     keys: tuple[str, ...] = ()
     joints: tuple[ast.expr, ...] = ()
     items: tuple[ast.expr, ...] = ()
+    entries: tuple[ast.expr, ...] = ()
     cross: ast.expr | None = None
     loops: bool = False
 
@@ -89,11 +91,7 @@ def scope_of(
         if _of_state(node, arguments):
             seen.scalars[ast.unparse(node)] = node
     seen.visit(tree)
-    for name in {text.split("[")[0] for text in seen.scalars} & set(arguments):
-        kind = kinds.get(name)  # where v[0] stands v[1] may be missing
-        count = kind[0] if isinstance(kind, tuple) and len(kind) == 1 else 0
-        entries = (_entry(name, ast.Constant(k)) for k in range(count))
-        seen.scalars |= {ast.unparse(entry): entry for entry in entries}
+    seen.add_counterparts()
     for name, kind in kinds.items():
         if kind in ((2,), (3,)):
             seen.vectors[name] = ast.Name(name, ast.Load())
@@ -101,11 +99,9 @@ def scope_of(
             seen.matrices[name] = ast.Name(name, ast.Load())
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
-    numbers = [name for name, value in values.items() if _are_numbers(value)]
     for index in _counters(tree):
         seen.indexed(index, kinds)
-        entries = (_entry(name, ast.Name(index, ast.Load())) for name in numbers)
-        seen.scalars |= {ast.unparse(entry): entry for entry in entries}
+    entries = (*_entries_of_arguments(seen, kinds, arguments), *_entries_of_lists(tree, values))
     few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))[:_VECTORS]
     return Scope(
         kinds,
@@ -116,9 +112,28 @@ def scope_of(
         tuple(seen.keys),
         tuple(seen.joints.values()),
         tuple(items.values()),
+        tuple(entry for entry in entries if ast.unparse(entry) not in seen.scalars),
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
     )
+
+
+def _entries_of_arguments(
+    seen: _Seen, kinds: Mapping[str, Any], arguments: tuple[str, ...]
+) -> Iterator[ast.expr]:
+    """Yield v[1] where v[0] stands: it may be missing."""
+    read = {text.split("[")[0] for text in seen.scalars}
+    for name in (name for name in arguments if name in read):
+        kind = kinds.get(name)
+        count = kind[0] if isinstance(kind, tuple) and len(kind) == 1 else 0
+        yield from (_entry(name, ast.Constant(k)) for k in range(count))
+
+
+def _entries_of_lists(tree: ast.AST, values: Mapping[str, Any]) -> Iterator[ast.expr]:
+    """Yield what loops are at in lists of numbers, such as ``masses[i]``."""
+    for index in _counters(tree):
+        names = (name for name, value in values.items() if _are_numbers(value))
+        yield from (_entry(name, ast.Name(index, ast.Load())) for name in names)
 
 
 def _are_numbers(value: Any) -> bool:
@@ -174,6 +189,13 @@ class _Seen(ast.NodeVisitor):
                 into[ast.unparse(entry)] = entry
             elif name in self._arguments and isinstance(kind, tuple):
                 self.scalars[ast.unparse(entry)] = entry
+
+    def add_counterparts(self) -> None:
+        """Keep the cosine of what a sine is taken of, and the other way round."""
+        for node in [*self.scalars.values()]:
+            if isinstance(node, ast.Call):
+                other = ast.Call(_renamed(node.func, _TURNS[_called(node)]), node.args, [])
+                self.scalars.setdefault(ast.unparse(other), other)
 
     def visit_Call(self, node: ast.Call) -> None:
         """Keep sines, cosines and cross products."""
@@ -338,7 +360,7 @@ def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
     yield "factor", _times(ast.Constant(2), node)
     yield "factor", _times(ast.Constant(0.5), node)
     names = [name for name, kind in scope.kinds.items() if kind == "float"]
-    factors = [*(ast.Name(name, ast.Load()) for name in names), *scope.scalars]
+    factors = [*(ast.Name(name, ast.Load()) for name in names), *scope.scalars, *scope.entries]
     for factor in factors:
         yield "product", _times(factor, node)
         yield "product", ast.BinOp(node, ast.Div(), factor)

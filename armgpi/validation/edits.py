@@ -344,7 +344,7 @@ class Block:
         texts = [name for name, kind in self.scope.kinds.items() if kind == "float"]
         texts += map(ast.unparse, (*self.scope.scalars, *self.scope.items))
         # What stands in the line, then what stands nowhere: that is what was forgotten.
-        texts.sort(key=lambda text: (text not in there, text in self.used))
+        texts.sort(key=lambda text: (text not in there, text in self.used or not text.isidentifier()))
         constants, states = {}, {}
         for text in dict.fromkeys(texts):
             known = not later or not later & _used(ast.parse(text))

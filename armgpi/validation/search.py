@@ -120,7 +120,7 @@ def repaired(
     # What brings some of it into agreement deserves time of its own.
     late = max(until, time.process_time() + 0.75 * BUDGET) if most == MOST and steps else until
     best = _gone_on(trials, steps, again, goal, known, most, late)
-    return best or trials.first_that_agrees(itertools.chain(trials.tried_pairs(), trials.fits_beside()))
+    return best or trials.first_that_agrees(itertools.chain(trials.fits_beside(), trials.tried_pairs()))
 
 
 def _gone_on(
@@ -594,9 +594,9 @@ class _Trials:
 
     def fits_beside(self) -> Iterator[tuple[Pick, Pick]]:
         """Yield a usual change with a missing term that make all agree, of those that touch nothing right."""
-        usual = [pick for pick in self._tried_inside if pick.kind in _USUAL]
+        usual, late = [pick for pick in self._tried_inside if pick.kind in _USUAL], self.share(0.7)
         for one in sorted(usual, key=lambda pick: pick.bits):
-            if self._over():
+            if time.process_time() > late:
                 return
             with self.editor.making(one):
                 found = list(self._fits(whole=True))
