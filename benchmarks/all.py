@@ -25,6 +25,7 @@ SCRIPTS = {
     "prepared": True,
     "start": True,
     "sweep": True,
+    "validate": True,
     "export": True,
     "supervisor": True,
     "inverse_kinematics": True,

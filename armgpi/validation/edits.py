@@ -34,59 +34,18 @@ ROWS = 8
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
-    [
-        "math",
-        "cmath",
-        "numpy",
-        "scipy",
-        "sympy",
-        "casadi",
-        "dataclasses",
-        "typing",
-        "functools",
-        "itertools",
-        "operator",
-        "collections",
-        "abc",
-        "enum",
-        "fractions",
-        "warnings",
-        "__future__",
-        "matplotlib",
-        "armgpi",
-    ]
+    "math cmath numpy scipy sympy casadi dataclasses typing functools itertools operator collections abc "  # noqa: SIM905
+    "enum fractions warnings __future__ matplotlib armgpi".split()
 )
 _HARMFUL = frozenset(
-    [
-        "open",
-        "exec",
-        "eval",
-        "compile",
-        "input",
-        "__import__",
-        "save",
-        "savez",
-        "savetxt",
-        "tofile",
-        "dump",
-        "system",
-    ]
+    "open exec eval compile input __import__ save savez savetxt tofile dump system".split()  # noqa: SIM905
 )
 #: Names under which switches and values of missing terms are known to the compiled code.
 _SWITCH, _TERM = "_armgpi_switch", "_armgpi_term"
 #: Factors between units: of masses and lengths, and of angles.
 _UNITS = (1000.0, 0.001, 100.0, 0.01, 1e6, 1e-6, np.pi / 180.0, 180.0 / np.pi)
 #: Fields whose expressions stay as they are.
-_KEPT = {
-    "func",
-    "targets",
-    "target",
-    "slice",
-    "decorator_list",
-    "annotation",
-    "returns",
-    "generators",
-}
+_KEPT = {"func", "targets", "target", "slice", "decorator_list", "annotation", "returns", "generators"}
 
 
 #: Name of the states in which everything moves.

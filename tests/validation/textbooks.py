@@ -399,6 +399,11 @@ def numbers(source: str) -> dict[str, float]:
 
 def robot(name: str, source: str) -> Robot:
     """Return the robot that a right model describes."""
+    return Robot.from_xml(urdf(name, source))
+
+
+def urdf(name: str, source: str) -> str:
+    """Return the same as text."""
     p = numbers(source)
     build, tool = ARMS[name]
     parts, parent = [f'<robot name="{name}"><link name="base"/>'], "base"
@@ -418,7 +423,7 @@ def robot(name: str, source: str) -> Robot:
         f'<link name="tool"/><joint name="grip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         f'<origin xyz="{_of(tool(p))}"/></joint></robot>'
     )
-    return Robot.from_xml("".join(parts))
+    return "".join(parts)
 
 
 def joints(source: str) -> int:
