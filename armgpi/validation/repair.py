@@ -55,7 +55,9 @@ def search(
         targets["recursion"] = Target("recursion", flat, np.full(flat.shape[1], 1e-8 * size), soft=True)
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
-        searched, found = copy.search(Goal(where, targets), known)
+        asked = {label for target in targets.values() for _, label in target.states}
+        goal = Goal({label: states for label, states in where.items() if label in asked}, targets)
+        searched, found = copy.search(goal, known)
     if found is None or not agrees(model, worker, found.source, states, problem):
         return None, searched
     return found, True
