@@ -190,7 +190,11 @@ class _Cut:
     def _counted(self, j: int, scale: Array) -> int:
         """Return into how many parts a joint's range has to be cut."""
         count = max(1, math.ceil(float(self.half[j]) / _WIDEST))
-        while (next(self._parts(j, count, self.table, self.sups))[2][: len(scale)] > _LEFT_OUT * scale).any():
+        # Parts that are narrower than the margin leave out no less.
+        while self.half[j] > count * self.margin[j]:
+            beyond = next(self._parts(j, count, self.table, self.sups))[2]
+            if (beyond[: len(scale)] <= _LEFT_OUT * scale).all():
+                break
             count += 1
         return count
 
