@@ -14,7 +14,7 @@ from mutants import same
 from scoring import alarms, interval, outcomes, summary
 
 from armgpi import errors, testing, validate
-from armgpi.validation import edits
+from armgpi.validation import edits, search
 from armgpi.validation.dictionary import Dictionary
 
 #: What was named wrongly once: arm, what the right source has, and what the mistaken one has instead.
@@ -57,7 +57,11 @@ def written(folder: Path, source: str) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_a_mistake_is_named_by_a_repair_that_is_right(name: str, tmp_path: Path) -> None:
+def test_a_mistake_is_named_by_a_repair_that_is_right(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if "SymPy" in name:  # what takes three quarters of the budget must not fail on a busy machine
+        monkeypatch.setattr(search, "BUDGET", 4.0 * search.BUDGET)
     arm, old, new = CASES[name]
     right = textbooks.text(arm)
     assert old in right
