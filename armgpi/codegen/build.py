@@ -194,6 +194,13 @@ def cache_folder() -> Path:
 _loaded: dict[str, ctypes.CDLL] = {}
 
 
+def none_known() -> bool:
+    """Tell whether no library is there at all, made by this process or kept by one before."""
+    with suppress(OSError), os.scandir(cache_folder()) as entries:
+        return not _loaded and not any(entries)
+    return not _loaded
+
+
 class _Untrusted(OSError):
     """A folder to which somebody else can write."""
 

@@ -88,6 +88,8 @@ def _code_of(
         BackendError: when the loop cannot be generated or compiled, or takes longer.
     """
     flags = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
+    if build.none_known():  # then neither compiler nor package have to be looked at
+        _check_patience(loop, patience)
     try:
         with tracing():
             found = Inventory(loop, state, running)
@@ -99,8 +101,7 @@ def _code_of(
             name = f"{signals} {lanes} {found.name}" if found.name else ""
             made = build.known(name, flags) if name else None
             if made is None:
-                if (about := _JOINT * found.trace.n) > patience:
-                    raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
+                _check_patience(loop, patience)
                 text = source(trace_used(loop, state, signals, running), lanes)
                 if found.user_defined:
                     check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
@@ -112,6 +113,16 @@ def _code_of(
     if len(_generated) > _KEPT:
         _generated.popitem(last=False)
     return code, found, False
+
+
+def _check_patience(loop: Any, patience: float) -> None:
+    """Refuse to compile a loop where that takes longer than it may [s].
+
+    Raises:
+        BackendError: when it does.
+    """
+    if (about := _JOINT * loop.plant.robot.n) > patience:
+        raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
 
 
 class _Job(ctypes.Structure):
