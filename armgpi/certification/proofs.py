@@ -303,7 +303,7 @@ class _Search:
         at = quantity.places(which)
         known = quantity.bounds(cell, which, self._share * self.seen[at])
         np.maximum.at(self.seen, at, known.seen)
-        upper = np.where(np.isnan(known.upper), np.inf, known.upper)  # what is no number proves nothing
+        upper = np.where(np.isnan(known.upper), np.inf, known.upper)  # NaN proves nothing
         shares = upper / (self._share * self.seen[at])
         if (left := shares > 1.0).any():
             order = -float(shares.max()), next(self._arrived)

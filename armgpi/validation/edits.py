@@ -34,11 +34,43 @@ ROWS = 8
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
-    "math cmath numpy scipy sympy casadi dataclasses typing functools itertools operator collections abc "  # noqa: SIM905
-    "enum fractions warnings __future__ matplotlib armgpi".split()
+    [
+        "math",
+        "cmath",
+        "numpy",
+        "scipy",
+        "sympy",
+        "casadi",
+        "dataclasses",
+        "typing",
+        "functools",
+        "itertools",
+        "operator",
+        "collections",
+        "abc",
+        "enum",
+        "fractions",
+        "warnings",
+        "__future__",
+        "matplotlib",
+        "armgpi",
+    ]
 )
 _HARMFUL = frozenset(
-    "open exec eval compile input __import__ save savez savetxt tofile dump system".split()  # noqa: SIM905
+    [
+        "open",
+        "exec",
+        "eval",
+        "compile",
+        "input",
+        "__import__",
+        "save",
+        "savez",
+        "savetxt",
+        "tofile",
+        "dump",
+        "system",
+    ]
 )
 #: Names under which switches and values of missing terms are known to the compiled code.
 _SWITCH, _TERM = "_armgpi_switch", "_armgpi_term"
@@ -172,6 +204,12 @@ class Pick(NamedTuple):
     kind: str = ""
     new: str = ""
     sure: bool = False  # its effect is known to be what lacks
+
+    @property
+    def constant(self) -> float:
+        """The missing term where it is the same at all states."""
+        assert self.values is not None
+        return float(next(iter(self.values.values()))[0])
 
     def term(self, label: str) -> Array:
         """Return the missing term at some states: by its text, nothing where it has none yet.
@@ -567,7 +605,7 @@ class Editor:
             with impatient(), np.errstate(all="ignore"):
                 for (number, site), pick in self._terms.items():
                     if self.is_constant(self.blocks[number], site):
-                        self.blocks[number].terms[site] = float(next(iter(pick.values.values()))[0])  # type: ignore[union-attr]
+                        self.blocks[number].terms[site] = pick.constant
                 calls = self._calls if self._symbolic or not again else self._again(space)
 
                 @cache
@@ -714,10 +752,11 @@ def stacked(target: Target, given: Callable[[str, str, int], Array], rows: int) 
     Raises:
         ValueError: when it has another shape than the target.
     """
-    array: Array = sum(
+    parts = [
         sign * np.stack([given(target.function, label, k) for k in range(rows)])
         for sign, label in target.states
-    )  # type: ignore[assignment]
+    ]
+    array = np.asarray(np.sum(parts, axis=0))
     if array.shape[1] != target.values.shape[1]:
         raise ValueError
     return array - array[0] if target.function == "potential_energy" else array

@@ -271,7 +271,7 @@ def test_branch_and_bound_ends_with_a_bound_when_time_is_over(arm: Robot) -> Non
         assert number.status in ("proved", "searched")
 
 
-def test_what_is_no_number_proves_nothing(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_nan_proves_nothing(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     case = setting(arm, 0.25, 0.1)
     monkeypatch.setattr(
         proofs.Norm,
