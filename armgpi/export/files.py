@@ -22,9 +22,9 @@ from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, supervise, template
 from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
-from armgpi.export.targets import TARGETS, check_target, compensated, package
+from armgpi.export.targets import TARGETS, check_target, compensated, moving_gripper, package
 from armgpi.loop.closed_loop import ClosedLoop
-from armgpi.loop.rollout import Recording
+from armgpi.loop.rollout import Recorded, Recording, Status
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
@@ -55,11 +55,13 @@ class Log(NamedTuple):
         inputs: name (of `q_measured`, `v_measured`, `q_ref`, `v_ref`, `a_ref`) -> array (samples, n).
         tau: torques [N m or N], shape (samples, n).
         diverged: time at which the arm was out of control [s], None when it never was.
+        stopped: when and why the supervisor stopped the arm, None when it did not.
     """
 
     inputs: dict[str, Array]
     tau: Array
     diverged: float | None = None
+    stopped: str | None = None
 
 
 class Measured(NamedTuple):
@@ -128,7 +130,12 @@ def record(plant: Plant, controller: Controller, reference: Reference, t_final: 
             f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
         )
     inputs = {name: found[name][:count] for name in INPUTS}
-    return Log(inputs, tau[:count], None if count == steps else count * loop.dt)
+    stopped = None
+    if isinstance(controller, Supervised):
+        recording.note_faults()
+        if (recording.status == Status.STOPPED).any():
+            (stopped,) = Recorded(recording, controller.robot, None, {}).ends()
+    return Log(inputs, tau[:count], None if count == steps else count * loop.dt, stopped)
 
 
 def export_controller(
@@ -355,16 +362,25 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
 
 
 def _contains(robot: Any) -> str:
-    """Return what the torque contains."""
-    if compensated(robot):
-        return (
-            "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
-            "torque interfaces do. On a robot that does not, the arm falls."
-        )
-    return (
+    """Return what the torque contains, and whose joints it is for."""
+    text = (
         "**The torque contains gravity**: it carries the arm. On a robot that compensates gravity itself "
         "(Franka, UR) it would do so twice: export with `--gravity robot` for those."
     )
+    if compensated(robot):
+        text = (
+            "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
+            "torque interfaces do. On a robot that does not, the arm falls. The weight of a load that the "
+            "robot was not told of is a disturbance."
+        )
+    if fingers := moving_gripper(robot):
+        listed = ", ".join(f"`{plain(joint)}`" for joint in fingers)
+        lock = " ".join(f"--lock {plain(joint)}" for joint in fingers)
+        text += (
+            f"\n\n**The gripper is controlled with the arm**: {listed} needs a position and a reference in "
+            f"every sample, and gets a torque. `{lock}` at export leaves a gripper to its own controller."
+        )
+    return text
 
 
 def _faults(controller: Supervised) -> dict[str, str]:

@@ -11,9 +11,9 @@ from armgpi.robot.robot import Robot
 
 #: Files that a header and a source of the same name would be taken for.
 _FILES = ("main", "math", "float", "stdint", "stdio", "stdlib", "time")
-#: Names of an export: those of files, of functions and types, and of macros. Strings are left alone.
+#: Names of an export: those of files, of functions and types, and of macros. Other strings are left alone.
 _OURS = re.compile(
-    r'"(?!armgpi_controller\.[ch]")[^"\n]*"'
+    r'"(?!armgpi_controller)[^"\n]*"'
     r"|armgpi_controller(?=\.[cho]\b)|\b(?:armgpi|ARMGPI)_(?:CONTROLLER_(?=H\b))?"
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from string import Template
 from typing import Any, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from armgpi import __version__
 from armgpi.control.controller import FullState, Measurement
-from armgpi.control.supervisor import Reason, State, Supervised
+from armgpi.control.supervisor import FARTHEST, Reason, State, Supervised
 from armgpi.errors import ParameterError, Remedy
 from armgpi.export.code import ABI, Code, template
 from armgpi.export.names import plain
@@ -26,24 +27,38 @@ TARGETS: dict[str, tuple[str, ...]] = {
         *("ros2_control.hpp", "ros2_control.cpp", "ros2_stubs.hpp", "ros2_plugin.xml", "package.xml"),
     ),
 }
-#: Targets whose robot adds gravity itself, and the number of joints of their arms.
-COMPENSATING = {"fci": 7, "ur": 6}
 #: Rate of torque that libfranka allows [N m/s].
 FCI_RATE = 1000.0
 _POSITIONS = ("q_measured", "q_ref")
-#: Samples of a test of a fault at most.
-_LONGEST = 4000
+_VELOCITY = """\
+        v_measured[fault->joint] = (armgpi_real_t)((fault->dq + 3.0 * (k2 * fault->dddq)) / ARMGPI_DT);
+"""
+#: Samples of a test of a fault at most, and motions of long tests.
+_LONGEST, _TRIED = 4000, 2
 #: Samples in which a joint runs away in a test, as far as FOLLOWING.
-_RUNNING_AWAY = 100
+_RUNNING_AWAY = (100, 200, 400)
+#: What keeps a measurement below 1 from repeating itself [rad or m]; single precision has it.
+_DITHER = 2e-6
+_OFF = "switched off at export"
+
+
+class Interface(NamedTuple):
+    """A robot that adds gravity itself: number of its joints, and its sample time [s]."""
+
+    joints: int
+    dt: float
+
+
+COMPENSATING = {"fci": Interface(7, 1e-3), "ur": Interface(6, 2e-3)}
 
 
 class _Motion(NamedTuple):
-    """A motion of one joint that has a fault; see test_faults.c."""
+    """A motion of one joint that has a fault, or why there is none; see test_faults.c."""
 
-    name: str
+    joint: int = 0
     q: float = 0.0
     dq: float = 0.0
-    ddq: float = 0.0
+    dddq: float = 0.0
     r: float = 0.0
     dr: float = 0.0
     dither: float = 0.0
@@ -51,6 +66,7 @@ class _Motion(NamedTuple):
     elapsed: int = 1
     nan_q: int = 0
     nan_r: int = 0
+    why: str = ""
 
 
 def check_target(target: str, controller: Supervised) -> None:
@@ -74,12 +90,15 @@ def check_target(target: str, controller: Supervised) -> None:
     if not compensated(robot):
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"
         raise ParameterError("target", target, expected)
-    if robot.n != COMPENSATING[target]:
-        refused = ParameterError(
-            "target", target, f"for {COMPENSATING[target]} joints; this arm has {robot.n}"
-        )
-        fingers = [x for x in robot.provenance.get("grippers", ()) if x in robot.joint_names]
+    joints, dt = COMPENSATING[target]
+    fingers = moving_gripper(robot)
+    if robot.n != joints or fingers:
+        which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
+        refused = ParameterError("target", target, f"for {joints} joints; this arm has {robot.n}{which}")
         raise refused.suggesting(Remedy("lock", tuple(fingers))) if fingers else refused
+    if not math.isclose(controller.dt, dt):
+        expected = f"for a sample time of {dt:g} s, its robot's; this controller's is {controller.dt:g} s"
+        raise ParameterError("target", target, expected)
     rate = controller.supervisor.torque_rate
     if target == "fci" and (rate is None or np.any(np.asarray(rate) > FCI_RATE)):
         raise ParameterError("target", target, f"a torque_rate of at most {FCI_RATE:g} N m/s, as libfranka's")
@@ -88,6 +107,11 @@ def check_target(target: str, controller: Supervised) -> None:
 def compensated(robot: Any) -> bool:
     """Tell whether a nominal model has no gravity, as that of a robot which compensates it itself."""
     return not np.abs(robot.gravity(robot.middle() + 0.1 * np.arange(1, robot.n + 1))).max() > 0.0
+
+
+def moving_gripper(robot: Any) -> list[str]:
+    """Return the joints of an arm that look like a gripper's, and are controlled with the arm."""
+    return [joint for joint in robot.provenance.get("grippers", ()) if joint in robot.joint_names]
 
 
 def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
@@ -108,10 +132,9 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "declared": ", ".join(f"{name}[ARMGPI_N]" for name in names),
         "declared_zero": ", ".join(f"{name}[ARMGPI_N] = {{0}}" for name in names),
         "zeroed": "".join(
-            f"        {name}[i] = (armgpi_real_t)0;\n"
-            for name in names
-            if name not in ("q_measured", "q_ref")
+            f"        {name}[i] = (armgpi_real_t)0;\n" for name in names if name not in _POSITIONS
         ),
+        "velocity": _VELOCITY if "v_measured" in names else "",
         "c_real": f"c_{real}",
         "joint_list": repr([plain(name) for name in law.controller.robot.joint_names]),
         "status_list": repr([state.name.lower() for state in State]),
@@ -127,59 +150,101 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
 
 
 def _tests(controller: Supervised) -> list[str]:
-    """Return the rows of the tests of faults, with what the supervisor in Python says."""
-    bounds, given, robot = controller.bounds, controller.supervisor, controller.robot
-    joint = int(np.argmin(bounds.following / np.maximum(bounds.jump, 1e-12)))
-    jump, step, following, travel, upper = (
-        float(np.broadcast_to(x, robot.n)[joint])
-        for x in (bounds.jump, bounds.step, bounds.following, bounds.travel, bounds.upper)
-    )
-    middle = float(robot.middle()[joint])
-    slip = min(0.4 * jump, 0.01)
-    small = min(slip, 0.4 * step)
-    # It shakes, or it would be RESPONSE; what repeats itself would be FROZEN.
-    shake = 0.1 * float(np.min(bounds.jump))
-    room = upper - middle
-    motions = [
-        _Motion("not_finite", nan_q=1),
-        _Motion("reference", nan_r=1),
-        _Motion("jump", q=0.0, dq=min(1.5 * jump, 5e3)),
-        _Motion("frozen", dr=min(travel / 8.0, small), samples=_LONGEST),
-        _Motion("position", q=room - 1.5 * small, dq=small, r=room - 1.5 * small, dr=small),
-        _Motion("following", dq=slip, dither=shake, samples=min(_LONGEST, int(1.2 * following / slip) + 2)),
-        _Motion("saturated", r=0.9 * following, dither=0.1 * min(shake, small), samples=_LONGEST),
-        _Motion("late", elapsed=given.missed + 2),
-        _Motion("response", ddq=min(following / _RUNNING_AWAY**2, small), samples=_RUNNING_AWAY),
-    ]
+    """Return the rows of the tests of faults: a motion in which Python finds each, or why there is none."""
     rows = []
-    for motion in motions:
-        reason = _reason(controller, motion, joint)
-        numbers = ", ".join(repr(x) for x in motion[1:7])
-        counts = f"{joint}U, {motion.samples}U, {motion.elapsed}U, {motion.nan_q}, {motion.nan_r}, {reason}U"
-        rows.append(f'    {{"{motion.name}", {numbers}, {counts}}}')
+    for reason, motions in _motions(controller).items():
+        found = (each for each in motions if each.why or _reason(controller, each) == reason)
+        motion = next(found, _Motion(why="this law does not get there in the motions tried"))
+        numbers = ", ".join(repr(float(x)) for x in motion[1:7])
+        counts = ", ".join(f"{x}U" for x in (motion.joint, motion.samples, motion.elapsed))
+        why = f'"{motion.why}"' if motion.why else "NULL"
+        name = reason.name.lower()
+        rows.append(
+            f'    {{"{name}", {numbers}, {counts}, {motion.nan_q}, {motion.nan_r}, {reason}U, {why}}}'
+        )
     return rows
 
 
-def _reason(controller: Supervised, motion: _Motion, joint: int) -> int:
-    """Return the reason that the supervisor in Python gives for a motion."""
-    robot: Any = controller.robot
-    zero = np.zeros(robot.n)
-    unit = np.eye(robot.n)[joint]
-    middle = np.ascontiguousarray(robot.middle())
+def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
+    """Return for each reason the motions to try, the likeliest first, or why there is none."""
+    bounds, given, middle = controller.bounds, controller.supervisor, controller.robot.middle()
+    jump, step, following, travel, upper, effort = (
+        np.broadcast_to(x, middle.shape)
+        for x in (bounds.jump, bounds.step, bounds.following, bounds.travel, bounds.upper, controller.effort)
+    )
+    # Changes in a sample that are neither JUMP nor REFERENCE. What repeats itself would be FROZEN.
+    slip = np.minimum(0.4 * jump, 0.01)
+    small = np.minimum(slip, 0.4 * step)
+    dither = _DITHER * max(1.0, np.abs(middle).max())
+    # Through all of what FOLLOWING allows; it shakes more, or it would be RESPONSE.
+    shake, count = 0.25 * float(slip.min()), 1.2 * following / slip + 2.0
+    away = [
+        _Motion(k, dq=slip[k], dither=shake, samples=int(min(_LONGEST, count[k]))) for k in np.argsort(count)
+    ]
+    f, p, room = int(np.argmin(travel / small)), int(np.argmin(upper - middle)), 0.0
+    room = upper[p] - middle[p] - 1.5 * small[p]
+    driven = [_Motion(k, r=0.9 * following[k], dither=dither, samples=_LONGEST) for k in range(len(middle))]
+    driven = sorted(driven, key=lambda motion: -_share(controller, motion))[:_TRIED]
+    runs = [
+        _Motion(k, dddq=following[k] / samples**3, dither=dither, samples=samples)
+        for samples in _RUNNING_AWAY
+        for k in range(len(middle))
+    ]
+    unlimited = "" if (effort < FARTHEST).any() else "no joint has a torque limit"
+    no_jump = "" if (jump < FARTHEST).any() else "no joint has a velocity limit"
+    found = {
+        Reason.NOT_FINITE: [_Motion(nan_q=1)],
+        Reason.REFERENCE: [_Motion(nan_r=1)],
+        Reason.JUMP: [_Motion(int(np.argmin(jump)), dq=1.5 * jump.min(), why=no_jump)],
+        Reason.FROZEN: [_Motion(f, dr=min(travel[f] / 8.0, small[f]), samples=_LONGEST)],
+        Reason.POSITION: [_Motion(p, q=room, dq=small[p], r=room, dr=small[p])],
+        Reason.FOLLOWING: away,
+        Reason.SATURATED: [_Motion(why=unlimited)] if unlimited else driven,
+        Reason.LATE: [_Motion(elapsed=given.missed + 2)],
+        Reason.RESPONSE: [_Motion(why=unlimited)] if unlimited else runs,
+    }
+    if upper.min() >= FARTHEST:
+        found[Reason.POSITION] = [_Motion(why="no joint has a position limit")]
+    off = {
+        Reason.JUMP: given.jump,
+        Reason.FROZEN: controller.frozen_samples,
+        Reason.SATURATED: given.saturated,
+        Reason.RESPONSE: given.response,
+    }
+    return found | {reason: [_Motion(why=_OFF)] for reason, value in off.items() if not value}
 
-    def sample(q: float, r: float, dither: float = 0.0) -> tuple[Any, Target]:
-        at = middle + q * unit + dither if np.isfinite(q) else np.where(unit > 0.0, np.nan, middle)
-        to = middle + r * unit if np.isfinite(r) else np.where(unit > 0.0, np.nan, middle)
-        seen = FullState(at, zero) if controller.measurement_type is FullState else Measurement(at)
-        return seen, Target(to, zero, zero)
 
+def _share(controller: Supervised, motion: _Motion) -> float:
+    """Return the torque that a law begins a motion with, as a share of its limit."""
     with np.errstate(all="ignore"):
-        state = controller.init(*sample(motion.q, motion.r))
+        law = controller.law.unlimited()
+        seen = _sample(controller, motion, 0)
+        tau = law.step(*seen, law.init(*seen)).tau
+    return float(np.abs(np.broadcast_to(tau, controller.robot.n) / controller.effort)[motion.joint])
+
+
+def _sample(controller: Supervised, motion: _Motion, k: int) -> tuple[Any, Target]:
+    """Return measurement and target of a sample of a motion; as test_faults.c does."""
+    robot: Any = controller.robot
+    unit, zero, middle = np.eye(robot.n)[motion.joint], np.zeros(robot.n), robot.middle()
+    q = motion.q + k * motion.dq + k**3 * motion.dddq
+    v = (motion.dq + 3.0 * k**2 * motion.dddq) / controller.dt
+    at = middle + q * unit + motion.dither * (k % 2)
+    to = middle + (motion.r + k * motion.dr) * unit
+    if k:
+        at, to = (
+            np.where(unit * bad > 0.0, np.nan, x) for x, bad in ((at, motion.nan_q), (to, motion.nan_r))
+        )
+    seen = FullState(at, v * unit) if controller.measurement_type is FullState else Measurement(at)
+    return seen, Target(to, zero, zero)
+
+
+def _reason(controller: Supervised, motion: _Motion) -> int:
+    """Return the reason that the supervisor in Python gives for a motion."""
+    with np.errstate(all="ignore"):
+        state = controller.init(*_sample(controller, motion, 0))
         for k in range(1, motion.samples + 1):
             if float(state.supervisor.status[0]) > State.RUN:
                 break
-            q = np.nan if motion.nan_q else motion.q + k * motion.dq + k * k * motion.ddq
-            r = np.nan if motion.nan_r else motion.r + k * motion.dr
-            seen = sample(q, r, motion.dither * (k % 2))
-            state = controller.advance(*seen, state, motion.elapsed).state
+            state = controller.advance(*_sample(controller, motion, k), state, motion.elapsed).state
     return int(state.supervisor.reason[0])

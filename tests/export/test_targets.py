@@ -5,15 +5,18 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_grippers import J, text
 
 from armgpi import GPI, PIDInversion, Robot, Supervised, Supervisor, export_controller
 from armgpi.errors import ParameterError
 
 pytest.importorskip("casadi", reason="casadi writes the C")
+from armgpi.export.targets import _tests
 
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 ARM = Robot.load("anthropomorphic3")
@@ -58,6 +61,19 @@ def panda() -> Robot:
         pytest.skip("the robots extra is not installed")
     robot = Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
     return robot.with_gravity(ZERO)
+
+
+def loaded(urdf: str) -> Robot:
+    """A robot from the text of a URDF."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "arm.urdf")
+        path.write_text(urdf)
+        return Robot.load(path)
+
+
+def with_jaw(joints: int) -> Robot:
+    """An arm of so many joints whose gripper moves, without gravity."""
+    return loaded(text(J("jaw", "tip", "prismatic", travel=0.05), arm=joints)).with_gravity(ZERO)
 
 
 def need(program: str) -> str:
@@ -186,9 +202,16 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
 
 
 @compiled
-def test_a_ros2_controller_compiles_against_its_stubs(tmp_path: Path) -> None:
-    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False, target="ros2_control")
-    flags = ["-std=c++17", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", "-DARMGPI_ROS2_STUBS"]
+@pytest.mark.parametrize("name", [None, "left_arm"])
+def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path: Path) -> None:
+    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False, target="ros2_control", name=name)
+    prefix = name or "armgpi"
+    plugin = (tmp_path / "ros2_plugin.xml").read_text()
+    assert f'"{prefix}_controller/Ros2Controller" type="{prefix}_controller::Ros2Controller"' in plugin
+    assert f"add_library({prefix}_controller_ros2 " in (tmp_path / "CMakeLists.txt").read_text()
+    assert f'path="{prefix}_controller_ros2"' in plugin
+    stubs = f"-D{prefix.upper()}_ROS2_STUBS"
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Wno-unused-parameter", "-Werror", stubs]
     run(need("g++"), *flags, "-fsyntax-only", "ros2_control.cpp", folder=tmp_path)
     update = (
         (tmp_path / "ros2_control.hpp").read_text().partition("return_type update")[2].partition("\n  }\n")[0]
@@ -217,6 +240,13 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
         (lambda: GPI(ARM.with_gravity(ZERO), 1e-3), "ur", "for 6 joints; this arm has 3"),
         (lambda: PIDInversion(ARM.with_gravity(ZERO), 1e-3), "ros2_control", "bare for a law"),
         (lambda: GPI(panda(), 1e-3), "fci", "a torque_rate of at most 1000 N m/s"),
+        (
+            lambda: GPI(panda(), 2e-3),
+            "fci",
+            "for a sample time of 0.001 s, its robot's",
+        ),
+        (lambda: GPI(with_jaw(6), 1e-3), "fci", r"this arm has 7, with 'jaw' of its gripper"),
+        (lambda: GPI(with_jaw(5), 2e-3), "ur", "for 6 joints; this arm has 6, with 'jaw' of its gripper"),
         (lambda: GPI(ARM, 1e-3), "plc", "target must be one of bare, fci, ur, ros2_control"),
     ],
 )
@@ -233,3 +263,44 @@ def test_gravity_by_the_robot_is_said_in_the_first_lines(tmp_path: Path) -> None
         assert said in (tmp_path / "README.md").read_text().splitlines()[2]
         if gravity is not None:
             np.testing.assert_array_equal(robot.gravity(robot.middle()), np.zeros(3))
+
+
+def test_a_gripper_that_is_controlled_with_the_arm_is_said_in_the_first_lines(tmp_path: Path) -> None:
+    export_controller(GPI(with_jaw(5), 1e-3), tmp_path, measure=False, target="ros2_control")
+    assert "`--lock jaw` at export" in (tmp_path / "README.md").read_text().splitlines()[4]
+
+
+AS_TEXT_HAS = '<limit lower="0" upper="2.0" effort="9" velocity="9"/>'
+LIMIT = AS_TEXT_HAS.replace("9", "1", 1)
+OFF = "switched off at export"
+
+
+@pytest.mark.parametrize("law", [GPI, PIDInversion])
+@pytest.mark.parametrize(
+    ("limit", "given", "without"),
+    [
+        (LIMIT, {}, {}),
+        (LIMIT, {"torque_rate": 300.0}, {}),
+        (LIMIT, {"jump": 0.0, "saturated": 0.0}, {"jump": OFF, "saturated": OFF}),
+        (
+            "",
+            {},
+            {
+                "jump": "no joint has a velocity limit",
+                "position": "no joint has a position limit",
+                "saturated": "no joint has a torque limit",
+                "response": "no joint has a torque limit",
+            },
+        ),
+    ],
+)
+def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
+    law: type, limit: str, given: dict[str, float], without: dict[str, str]
+) -> None:
+    # The first joint turns without end: it has no position to be beyond.
+    second = J("b", "L_a", "revolute" if limit else "continuous")
+    robot = loaded(text(J("a", "base", "continuous"), second, arm=0).replace(AS_TEXT_HAS, limit))
+    rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**given)))
+    said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
+    assert said == without
+    assert len(rows) == 9

@@ -38,7 +38,9 @@ class Ros2Controller : public controller_interface::ControllerInterface {
 
   CallbackReturn on_configure(const rclcpp_lifecycle::State&) override {
     prefix_ = get_node()->get_parameter("prefix").as_string();
-    return CallbackReturn::SUCCESS;
+    // The gains hold for one sample time: the controller manager's, or `update_rate` of this controller; 0 is unknown.
+    const auto rate = static_cast<long>(get_update_rate());
+    return rate == 0 || rate == std::lround(1.0 / Controller::dt) ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
   }
 
   CallbackReturn on_activate(const rclcpp_lifecycle::State&) override {

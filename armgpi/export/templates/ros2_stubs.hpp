@@ -44,6 +44,7 @@ class ControllerInterface {
   virtual CallbackReturn on_activate(const rclcpp_lifecycle::State&) { return CallbackReturn::SUCCESS; }
   virtual CallbackReturn on_deactivate(const rclcpp_lifecycle::State&) { return CallbackReturn::SUCCESS; }
   virtual return_type update(const rclcpp::Time&, const rclcpp::Duration&) = 0;
+  unsigned int get_update_rate() const { return 0; }
 
  protected:
   template <typename T>

@@ -1,6 +1,6 @@
 /*
- * A test of every fault: a motion that has it, what armgpi's supervisor in Python says of it, and what this C says.
- * Exit code 0 when they agree.
+ * A test of every fault: a motion in which armgpi's supervisor in Python finds it, and what this C says; or why there
+ * is no such motion. Exit code 0 when they agree.
  */
 #include <math.h>
 #include <stdint.h>
@@ -8,13 +8,14 @@
 
 #include "armgpi_controller.h"
 
-/* Positions q + k dq + k^2 ddq, reference r + k dr, for k = 1, 2, ... up to `samples`; all dither when k is odd. */
+/* Positions q + k dq + k^3 dddq, reference r + k dr, for k = 1, 2, ... up to `samples`; all dither when k is odd. */
 struct fault {
     const char *name;
-    double q, dq, ddq, r, dr, dither; /* of the joint, beside the middle of its range */
+    double q, dq, dddq, r, dr, dither; /* of the joint, beside the middle of its range */
     uint32_t joint, samples, elapsed;
     int nan_q, nan_r;
-    uint32_t reason; /* of Python */
+    uint32_t reason;
+    const char *why; /* there is no such motion; else NULL */
 };
 
 static const double MIDDLE[ARMGPI_N] = {
@@ -43,12 +44,13 @@ $zeroed    }
     (void)armgpi_init(&state, $arguments);
     for (k = 1U; (k <= fault->samples) && (state.status <= ARMGPI_STATUS_RUN); ++k) {
         const double odd = ((k % 2U) == 1U) ? fault->dither : 0.0;
+        const double k2 = (double)k * k;
 
         for (i = 0U; i < ARMGPI_N; ++i) {
             q_measured[i] = (armgpi_real_t)(MIDDLE[i] + odd);
         }
-        q_measured[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->q + k * fault->dq + ((double)k * k) * fault->ddq + odd);
-        q_ref[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->r + k * fault->dr);
+        q_measured[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->q + k * fault->dq + k * k2 * fault->dddq + odd);
+$velocity        q_ref[fault->joint] = (armgpi_real_t)(MIDDLE[fault->joint] + fault->r + k * fault->dr);
         if (fault->nan_q != 0) {
             q_measured[fault->joint] = (armgpi_real_t)NAN;
         }
@@ -75,9 +77,15 @@ int main(void)
     uint32_t i;
 
     for (i = 0U; i < (uint32_t)(sizeof FAULTS / sizeof FAULTS[0]); ++i) {
-        const uint32_t found = reason_of(&FAULTS[i]);
-        const int same = (found == FAULTS[i].reason) ? 1 : 0;
+        uint32_t found;
+        int same;
 
+        if (FAULTS[i].why != NULL) {
+            (void)printf("%-12s no test: %s\n", FAULTS[i].name, FAULTS[i].why);
+            continue;
+        }
+        found = reason_of(&FAULTS[i]);
+        same = (found == FAULTS[i].reason) ? 1 : 0;
         (void)printf("%-12s reason %lu %s\n", FAULTS[i].name, (unsigned long)found, (same != 0) ? "ok" : "DIFFERS");
         failed += (same != 0) ? 0U : 1U;
     }
