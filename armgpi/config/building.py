@@ -147,7 +147,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
                 section, controllers[label] = _controller(section, context, place)
         except ConfigError as error:
             if isinstance(error.__cause__, EffortError):
-                raise top.at("robot", "effort").error(str(error.__cause__)) from None
+                raise top.at("robot", "effort").error(str(error.__cause__)) from error.__cause__
             raise
         sections.append(section.model_copy(update={"label": label}))
     reference, end, moves = _reference(config.reference, robot, top.at("reference"))
