@@ -163,6 +163,19 @@ def test_an_arm_without_gravity_has_scales_as_well() -> None:
     assert np.isfinite(draw.effort).all() or not np.isfinite(level.limits.effort).all()
 
 
+def test_an_arm_without_torque_limits_is_drawn_as_one_whose_limits_are_never_reached() -> None:
+    free, strong = ARM.with_limits(effort=math.inf), ARM.with_limits(effort=1e6)
+    rows = []
+    for arm in (free, strong):
+        group = batches([Reality.geared(seed=5, block=8, t_final=3.0).draw(arm, i) for i in range(8)])[0]
+        assert {math.isinf(draw.numbers.effort) for draw in group} == {True, False}
+        whole = together(group)
+        rows.append(
+            simulate(whole.plant, config.controller({"type": "gpi"}, whole.context), whole.reference, 0.2)
+        )
+    np.testing.assert_array_equal(rows[0]["q"], rows[1]["q"])
+
+
 @pytest.mark.parametrize(
     ("changes", "named"),
     [

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_whole
+from armgpi.arrays import LARGEST, Array, check_whole
 from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants import noise
@@ -403,7 +403,7 @@ class Reality(Parametrised):
             friction = Friction(drawn.viscous * coulomb, coulomb)
         arm = arm.with_payload(robot.tip, drawn.payload * scale.mass, drawn.payload_place)
         move, gravity = self._move(arm, scale, index)
-        effort = robot.limits.effort
+        effort = np.minimum(robot.limits.effort, LARGEST)  # infinite: none
         if math.isfinite(drawn.effort):
             least = self.effort_gravity * gravity + self.effort_spare * scale.effort
             effort = np.minimum(np.maximum(least, drawn.effort * scale.effort), effort)
