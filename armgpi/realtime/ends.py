@@ -115,7 +115,11 @@ class ArmEnd:
         share = 1.0 if acting >= self.watchdog.ramp else acting / self.watchdog.ramp
         # A rate above 1 / dt would reverse the motion within a sample.
         rate = min(self.watchdog.damping, 0.5 / self.dt)
-        damped = gravity - dynamics.inertia_times(truth.q, rate * truth.v)
+        brake = dynamics.inertia_times(truth.q, rate * truth.v)
+        # Torques cut one by one would drive joints by what the others lack: all brake less then.
+        effort = self.model.limits.effort
+        room = np.where(effort > 0.0, np.maximum(effort + np.sign(brake) * gravity, 0.0), np.inf)
+        damped = gravity - brake * min(1.0, np.min(room / np.maximum(np.abs(brake), 1e-300)))
         return np.asarray(self.command + share * (damped - self.command))
 
 

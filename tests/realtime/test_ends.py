@@ -177,6 +177,20 @@ def test_what_else_it_could_do_lets_it_travel_farther() -> None:
     assert 2.0 * travels["damping"] < travels["gravity"] < travels["zero"]
 
 
+def test_the_watchdog_brakes_all_joints_less_where_one_has_not_the_torque() -> None:
+    robot = ARMS["ur5"]
+    q, v = robot.middle(), np.full(robot.n, 2.0)
+    arm = ArmEnd(Saturated(RigidBodyPlant(robot)), robot, DT, Watchdog(1, ramp=0.0), q, v, velocity=False)
+    brake = arm.advance(None) - robot.gravity(q)
+    asked = robot.mass_matrix(q) @ (-60.0 * v)
+    assert (np.abs(asked) > robot.limits.effort).any()
+    # The same way as asked for, as far as the first motor goes.
+    share = brake @ asked / (asked @ asked)
+    np.testing.assert_allclose(brake, share * asked, rtol=1e-9, atol=1e-9)
+    assert 0.0 < share < 1.0
+    np.testing.assert_allclose(np.max(np.abs(brake + robot.gravity(q)) / robot.limits.effort), 1.0, rtol=1e-9)
+
+
 def test_an_arm_that_has_given_up_does_not_listen_any_more() -> None:
     outcome = looped(injected=Injected(stall=(MOVING, 0.3)))
     assert outcome.latched
