@@ -38,7 +38,9 @@ from armgpi import (
     RobotBatch,
     Saturated,
     Sine,
+    Status,
     Step,
+    Supervisor,
     Waypoints,
     prepare,
     simulate,
@@ -320,6 +322,41 @@ def test_metrics_without_trajectories_are_those_of_a_full_recording(case: str, b
     running = full["status"] == armgpi.Status.FINISHED
     np.testing.assert_array_equal(short["q_end"], full["q"].isel(time=-1).where(running))
     assert (case == "diverges") == bool((full["status"] == armgpi.Status.DIVERGED).any())
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_faults_without_trajectories_are_those_of_a_full_recording(backend: str) -> None:
+    plant = Saturated(RigidBodyPlant(ARM, loads=[Step(np.array([0.0, 1.0, 0.0]), 0.1)]))
+    supervisor, options = Supervisor(following=0.1), {"backend": backend, "divergence": 3.0}
+    values = {
+        "plant.loads.0.amplitude": np.array([0.0, 0.3, 30.0]),
+        "supervisor.following": np.array([0.4, 0.05, 0.3]),
+    }
+    loops = {
+        record: prepare(plant, gpi(), MOVE, 0.5, supervisor=supervisor, record=record, **options)
+        for record in ("all", "metrics")
+    }
+    full, short = (loop.run(values) for loop in loops.values())
+    assert sorted(full["status"].values) == sorted([Status.FINISHED, Status.STOPPED, Status.DIVERGED])
+    for name in ("status", "t_end", "fault", "fault_joint"):
+        np.testing.assert_array_equal(short[name], full[name], err_msg=name)
+    # Of one that diverged nobody counted on.
+    expected = full["t_fault"].where(full["status"] != Status.DIVERGED)
+    np.testing.assert_array_equal(short["t_fault"], expected)
+    # Each as a loop with its own bound.
+    for i, most in enumerate(values["supervisor.following"]):
+        own = RigidBodyPlant(ARM, loads=[Step(values["plant.loads.0.amplitude"][i], 0.1)])
+        alone = simulate(
+            Saturated(own),
+            gpi(),
+            MOVE,
+            0.5,
+            supervisor=Supervisor(following=float(most)),
+            progress=False,
+            **options,
+        )
+        assert int(alone["fault"]) == int(full["fault"][i])
+        np.testing.assert_equal(float(alone["t_fault"]), float(full["t_fault"][i]))
 
 
 def test_metrics_keep_nothing_that_grows_with_time() -> None:

@@ -21,6 +21,7 @@ from armgpi.config import experiment as experiments
 from armgpi.config import parse, read
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
 from armgpi.loop import metrics
+from armgpi.loop.rollout import Status
 from armgpi.parameter import Parameter
 from armgpi.sweep import rare, results, study, workers
 from armgpi.sweep.distributions import Distribution, shares
@@ -102,6 +103,45 @@ def test_the_worst_rollouts_run_as_they_did(done: Path) -> None:
         for name in ("peak_error", "itae", "total_variation"):
             values = getattr(metrics, name)(again).values
             np.testing.assert_allclose(values, found[name].values[i], rtol=1e-9, err_msg=name)
+
+
+SUPERVISED = """
+robot: {name: anthropomorphic3}
+plant: {encoder_bits: 14, delay: 1, loads: [{type: step, amplitude: 0.1, onset: 0.1, end: 0.3}]}
+controllers: [{type: gpi, omega: 20}]
+reference: {points: [[0, 0.3, 0], [0.1, 0.4, -0.1]], durations: 0.15, holds: [0.02, 0.1]}
+supervisor: {torque_rate: 2000}
+t_final: 0.5
+vary:
+  plant.loads.0.amplitude: {uniform: [0.0, 0.5]}
+  supervisor.following: {log_uniform: [0.02, 0.4]}
+"""
+
+
+def test_a_sweep_runs_under_the_supervisor_of_its_file(tmp_path: Path) -> None:
+    under = made(SUPERVISED)
+    study.save(under, tmp_path)
+    study.run_chunk(tmp_path, 0, 16)
+    found = results.collect(under, tmp_path, 16)
+    results.write(under, found, tmp_path)
+    faults = found["fault"].values
+    assert 0 < (faults > 0).sum() < 16
+    for place, i in list(enumerate(results.worst(found), start=1)):
+        again = experiments.run(build_experiment(*read(tmp_path / "worst" / f"{place:02d}.yaml")), "gpi")
+        for name in ("fault", "fault_joint", "status"):
+            assert int(again[name]) == int(found[name].values[i]), (place, name)
+        if again["status"] != Status.DIVERGED:
+            np.testing.assert_equal(float(again["t_fault"]), found["t_fault"].values[i])
+    # Who was stopped has failed, also where no metric says so.
+    assert (found["failed"].values >= (faults > 0)).all()
+    said = results.summary(under, found)
+    assert (
+        sum(said["stops by reason"].values())
+        == (faults > 0).sum()
+        == said["probability of a stop"]["value"] * 16
+    )
+    assert any(line.startswith("stopped by the supervisor: ") for line in results.sentences(said))
+    assert under.digest != made(SUPERVISED.replace("2000", "1000")).digest
 
 
 def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
@@ -347,6 +387,11 @@ def test_bad_distributions_are_refused_by_name(case: str) -> None:
         (TEXT.replace("peak_error: 0.01", "peek_error: 0.01"), "peak_error"),
         (TEXT[: TEXT.index("vary:")], "vary"),
         (TEXT.replace("plant:", "plant:\n  engine: mujoco"), "plant.engine: a sweep runs generated code"),
+        (
+            SUPERVISED.replace("r.following:", "r.jump:"),
+            "supervisor.jump: .* a check is switched on or off by it",
+        ),
+        (SUPERVISED.replace("[0.02, 0.4]", "[0, 0.4]"), "vary.supervisor.following"),
     ],
 )
 def test_bad_studies_are_refused(text: str, said: str) -> None:

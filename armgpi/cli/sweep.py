@@ -147,9 +147,9 @@ def _count(text: str) -> int:
 def _print(study: Study, said: dict[str, Any], sentences: list[str]) -> None:
     """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
     from armgpi.loop import metrics
+    from armgpi.sweep.results import failure_words
 
-    bounds = " or ".join(f"{metrics.ALL[name].heading} > {most:g}" for name, most in study.failure.items())
-    say(f"{study.label} on {study.robot.name}; failed is diverged or {bounds}")
+    say(f"{study.label} on {study.robot.name}; failed is {failure_words(study)}")
     for sentence in sentences:
         say(sentence)
     sliding = bool(study.robot.prismatic.all())

@@ -765,9 +765,8 @@ def _sampled(
         "q_ref": target.q,
         "v_ref": target.v,
     }
-    if running is None:
-        said = looked.controller.signals if signals else looked.controller.reported
-        recorded.update(said(controller))
+    said = looked.controller.signals if signals else looked.controller.reported
+    recorded.update(said(controller))
     return {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
 
 

@@ -221,10 +221,10 @@ class CompiledRun:
 
     @property
     def last(self) -> dict[str, Array]:
-        """Positions and velocities of the last sample, name -> (rollouts, n)."""
-        first = self._layout.states
-        rows = self._unpacked(self._keep["state"], first + len(self._layout.names) * self._layout.n, first)
-        return {"q": rows[0], "v": rows[1]}
+        """What there was to record of the last sample, name -> (rollouts, n)."""
+        first, names = self._layout.states, self._layout.names
+        rows = self._unpacked(self._keep["state"], first + len(names) * self._layout.n, first)
+        return dict(zip(names, rows, strict=True))
 
     def _unpacked(self, memory: Array, count: int, first: int = 0) -> Array:
         """Return numbers of all rollouts in blocks of `count` vectors, from `first` on: (k, rollouts, n)."""

@@ -392,11 +392,12 @@ class Supervised(Controller):
         # Checked by the law; its arrays, as one array is one table in exported C.
         for name in ("robot", "dt", "effort"):
             self.keep(name, getattr(law, name))
-        self.batch, self._floor = law.batch, law._floor
+        self._floor = law._floor
         self.law, self.supervisor = law, supervisor
         self.measurement_type = law.measurement_type  # type: ignore[misc]  # of this one, not of the class
         self.knows = law.knows  # type: ignore[misc]
         self.bounds = _bounds(law, supervisor)
+        self.batch = next((len(x) for x in self.bounds if x.ndim == 2), law.batch)
         self._smoothing = self.dt / (self.dt + _SMOOTHING)
         self.frozen_samples = supervisor.frozen_samples
         if self.frozen_samples is None:

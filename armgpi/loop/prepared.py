@@ -133,7 +133,7 @@ class PreparedLoop:
         self._divergence = check_number(divergence, "divergence", "positive [rad or m]", open_=True)
         self._metrics, self._backend = record == "metrics", backend
         self._spent = 0.0
-        self._supervised = isinstance(loop.controller, Supervised) and not self._metrics
+        self._supervised = isinstance(loop.controller, Supervised)
         self._signals = signals and not self._metrics
         self._known: dict[Any, Any] = {}
         self._variables: dict[str, Variable] | None = None
@@ -171,7 +171,8 @@ class PreparedLoop:
 
         Returns:
             A dataset as of :func:`armgpi.simulate`; with ``record="metrics"`` one with every metric that is
-            declared with an ``on_line``, dimensions ([rollout], joint), `status` and `t_end`.
+            declared with an ``on_line``, dimensions ([rollout], joint), `status` and `t_end`; under a
+            supervisor also `fault`, `fault_joint` and `t_fault`, NaN for one that diverged.
 
         Raises:
             NameNotFound: for a parameter that the loop has not.
@@ -217,7 +218,9 @@ class PreparedLoop:
         recording = Recording.new(shape, self.steps, loop.dt, every)
         run = self._finished(loop, state, recording, progress)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
-        if self._supervised and recording.stored:
+        if self._supervised and self._metrics:
+            recording.note_last(run.last, min(run.done, self.steps) * loop.dt)
+        elif self._supervised and recording.stored:
             recording.note_faults()
         return loop, run, made_from
 
@@ -312,7 +315,7 @@ class PreparedLoop:
         found = metrics.on_line(totals, diverged)
         ends = {}
         if final:
-            ends = {name: np.where(diverged[:, None], np.nan, part) for name, part in run.last.items()}
+            ends = {name: np.where(diverged[:, None], np.nan, run.last[name]) for name in ("q", "v")}
         key = ("provenance", made_from["backend"])
         if key not in self._known:  # of the loop as it was prepared: every rollout's would take too long
             self._known[key] = provenance({**self.loop.describe(), **made_from})

@@ -69,7 +69,7 @@ _QUANTITIES = {
 
 
 #: What is said of the fault of a supervised rollout.
-_FAULTS: dict[str, dict[str, Any]] = {
+FAULTS: dict[str, dict[str, Any]] = {
     "fault": {
         "long_name": "why the supervisor stopped the arm",
         "flag_values": np.array([int(reason) for reason in Reason], dtype=np.int32),
@@ -164,14 +164,28 @@ class Recording:
         last = {}
         for name in SIGNALS:
             # The last number that is one, of the first joint: they are all the same.
-            values = self.variables[name].reshape(len(self.times), len(self.status), -1)[..., 0]
+            # Where all diverged nothing was stored since.
+            values = self.variables[name].reshape(len(self.times), len(self.status), -1)[: self.stored, :, 0]
             there = len(values) - 1 - np.argmax(np.isfinite(values[::-1]), axis=0)
             last[name] = np.nan_to_num(values[there, np.arange(len(self.status))])
         for name in SIGNALS[1:]:  # the same all along, or of no use before the end
             del self.variables[name]
-        _, reason, joint, since = last.values()
+        self._note(last, self.times[there])
+
+    def note_last(self, last: Mapping[str, Array], end: float) -> None:
+        """Note likewise what the signals of the last sample say, (rollouts, n), at the time `end` [s].
+
+        Of a rollout that diverged nobody counted the samples since its fault: that has no time.
+        """
+        none = np.zeros((len(self.status), 1))  # interrupted before its first sample
+        self._note({name: np.nan_to_num(last.get(name, none)[:, 0]) for name in SIGNALS}, end)
+        self.faults["t_fault"][self.status == Status.DIVERGED] = np.nan
+
+    def _note(self, last: Mapping[str, Array], end: Array | float) -> None:
+        """Note faults by the last signals of every rollout, which are of these times [s]."""
+        _, reason, joint, since = (last[name] for name in SIGNALS)
         faulty = reason > 0.0
-        t_fault = np.where(faulty, self.times[there] - since * self.dt, np.nan)
+        t_fault = np.where(faulty, end - since * self.dt, np.nan)
         self.faults = {
             "fault": reason.astype(np.int32),
             "fault_joint": np.where(faulty, joint, -1.0).astype(np.int32),
@@ -274,7 +288,7 @@ class Recorded(NamedTuple):
         t_end = recording.t_end if batched else recording.t_end[0]
         variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
         for name, values in recording.faults.items():
-            variables[name] = (per_rollout, values if batched else values[0], dict(_FAULTS[name]))
+            variables[name] = (per_rollout, values if batched else values[0], dict(FAULTS[name]))
         for name, limit in robot.limits._asdict().items():
             variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
         return xr.Dataset(
@@ -317,12 +331,13 @@ def summary_dataset(
     values |= {f"{name}_end": x.reshape(recording.shape) for name, x in ends.items()}
     values["status"] = recording.status if batched else recording.status[0]
     values["t_end"] = recording.t_end if batched else recording.t_end[0]
+    values |= {name: x if batched else x[0] for name, x in recording.faults.items()}
     import xarray as xr
 
     if like is not None:  # xarray takes longer to put one together than a short run takes
         return like.copy(data=values)
     told = {f"{name}_end": _attributes(name, robot) for name in ends}
-    told |= {"status": _status(), "t_end": {"long_name": "end of the rollout", "units": "s"}}
+    told |= {"status": _status(), "t_end": {"long_name": "end of the rollout", "units": "s"}, **FAULTS}
     return xr.Dataset(
         {name: (dims[: np.ndim(x)], x, told.get(name)) for name, x in values.items()},
         coords={"joint": ("joint", np.array(robot.joint_names))},
@@ -365,8 +380,8 @@ def _end(status: int, t_end: float, reason: int | None, joint: str) -> str:
     """Return in words how a rollout ended; why and at which joint where a supervisor stopped it."""
     name = Status(int(status)).name.lower()
     said = name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s"
-    if status == Status.STOPPED and reason is not None:
-        said += f": {Reason(int(reason)).name} ({joint})"
+    if reason:
+        said += f"{':' if status == Status.STOPPED else ', after'} {Reason(int(reason)).name} ({joint})"
     return said
 
 

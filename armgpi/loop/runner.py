@@ -175,10 +175,9 @@ class NumPyRun:
             "tau": [truth.tau for truth in after],
         }
         controller = self.loop.controller
-        if self.running is None:
-            said = controller.signals if self.signals else controller.reported
-            values = [said(state) for state in controllers]
-            columns.update({name: [value[name] for value in values] for name in values[0]})
+        said = controller.signals if self.signals else controller.reported
+        values = [said(state) for state in controllers]
+        columns.update({name: [value[name] for value in values] for name in values[0]})
         if self.inputs:
             columns["v_measured"] = [seen.v for seen in measured]
         # One row per rollout, a single run being one row: (samples, rollouts, n).
@@ -190,6 +189,7 @@ class NumPyRun:
             for name, x in self._block._asdict().items()
             if name != "a" or self.inputs
         }
+        last = {name: values[-1].copy() for name, values in rows.items()} if self.running else {}
         self._mark_diverged(rows, targets["q_ref"])
         after_all = LoopState(self.done + count, plants[-1], controllers[-1])
         if self.running is None:
@@ -197,7 +197,7 @@ class NumPyRun:
         else:
             seen = rows["q"], targets["q_ref"], rows["tau"]
             self.sums = self.running.add_all(self.done, *seen, self.sums)
-            self.last = {name: rows[name][-1] for name in ("q", "v")}
+            self.last = last
         # Assignments only from here on: no Ctrl-C comes between them.
         self._last_command = commands[-1]
         self.state = after_all

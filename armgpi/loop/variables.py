@@ -1,19 +1,21 @@
 """What may be given anew in a closed loop that is prepared: every declared number by its name.
 
 Names are those of an experiment file: ``controller.omega``, ``plant.delay``, ``plant.loads.0.onset``,
-``reference.durations.0``; and ``plant.payload`` as :meth:`armgpi.Robot.varied` calls it.
+``supervisor.following``, ``reference.durations.0``; and ``plant.payload`` as :meth:`armgpi.Robot.varied`
+calls it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from armgpi.arrays import as_sized_array, is_listing
 from armgpi.control.controller import Controller
+from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
@@ -60,6 +62,8 @@ _FRICTION = {
     "coulomb": Parameter("Coulomb friction", unit="N m or N", least=0.0, per_joint=True),
 }
 _NOMINAL = ("inertia_scale",)
+#: Why what is not per joint of a supervisor stays.
+_CHECK = "a check is switched on or off by it; prepare another loop for another value"
 
 
 def variables(loop: ClosedLoop) -> dict[str, Variable]:
@@ -81,14 +85,19 @@ def with_values(loop: ClosedLoop, values: Mapping[str, Any], rows: int) -> Close
         ParameterError: when a value is not as declared.
         ArrayError: likewise, or when it does not fit the joints.
     """
-    parts: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}, "reference": {}}
+    parts: dict[str, dict[str, Any]] = {"plant": {}, "controller": {}, "supervisor": {}, "reference": {}}
     for name, value in values.items():
         part, _, rest = name.partition(".")
         parts[part][rest] = value
     plant, controller, reference = loop.plant, loop.controller, loop.reference
     if parts["plant"]:
         plant = _plant_with(plant, parts["plant"], rows)
-    if parts["controller"]:
+    if isinstance(controller, Supervised):
+        law, supervisor = controller.law, controller.supervisor
+        given = {each.name: parts["supervisor"][key] for key, each in _bounds() if key in parts["supervisor"]}
+        law = _controller_with(law, parts["controller"], rows) if parts["controller"] else law
+        controller = Supervised(law, supervisor.with_values(**given))
+    elif parts["controller"]:
         controller = _controller_with(controller, parts["controller"], rows)
     if parts["reference"]:
         reference = reference.with_values(**parts["reference"])
@@ -216,6 +225,12 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
 
 def _of_controller(controller: Controller) -> Iterator[Variable]:
     """Yield what may be given anew of a controller, and of its part that may be one of several."""
+    if isinstance(controller, Supervised):
+        yield from _of_controller(controller.law)
+        for key, bound in _bounds():
+            known = _variable(f"supervisor.{key}", bound, controller.supervisor)
+            yield known if bound.per_joint or known.fixed else replace(known, fixed=_CHECK)
+        return
     reason = "" if isinstance(controller.robot, Robot | VariedRobots) else "it has a robot for each rollout"
     for name in _NOMINAL:
         yield Variable(f"controller.{name}", _ROBOT[name], _now(controller.robot, name), reason)
@@ -226,6 +241,11 @@ def _of_controller(controller: Controller) -> Iterator[Variable]:
                 yield _variable(f"controller.{key}", each, part)
         elif declared.kind != "variant":
             yield _variable(f"controller.{declared.key or name}", declared, controller)
+
+
+def _bounds() -> Iterator[tuple[str, Parameter]]:
+    """Yield a supervisor's parameters with their keys in experiment files."""
+    yield from ((each.key or name, each) for name, each in parameters(Supervisor).items())
 
 
 def _of_reference(reference: Reference) -> Iterator[Variable]:

@@ -17,10 +17,11 @@ from xarray.backends import H5NetCDFStore
 from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import ExperimentConfig, dump
+from armgpi.control.supervisor import Reason
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
 from armgpi.loop import metrics
-from armgpi.loop.rollout import Status
+from armgpi.loop.rollout import FAULTS, Status
 from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
 from armgpi.sweep.study import Study, chunk_file
 
@@ -72,8 +73,13 @@ def _dataset(study: Study, table: Array, places: Any) -> xr.Dataset:
         unit = {"long_name": declared.long_name, "units": declared.unit.symbol(sliding, ascii=True)}
         found[name] = (("rollout", "joint"), table[:, begin : begin + n], unit)
         begin += n
-    found["status"] = ("rollout", table[:, -2].astype(np.int32), {"long_name": "how the rollout ended"})
-    found["t_end"] = ("rollout", table[:, -1], {"long_name": "end of the rollout", "units": "s"})
+    told = {
+        "status": {"long_name": "how the rollout ended"},
+        "t_end": {"long_name": "end of the rollout", "units": "s"},
+        **FAULTS,
+    }
+    for name, column in zip(study.ends, table.T[begin:], strict=True):
+        found[name] = ("rollout", column if name.startswith("t_") else column.astype(np.int32), told[name])
     dataset = xr.Dataset(
         found,
         coords={"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))},
@@ -85,13 +91,20 @@ def _dataset(study: Study, table: Array, places: Any) -> xr.Dataset:
         },
     )
     failed = study.failed({name: dataset[name].values for name in (*study.metrics, "status")})
-    attributes = {"long_name": f"diverged, or {_words(study.failure)}"}
+    attributes = {"long_name": failure_words(study)}
     return dataset.assign(failed=("rollout", failed, attributes))
 
 
 def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
     """Return what the rollouts of a study say, as plain data: probabilities and quantiles with intervals."""
-    n = found.sizes["rollout"]
+    n, stops = found.sizes["rollout"], {}
+    if "fault" in found:
+        reasons = found["fault"].values
+        counts = {each.name: int((reasons == each).sum()) for each in Reason if each}
+        stops = {
+            "probability of a stop": clopper_pearson(int((reasons > 0).sum()), n)._asdict(),
+            "stops by reason": {name: count for name, count in counts.items() if count},
+        }
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
     said: dict[str, Any] = {
@@ -101,6 +114,7 @@ def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
         "failure": {"diverged": None, **study.failure},
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
+        **stops,
         "quantiles": {
             name: {str(share): quantile(of_arm(found, name), share)._asdict() for share in QUANTILES}
             for name in study.metrics
@@ -130,12 +144,15 @@ def _paired(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
 def sentences(said: Mapping[str, Any]) -> list[str]:
     """Return what a sweep says of failures, in words."""
     lines = []
-    for name, word in (("failure", "failed"), ("divergence", "diverged")):
-        p = said[f"probability of {name}"]
-        lines.append(
-            f"{word}: {100.0 * p['value']:.3g} % of {said['rollouts']} rollouts "
-            f"({100.0 * p['lower']:.3g} to {100.0 * p['upper']:.3g} %, 95 % Clopper-Pearson)"
-        )
+    words = {"failure": "failed", "divergence": "diverged", "a stop": "stopped by the supervisor"}
+    for name, word in words.items():
+        if (p := said.get(f"probability of {name}")) is not None:
+            lines.append(
+                f"{word}: {100.0 * p['value']:.3g} % of {said['rollouts']} rollouts "
+                f"({100.0 * p['lower']:.3g} to {100.0 * p['upper']:.3g} %, 95 % Clopper-Pearson)"
+            )
+    if reasons := said.get("stops by reason"):
+        lines.append(f"reasons: {', '.join(f'{name} {count}' for name, count in reasons.items())}")
     return lines
 
 
@@ -222,6 +239,8 @@ def _netcdf(found: xr.Dataset) -> bytes:
     return content.getvalue()
 
 
-def _words(failure: Mapping[str, float]) -> str:
-    """Return when a rollout has failed, in words."""
-    return " or ".join(f"{metrics.ALL[name].heading} > {most:g}" for name, most in failure.items())
+def failure_words(study: Study) -> str:
+    """Return when a rollout of a study has failed, in words."""
+    stopped = [] if study.experiment.supervisor is None else ["stopped"]
+    beyond = (f"{metrics.ALL[name].heading} > {most:g}" for name, most in study.failure.items())
+    return " or ".join(["diverged", *stopped, *beyond])

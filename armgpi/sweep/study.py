@@ -21,7 +21,7 @@ from armgpi.config import Experiment, ExperimentConfig, Origin, build, controlle
 from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError, RolloutError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
-from armgpi.loop.rollout import Status
+from armgpi.loop.rollout import FAULTS, Status
 from armgpi.loop.variables import Variable
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw, Reality, batches, together
@@ -100,7 +100,9 @@ class Study:
         size = (
             min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
         )
-        content = json.dumps([dump(config), dict(failure), label, sampling, size], sort_keys=True)
+        contents = [dump(config), dict(failure), label, sampling, size]
+        contents += [] if experiment.supervisor is None else [*FAULTS]
+        content = json.dumps(contents, sort_keys=True)
         found = cls(
             config,
             experiment,
@@ -131,17 +133,22 @@ class Study:
 
     @property
     def columns(self) -> list[str]:
-        """Names of the numbers of a rollout: what was drawn, metrics of every joint, status and end."""
+        """Names of the numbers of a rollout: what was drawn, metrics of every joint, and how it ended."""
         joints = self.robot.joint_names
         drawn = [*_DRAWN] if self.config.reality is not None else []
         for name, each in self.varied.items():
             drawn += [name] if each.joints == 1 else [f"{name}[{joint}]" for joint in joints]
-        return [*drawn, *(f"{name}[{joint}]" for name in self.metrics for joint in joints), "status", "t_end"]
+        return [*drawn, *(f"{name}[{joint}]" for name in self.metrics for joint in joints), *self.ends]
+
+    @property
+    def ends(self) -> list[str]:
+        """Names of the numbers that say how a rollout ended."""
+        return ["status", "t_end", *(() if self.experiment.supervisor is None else FAULTS)]
 
     @property
     def drawn(self) -> list[str]:
         """Names of the numbers that were drawn."""
-        return self.columns[: -2 - len(self.metrics) * self.robot.n]
+        return self.columns[: -len(self.ends) - len(self.metrics) * self.robot.n]
 
     @property
     def metrics(self) -> list[str]:
@@ -211,6 +218,9 @@ class Study:
             return self.config.model_copy(update={"reality": reality, "failure": {}})
         # With every default filled in, as that of what varies must not change those.
         data = self.experiment.config.model_dump(exclude={"vary", "failure"})
+        if (supervisor := self.experiment.supervisor) is not None:  # as it suits the sensors of the file
+            data["supervisor"]["resolution"] = np.asarray(supervisor.resolution).tolist()
+            data["supervisor"]["frozen"] = supervisor.frozen_samples
         for name, each in self.varied.items():
             joints = self.robot.joint_names
             value: Any = [row[f"{name}[{joint}]"] for joint in joints] if each.joints > 1 else row[name]
@@ -220,7 +230,7 @@ class Study:
 
     def failed(self, table: Mapping[str, Array]) -> Any:
         """Tell which rollouts have failed, from their metrics (rollouts, joints) and `status`."""
-        failed = np.asarray(table["status"]) == Status.DIVERGED
+        failed = np.isin(table["status"], (Status.DIVERGED, Status.STOPPED))
         for name, most in self.failure.items():
             failed |= ~(np.asarray(table[name]).max(axis=1) <= most)
         return failed
@@ -240,6 +250,7 @@ class Study:
                 experiment.t_final,
                 record="metrics",
                 backend="compiled",
+                supervisor=experiment.supervisor,
             )
             _loops.clear()
             _loops[self.digest] = known
@@ -253,9 +264,9 @@ class Study:
         return {"plant.frame": load.frame or self.robot.tip, "plant.com": [load.com]}
 
     def _flat(self, found: Any) -> Array:
-        """Return the metrics, status and end of rollouts, shape (rollouts, k)."""
-        parts = [found[name].values for name in self.metrics]
-        return np.hstack([*parts, found["status"].values[:, None], found["t_end"].values[:, None]])
+        """Return the metrics of rollouts and how they ended, shape (rollouts, k)."""
+        ends = (found[name].values[:, None] for name in self.ends)
+        return np.hstack([*(found[name].values for name in self.metrics), *ends])
 
     def _run_draws(self, chunk: int, rows: int) -> Array:
         """Run draws of a reality; those of one sample time and delay run together."""
@@ -270,7 +281,13 @@ class Study:
             both = together(group)
             made = controller(law, both.context)
             loop = prepare(
-                both.plant, made, both.reference, both.t_final, record="metrics", backend="compiled"
+                both.plant,
+                made,
+                both.reference,
+                both.t_final,
+                record="metrics",
+                backend="compiled",
+                supervisor=self.experiment.supervisor,
             )
             run = _compiled(loop)
             values = self._flat(run if len(group) > 1 else run.expand_dims("rollout"))
@@ -403,8 +420,8 @@ def _put(data: dict[str, Any], name: str, value: Any, study: Study) -> None:
             data["robot"]["friction"] = shown
         data["robot"]["friction"][steps[0]] = value
         data["plant"]["friction"] = "urdf"
-    elif part == "controller":
-        _deep(data["controllers"][0], steps, value, name)
+    elif part in ("controller", "supervisor"):
+        _deep(data["controllers"][0] if part == "controller" else data[part], steps, value, name)
     elif part == "reference":
         moves = data["reference"]
         for key, count in (
