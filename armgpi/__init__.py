@@ -57,6 +57,8 @@ if TYPE_CHECKING:
     from armgpi.loop.weights import save_weights as save_weights
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
+    from armgpi.plants.faults import MotorFault as MotorFault
+    from armgpi.plants.faults import SensorFault as SensorFault
     from armgpi.plants.loads import Load as Load
     from armgpi.plants.loads import Pulse as Pulse
     from armgpi.plants.loads import Ramp as Ramp
@@ -126,6 +128,7 @@ _NAMES = {
     "export.files": ("export_controller",),
     "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
+    "plants.faults": ("MotorFault", "SensorFault"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.mujoco": ("MuJoCoPlant",),
     "plants.plant": ("Plant", "Wrapper"),

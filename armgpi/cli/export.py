@@ -161,7 +161,9 @@ def _export(options: dict[str, Any]) -> int:
         say(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
         return FAILED
     if log.stopped is not None:
-        say(f"in the simulation the arm is {log.stopped}: the log ends in a fault", err=True)
+        say(f"in the simulation the arm is {log.stopped}; the log ends in a fault", err=True)
+        if supervised.supervisor.torque_rate is not None:
+            say("note: torque begins at zero and ramps by its rate, and no brake holds this arm", err=True)
         return FAILED
     return OK if done.measured is None or done.measured.agrees else FAILED
 

@@ -219,7 +219,7 @@ class PreparedLoop:
         run = self._finished(loop, state, recording, progress)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
         if self._supervised and self._metrics:
-            recording.note_last(run.last, min(run.done, self.steps) * loop.dt)
+            recording.note_last(run.last, (min(run.done, self.steps) - 1) * loop.dt)
         elif self._supervised and recording.stored:
             recording.note_faults()
         return loop, run, made_from

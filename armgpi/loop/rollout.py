@@ -170,22 +170,23 @@ class Recording:
             last[name] = np.nan_to_num(values[there, np.arange(len(self.status))])
         for name in SIGNALS[1:]:  # the same all along, or of no use before the end
             del self.variables[name]
-        self._note(last, self.times[there])
+        # The state after the last sample has that sample's controller.
+        self._note(last, np.minimum(self.times[there], self.t_end - self.dt))
 
-    def note_last(self, last: Mapping[str, Array], end: float) -> None:
-        """Note likewise what the signals of the last sample say, (rollouts, n), at the time `end` [s].
+    def note_last(self, last: Mapping[str, Array], time: float) -> None:
+        """Note likewise what the signals of the last sample say, (rollouts, n), which was at `time` [s].
 
         Of a rollout that diverged nobody counted the samples since its fault: that has no time.
         """
         none = np.zeros((len(self.status), 1))  # interrupted before its first sample
-        self._note({name: np.nan_to_num(last.get(name, none)[:, 0]) for name in SIGNALS}, end)
+        self._note({name: np.nan_to_num(last.get(name, none)[:, 0]) for name in SIGNALS}, time)
         self.faults["t_fault"][self.status == Status.DIVERGED] = np.nan
 
-    def _note(self, last: Mapping[str, Array], end: Array | float) -> None:
+    def _note(self, last: Mapping[str, Array], time: Array | float) -> None:
         """Note faults by the last signals of every rollout, which are of these times [s]."""
         _, reason, joint, since = (last[name] for name in SIGNALS)
         faulty = reason > 0.0
-        t_fault = np.where(faulty, end - since * self.dt, np.nan)
+        t_fault = np.where(faulty, (np.rint(time / self.dt) - since) * self.dt, np.nan)
         self.faults = {
             "fault": reason.astype(np.int32),
             "fault_joint": np.where(faulty, joint, -1.0).astype(np.int32),
