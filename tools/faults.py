@@ -249,7 +249,7 @@ def own_bounds(matrix: Matrix, rated: list[Outcome]) -> list[Row]:
 
 
 def least(name: str, seconds: float = 0.5) -> tuple[float, float]:
-    """Return how far a joint whose motor is dead travels, by itself and under the best of all laws [rad].
+    """Return how far a joint whose motor is dead travels where the others stop, and under the best law [rad].
 
     Without gravity and friction nothing but the other joints changes its share of momentum, (D v)_j. To first
     order, D as it is when the motor dies: where the others end d_k away, it ends
@@ -265,7 +265,7 @@ def least(name: str, seconds: float = 0.5) -> tuple[float, float]:
         moved = row[others] @ (on_its_way * ahead[others])
         there = (row @ now.v * seconds - moved) / row[1]
         misses.append(min(abs(there), abs(there - ahead[1])))
-    return min(misses), min(misses) / (1.0 + np.abs(row[others]).sum() / row[1])
+    return misses[0], min(misses) / (1.0 + np.abs(row[others]).sum() / row[1])
 
 
 def pushed(name: str) -> tuple[float, float]:
@@ -289,11 +289,12 @@ def page(matrix: Matrix, torques: Matrix, kept: list[Row]) -> str:
     """Return the page."""
     head = Path(__file__).with_suffix(".head.md").read_text(encoding="utf-8").rstrip("\n")
     table = "\n".join(["| bound | measured | |", "|---|---|---|", *map(str, kept)])
-    known = ", ".join(f"{name} {least(name)[1]:.3f}" for name in ARMS)
+    known = {name: least(name) for name in ARMS}
+    stopped, best = (", ".join(f"{name} {each[k]:.3f}" for name, each in known.items()) for k in (0, 1))
     pushes = {name: pushed(name) for name in ARMS}
     head = head.replace("LINEAR", ", ".join(f"{name} {far:.3f}" for name, (far, _) in pushes.items()))
     head = head.replace("AT_ONCE", f"{max(far for _, far in pushes.values()):.3f}")
-    parts = [head.replace("BOUNDS", table).replace("LEAST", known)]
+    parts = [head.replace("BOUNDS", table).replace("LEAST", best).replace("STOPPED", stopped)]
     heads = "| fault | after a second | travel [rad] | peak speed [rad/s] | at rest after |"
     heads += "\n|---|---|---|---|---|"
     for name in ARMS:

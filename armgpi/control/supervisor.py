@@ -77,6 +77,8 @@ _ANSWERS = 8
 _FORGOTTEN = 0.01
 #: Changes of a torque that have to be answered, as a share of its limit.
 _ASKED = 0.02
+#: How much faster than when it was found a joint that answers the wrong way may be, and still get a torque.
+_FASTER = 1.5
 #: Resolution of positions where none is given: a turn, or the travel of a prismatic joint, in 2^16 counts.
 _BITS = 16
 #: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
@@ -195,7 +197,7 @@ class Supervisor(Parametrised):
     )
     response: float = parameter(
         "RESPONSE: how long a joint may answer its torque the wrong way, running away from its reference; "
-        "it gets no torque then; 0 for no check",
+        "it brakes by its torque turned round then; 0 for no check",
         unit="s",
         default=0.012,
         least=0.0,
@@ -263,6 +265,7 @@ class Watch(NamedTuple):
         against: 1, and the samples for which the joint has answered its torque the wrong way, from where an
             error was worth a look; 0 elsewhere.
         asked: torque, smoothed like the velocity; this and the next two where `against` is not 0 [N m or N].
+            In FAULT, of a joint that answers the wrong way, the velocity at which it gets none.
         asked_before: the same, smoothed again.
         answer_before: torque that the nominal model needs for the motion, likewise.
         calm: 1 when it is RUN and nothing is counted: the next sample may be a usual one, (1,) or (batch, 1).
@@ -330,7 +333,7 @@ class _Seen(NamedTuple):
         joint: first joint that it concerns, (1,).
         still: see :class:`Watch`.
         e: distance from the reference [rad or m].
-        distrusted: which joints do not measure well, or answer their torques the wrong way.
+        distrusted: which joints do not measure well.
     """
 
     q: Array
@@ -368,6 +371,7 @@ class Supervised(Controller):
         **Controller.derived,
         "_damping": "torque per velocity by which FAULT damps a joint alone [N m s]",
         "_driven": "half of what all torques at their limits change of a motion in a sample [rad or m]",
+        "_overpowered": "what half of its motor's torque changes of a joint's motion in a sample [rad or m]",
         "_pushed": "half of what a push by half its motor's torque does [rad or m]",
         "_share": "one over the torque limits [1/(N m) or 1/N]",
         "_sound": "torque below which none is cut [N m or N]",
@@ -416,7 +420,7 @@ class Supervised(Controller):
         # PID with a nominal model of its own for gravity brakes by that one.
         self._brakes = getattr(law, "bias_robot", law.robot).dynamics
         self._uses = _uses(law)
-        self._damping = _damping(law)
+        self._damping, self._overpowered = _alone(law)
         self._pushed, self._driven = _turning(law)
         self._share = 1.0 / self.effort
 
@@ -705,7 +709,7 @@ class Supervised(Controller):
         cut = watch.cut > self._cut_samples if self._cut_samples else away & ~away
         failing = away | cut
         turned = self._turned(watch.against)
-        distrusted = ~good | frozen | turned | (watch.still >= COUNTED)
+        distrusted = ~good | frozen | (watch.still >= COUNTED)
         if not self._answered:  # its motor may turn the other way
             distrusted = distrusted | (~active & failing)
         code = np.where(cut, float(Reason.SATURATED), np.where(watch.late > 0.0, float(Reason.LATE), 0.0))
@@ -801,7 +805,13 @@ class Supervised(Controller):
         model = self._brakes.inverse_where(*_chosen(looks, self._motion(watch, seen, v), motion))
         answer = self._answer(alert, looks, dead, model, watch, seen, v)
         tau = np.where(opened, model + torque, asked)
-        return np.where(dead & self._turned(answer.against), 0.0, tau), answer
+        # Turned round once more a motor brakes. If it was no motor that turns the other way, its joint is
+        # faster soon, and gets no torque any more.
+        turned, speed = dead & self._turned(answer.against), np.abs(v)
+        most = np.where(watch.status < float(State.FAULT), _FASTER * speed, watch.asked)
+        most = np.where(speed > most, 0.0, most)
+        answer = answer._replace(asked=np.where(turned, most, answer.asked))
+        return np.where(turned, np.where(most > 0.0, -tau, 0.0), tau), answer
 
     def _turned(self, against: Array) -> Mask:
         """Tell which joints have answered their torque the wrong way for too long."""
@@ -814,26 +824,30 @@ class Supervised(Controller):
 
         Torques and what answers them are compared by what is new in them: neither loads nor friction that
         stay are, and a push only while it begins. A motor that turns the other way is at every change. While
-        the model is not asked, a joint that began to answer the wrong way does so if it accelerates.
+        a torque is cut the model is not asked. A joint whose torque is at its limit answers the wrong way
+        then when it accelerates as by a push of half that torque.
         """
         if not self._answered:
             return _Answer(*(np.zeros_like(v),) * 4)
-        known = watch.against > 0.0
+        known = watch.answer_before != 0.0
         asked = np.where(known, watch.asked + self._smoothing * (watch.tau - watch.asked), watch.tau)
         change = np.where(known, asked - watch.asked_before, 0.0)
         asked_before = asked - change + self._forgotten * change
         answer = np.where(known, model - watch.answer_before, 0.0)
         answer_before = np.where(looks, model - answer + self._forgotten * answer, watch.answer_before)
-        answer = np.where(looks, answer, v - watch.v)
         # The torque pushes back, and what it does is to push on.
-        wrong = (np.abs(seen.e) > _ALERT) & (np.abs(change) > _ASKED * self.effort)
-        wrong = wrong & (change * seen.e < 0.0) & (answer * seen.e > 0.0) & ((v - watch.rv) * seen.e > 0.0)
-        found = np.where(wrong, watch.against + 1.0, 1.0), asked, asked_before, answer_before
+        wrong = (np.abs(change) > _ASKED * self.effort) & (change * seen.e < 0.0) & (answer * seen.e > 0.0)
+        limited = np.abs(watch.tau) >= self.effort
+        pushed = limited & (watch.tau * seen.e < 0.0)
+        pushed = pushed & ((v - watch.v) * seen.e > self._overpowered * np.abs(seen.e))
+        wrong = np.where(looks, wrong, pushed) & (np.abs(seen.e) > _ALERT) & ((v - watch.rv) * seen.e > 0.0)
+        against = np.where(looks | limited, 1.0, watch.against)
+        against = np.where(wrong, np.maximum(watch.against, 1.0) + 1.0, against)
+        found = against, asked, asked_before, answer_before
         before = watch.against, watch.asked, watch.asked_before, watch.answer_before
         # Without the loop nothing new is found, and nothing forgotten.
-        goes_on = alert & (looks | known)
         kept = [np.where(dead, old, 0.0) for old in before]
-        return _Answer(*(np.where(goes_on, new, old) for new, old in zip(found, kept, strict=True)))
+        return _Answer(*(np.where(alert, new, old) for new, old in zip(found, kept, strict=True)))
 
     def _motion(self, watch: Watch, seen: _Seen, v: Array) -> tuple[Array, ...]:
         """Return that a torque is asked for, and for which motion: the one measured."""
@@ -855,7 +869,10 @@ class Supervised(Controller):
             aim = Target(np.where(dead, watch.q, aim.q), *(np.where(dead, 0.0, rate) for rate in aim[1:]))
         else:
             damped = dead & ~seen.distrusted
-            aim = aim._replace(q=np.where(damped, seen.q, aim.q))
+            # A motor that turns the other way makes other joints fast, too: a stop from there would be long.
+            rests = damped & _any(self._turned(watch.against))
+            q, *rates = aim
+            aim = Target(np.where(damped, seen.q, q), *(np.where(rests, 0.0, rate) for rate in rates))
             torque = np.where(damped, self._damping * (aim.v - v * (1.0 / self.dt)), 0.0)
         return torque, (on, *aim)
 
@@ -952,12 +969,17 @@ def _uses(law: Controller) -> tuple[bool, bool]:
     return bool(np.isnan(taus[0]).any()), bool(np.isnan(taus[1]).any())
 
 
-def _damping(law: Controller) -> Array:
-    """Return the torque per velocity by which each joint is damped alone, as if no other one were [N m s]."""
+def _alone(law: Controller) -> tuple[Array, Array]:
+    """Return what concerns each joint alone, as if no other one were.
+
+    Returns:
+        Torque per velocity by which it is damped [N m s]; and what half of its motor's torque changes of its
+        motion in a sample [rad or m].
+    """
     robot: Any = law.robot
-    inverse = np.linalg.inv(robot.mass_matrix(robot.middle()))
+    inverse = np.diagonal(np.linalg.inv(robot.mass_matrix(robot.middle())), axis1=-2, axis2=-1)
     rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
-    return np.asarray(rate / np.diagonal(inverse, axis1=-2, axis2=-1))
+    return np.asarray(rate / inverse), 0.5 * law.dt**2 * np.minimum(law.effort, LARGEST) * inverse
 
 
 def _turning(law: Controller) -> tuple[Array, Array]:

@@ -473,15 +473,32 @@ def driven(robot: Robot, torque: Callable[[int, Any], Any], seconds: float) -> C
 
 @pytest.mark.parametrize("j", [0, 1, 2])
 @pytest.mark.parametrize("gravity", ["arm", "robot"])
-def test_a_motor_that_turns_the_other_way_gets_no_torque(gravity: str, j: int) -> None:
+def test_a_motor_that_turns_the_other_way_brakes_by_its_torque_turned_round(gravity: str, j: int) -> None:
     robot = arm("anthropomorphic3", gravity)
     turned = np.where(np.arange(3) == j, -1.0, 1.0)
-    found = driven(robot, lambda k, tau: turned * tau, 0.2)
+    found = driven(robot, lambda k, tau: turned * tau, 0.3)
     when = next(k for k, report in enumerate(found.reports) if report.status == "fault")
     assert found.reports[when][1:] == ("response", robot.joint_names[j])
     assert np.abs(found.q[when] - found.q[0]).max() < 0.2  # FOLLOWING would wait for 0.5
-    np.testing.assert_array_equal(found.tau[when:, j], 0.0)
-    assert (found.tau[when:] != 0.0).any()
+    assert np.abs(found.v[-1]).max() < 0.1 * np.abs(found.v[when]).max()
+    assert found.travel < 0.5
+
+
+def test_a_motor_that_was_taken_for_one_that_turns_the_other_way_gets_no_torque() -> None:
+    robot = arm("anthropomorphic3", "robot")
+
+    def torque(k: int, tau: Any) -> Any:
+        # It turns the right way from when it is found on, so that a torque turned round drives it.
+        return tau * np.where((np.arange(3) == 1) & (k < found_at), -1.0, 1.0)
+
+    found_at = 1000
+    reports = driven(robot, torque, 0.2).reports
+    found_at = next(k for k, report in enumerate(reports) if report.status == "fault")
+    found = driven(robot, torque, 0.3)
+    assert found.reports[found_at][1:] == ("response", robot.joint_names[1])
+    np.testing.assert_array_equal(found.tau[found_at + 30 :, 1], 0.0)
+    assert np.abs(found.v[found_at:, 1]).max() < 2.5 * np.abs(found.v[found_at, 1])
+    assert (found.tau[found_at + 30 :] != 0.0).any()
 
 
 def pushed(push: Any, k: int, tau: Any) -> Any:
@@ -498,6 +515,15 @@ def test_a_push_and_a_load_are_not_taken_for_a_motor_that_turns_the_other_way() 
     # A load that stays, of a fifth of each motor's torque.
     load = 0.2 * robot.limits.effort
     assert driven(robot, lambda k, tau: tau - load, 0.12).reasons == {"none"}
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_push_of_one_joint_is_not_taken_for_a_motor_that_turns_the_other_way(name: str) -> None:
+    # Others are at their limits then, and accelerate this one.
+    robot = arm(name, "arm")
+    for j, share in enumerate(np.resize([0.3, -0.3], robot.n)):
+        push = np.where(np.arange(robot.n) == j, share * robot.limits.effort, 0.0)
+        assert "response" not in driven(robot, partial(pushed, push), 0.07).reasons, robot.joint_names[j]
 
 
 # A rollout under it.
