@@ -21,7 +21,7 @@ from armgpi.arrays import Array, check_choice, check_number, check_path, check_t
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.proofs import proved
-from armgpi.certification.quantities import PER_JOINT, Numbers, searched
+from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, searched
 from armgpi.certification.reasons import beyond, unsolved
 from armgpi.certification.solve import Solution, merged, solvable, solve
 from armgpi.certification.words import table
@@ -169,6 +169,7 @@ def certify(
     prove: bool = False,
     budget: float = 30.0,
     rate: str | None = None,
+    progress: Progress = lambda _: None,
     **options: Any,
 ) -> Certificate:
     """Return a certificate for a GPI controller on an arm, or why there is none.
@@ -180,6 +181,7 @@ def certify(
         budget: processor time for each number [s].
         rate: "auto" for the largest rate found at which a common omega may move, for `gains` that are a
             ``BSplineNetwork(common=True, rate=...)``; None for the one they have.
+        progress: told what is being done, in words.
         **options: of `armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
             `payload` (lightest and heaviest load [kg]), `box` (see `armgpi.certification.box.box_of`),
             `radius` (how far the arm may be from its reference [rad or m]), `acceleration` (of a reference
@@ -201,7 +203,11 @@ def certify(
         check_choice(rate, "rate", ("auto",))
     asked = ask(robot, dt, **options)
     law_of(asked)  # before what takes long
-    numbers = proved(asked.setting, budget=budget) if prove else searched(asked.setting)
+    if prove:
+        numbers = proved(asked.setting, budget=budget, progress=progress)
+    else:
+        numbers = searched(asked.setting, progress=progress)
+    progress("solving")
     if rate is None:
         return certificate(asked, numbers)
     network = asked.controller.gains

@@ -24,7 +24,16 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.certification.quantities import MARGIN, Number, Numbers, Setting, corners, norms, searched
+from armgpi.certification.quantities import (
+    MARGIN,
+    Number,
+    Numbers,
+    Progress,
+    Setting,
+    corners,
+    norms,
+    searched,
+)
 from armgpi.certification.trigonometric import Cell, Polynomial, pieces, polynomials_of, stacked
 
 #: Share by which every bound is raised.
@@ -89,19 +98,22 @@ class Quantity(ABC):
         """Return bounds on some members in a cell, exact where they exceed x."""
 
 
-def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Numbers:
+def proved(
+    setting: Setting, tolerance: float = 0.1, budget: float = 30.0, progress: Progress = lambda _: None
+) -> Numbers:
     """Return the numbers of an arm, each proved, or searched where a budget leads to no bound of use.
 
     Args:
         setting: what they are taken over.
         tolerance: how near to the largest value seen a bound is near enough, as a share.
         budget: processor time for each number [s]; more makes bounds tighter until all are near enough.
+        progress: told what is being done.
 
     Raises:
         ParameterError: when D and G are no trigonometric polynomials of degree two.
     """
-    made = searched(setting)
-    prover = _Prover(setting, tolerance, budget)
+    made = searched(setting, progress=progress)
+    prover = _Prover(setting, tolerance, budget, progress)
     found = made._replace(**prover.of_motion(made))
     return found._replace(**prover.of_torques(found), **prover.of_inputs(found))
 
@@ -109,8 +121,11 @@ def proved(setting: Setting, tolerance: float = 0.1, budget: float = 30.0) -> Nu
 class _Prover:
     """What the numbers of one setting are proved with."""
 
-    def __init__(self, setting: Setting, tolerance: float, budget: float) -> None:
+    def __init__(
+        self, setting: Setting, tolerance: float, budget: float, progress: Progress = lambda _: None
+    ) -> None:
         self.setting, self.tolerance, self.budget = setting, tolerance, budget
+        self.progress, self.proofs = progress, 0
         self.star = (setting.upper - setting.lower) / 2
         self.around = self.star + setting.radius
         center = (setting.lower + setting.upper) / 2
@@ -128,7 +143,13 @@ class _Prover:
         near = np.maximum([each.value for each in found], _TINY) / (1.0 + MARGIN)
         half = self.around if half is None else half
         tolerance = self.tolerance if tolerance is None else tolerance
-        bounds = largest(quantities, half, near, tolerance, self.budget)
+        self.proofs += 1
+        said = f"proof {self.proofs}: {{:.0f}} of {self.budget:g} s at most"
+
+        def spent(seconds: float) -> None:
+            self.progress(said.format(seconds))
+
+        bounds = largest(quantities, half, near, tolerance, self.budget, spent)
         return tuple(
             Number((1.0 + OUTWARD) * float(bound), "proved") if np.isfinite(bound) else number
             for bound, number in zip(bounds, found, strict=True)
@@ -328,7 +349,12 @@ class _Search:
 
 
 def largest(
-    quantities: Sequence[Quantity], half: Array, near: Array, tolerance: float, budget: float
+    quantities: Sequence[Quantity],
+    half: Array,
+    near: Array,
+    tolerance: float,
+    budget: float,
+    spent: Callable[[float], None] = lambda _: None,
 ) -> Array:
     """Return bounds on the largest values of a quantity's members, of all quantities together.
 
@@ -338,6 +364,7 @@ def largest(
         near: about the maxima, or less; shape (members,), or (1,) for members together.
         tolerance: how far above the largest value seen a bound need not be, as a share.
         budget: processor time [s]; bounds are looser when it is over, or infinite.
+        spent: told how much of it is.
     """
     end = time.process_time() + budget
     search = _Search(near, tolerance)
@@ -346,7 +373,8 @@ def largest(
             if time.process_time() > end:
                 return np.full(len(near), np.inf)
             search.look(quantity, whole, np.arange(quantity.members))
-    while search.waiting and time.process_time() < end:
+    while search.waiting and (left := end - time.process_time()) > 0.0:
+        spent(budget - left)
         search.halve()
     bounds = search.bounds()
     return np.where(bounds > _WORTH * search.seen, np.inf, bounds)

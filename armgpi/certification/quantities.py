@@ -32,6 +32,8 @@ _TURNS = 4
 #: Step of the derivatives [rad or m].
 _STEP = 1e-2
 _Function = Callable[["Setting", Robot, "Points"], Array]
+#: Is told in words what is being done.
+Progress = Callable[[str], None]
 _NONE = np.zeros(0)
 
 
@@ -137,14 +139,19 @@ class Points(NamedTuple):
     between: Array
 
 
-def searched(setting: Setting, seed: int = 0) -> Numbers:
+def searched(setting: Setting, seed: int = 0, progress: Progress = lambda _: None) -> Numbers:
     """Return the numbers of an arm, each searched over configurations and at both ends of the loads.
 
     Args:
         setting: what they are taken over.
         seed: of the configurations that are drawn.
+        progress: told what is being done.
     """
-    found = {name: largest(setting, function, seed) for name, function in functions(setting).items()}
+    every = functions(setting)
+    found = {}
+    for place, (name, function) in enumerate(every.items(), start=1):
+        progress(f"searching number {place} of {len(every)}")
+        found[name] = largest(setting, function, seed)
 
     def number(name: str) -> Number:
         return Number((1.0 + MARGIN) * found[name]) if name in found else Number(0.0, "proved")

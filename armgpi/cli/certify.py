@@ -12,7 +12,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, OK, locks, per_joint, refusal, split, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
 
 if TYPE_CHECKING:
@@ -157,14 +157,10 @@ def certify(
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
     stated = {"feedforward": feedforward, "bits": encoder_bits, "friction": friction, "jump": jump}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
-    found = certified(
-        arm,
-        1e-3 if dt is None else dt,
-        payload=_loads(payload),
-        box=None if box is None else read_box(box),
-        gains=_gains(omega, zeta, pole, rate),
-        **{**vectors, **law, **stated, **proof},
-    )
+    proof |= {"payload": _loads(payload), "box": None if box is None else read_box(box)}
+    options = {**vectors, **law, **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
+    with progress() as told:
+        found = certified(arm, 1e-3 if dt is None else dt, progress=told, **options)
     sys.exit(_told(found, arm, out, report, as_json))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from armgpi.cli.parsing import refusal
-from armgpi.cli.terminal import overwrite, say
+from armgpi.cli.terminal import progress, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,16 +115,10 @@ def page_to_play_with(experiment: Experiment, **options: Any) -> str:
     """Return the page of an experiment, told how far it is where somebody looks; see `armgpi.play.build`."""
     from armgpi.play import build
 
-    looks = sys.stderr is not None and sys.stderr.isatty()
-
-    def told(what: str, share: float) -> None:
-        if looks:
-            overwrite(f"{what} the loop: {share:4.0%}")
-
-    html = build(experiment, progress=told, **options)
-    if looks:
-        overwrite("")
-    return html
+    with progress() as told:
+        return build(
+            experiment, progress=lambda what, share: told(f"{what} the loop: {share:4.0%}"), **options
+        )
 
 
 def serve_rollout(result: xr.Dataset, robot: Any) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -25,9 +28,19 @@ def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool =
     typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
 
 
-def overwrite(text: str) -> None:
-    """Show how far something is on stderr, in place of what stood there; nothing to take it away."""
-    typer.secho(f"\r{shown(text):<40}" + ("" if text else "\r"), err=True, nl=False)
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Give what says on stderr how far something long is, where somebody looks; nothing of it stays."""
+    looks = sys.stderr is not None and sys.stderr.isatty()
+
+    def told(text: str) -> None:
+        if looks:
+            typer.secho(f"\r{shown(text):<40}" + ("" if text else "\r"), err=True, nl=False)
+
+    try:
+        yield told
+    finally:
+        told("")
 
 
 def console(width: int | None, **options: Any) -> Console:

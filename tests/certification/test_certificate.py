@@ -22,6 +22,7 @@ from armgpi.certification.law import coefficients
 from armgpi.certification.refute import again
 from armgpi.certification.report import html
 from armgpi.certification.solve import merged, solve
+from armgpi.cli import main
 from armgpi.cli.certify import _gains
 from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
@@ -345,6 +346,25 @@ def test_a_seal_is_of_what_was_searched(made: armgpi.Certificate) -> None:
     other = json.loads(json.dumps(made.data))
     other["numbers"]["sigma"] = "0.1"
     assert seal(other) != made.data["seal"]
+
+
+def test_what_takes_long_says_how_far_it_is_where_somebody_looks(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    options: dict[str, Any] = {"speed": 0.2, "prove": True, "budget": 0.2, "progress": said.append}
+    armgpi.certify(armgpi.Robot.load("twodof"), **options)
+    assert said[0] == "searching number 1 of 14"
+    assert any(line.startswith("proof 1: ") for line in said)
+    assert said[-1] == "solving"
+    monkeypatch.setattr(sys, "argv", ["armgpi", "certify", "twodof", "--speed", "0.2"])
+    for looks in (False, True):
+        monkeypatch.setattr("sys.stderr.isatty", lambda looks=looks: looks)
+        with pytest.raises(SystemExit):
+            main()
+        err = capsys.readouterr().err
+        assert ("searching number 1 of 14" in err) == looks
+        assert "searching" not in err.rpartition("\r")[2]
 
 
 def test_guaranteed_is_said_where_every_number_is_proved_and_there_alone() -> None:

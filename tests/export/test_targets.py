@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -63,17 +62,9 @@ def panda() -> Robot:
     return robot.with_gravity(ZERO)
 
 
-def loaded(urdf: str) -> Robot:
-    """A robot from the text of a URDF."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "arm.urdf")
-        path.write_text(urdf)
-        return Robot.load(path)
-
-
 def with_jaw(joints: int) -> Robot:
     """An arm of so many joints whose gripper moves, without gravity."""
-    return loaded(text(J("jaw", "tip", "prismatic", travel=0.05), arm=joints)).with_gravity(ZERO)
+    return Robot.from_xml(text(J("jaw", "tip", "prismatic", travel=0.05), arm=joints)).with_gravity(ZERO)
 
 
 def need(program: str) -> str:
@@ -299,7 +290,7 @@ def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
 ) -> None:
     # The first joint turns without end: it has no position to be beyond.
     second = J("b", "L_a", "revolute" if limit else "continuous")
-    robot = loaded(text(J("a", "base", "continuous"), second, arm=0).replace(AS_TEXT_HAS, limit))
+    robot = Robot.from_xml(text(J("a", "base", "continuous"), second, arm=0).replace(AS_TEXT_HAS, limit))
     rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**given)))
     said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
     assert said == without
