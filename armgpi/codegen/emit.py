@@ -119,7 +119,7 @@ def straight_line(
     Args:
         inputs: symbols, and what each is in C.
         outputs: expressions (CasADi scalars).
-        targets: where each goes.
+        targets: where each goes; what ends in a bracket takes one that is true or not.
         dialect: how to write numbers.
         calls: calls, in their order.
         order: of each output; all the same when not given.
@@ -227,7 +227,8 @@ class _Writer:
                 continue
             self._write(name, step)
             self._written.add(waiting.pop())
-        self.code.lines.append(f"{target} = {self._number(text)};")
+        taken = f"{self._truth(text)})" if target.endswith("(") else f" = {self._number(text)}"
+        self.code.lines.append(f"{target}{taken};")
 
     def _write(self, name: str, step: _Step) -> None:
         """Write one step."""

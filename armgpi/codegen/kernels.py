@@ -281,7 +281,9 @@ class TracedDynamics:
         return self._called("inertia_times", q, a)
 
     def inertia_solve(self, q: Any, tau: Any) -> Symbols:
-        """Return D(q)^-1 tau."""
+        """Return D(q)^-1 tau; zero, and no call, of what is zero: a law without torque limits cuts none."""
+        if all(ca.SX(x).is_zero() for x in flat(tau)):
+            return Symbols(np.zeros(self.arm.model.n).astype(object))
         return self._called("inertia_solve", q, tau)
 
     def nonlinear_effects(self, q: Any, v: Any) -> Symbols:

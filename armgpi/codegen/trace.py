@@ -156,7 +156,7 @@ class Trace:
         early: expressions of them before the last seconds; a symbol of `sums` where nothing changes.
         places: of the parameters, shared and own, among all that the loop has.
         usual: the same sample where its controller's usual step will do; see :meth:`Supervised.usual`.
-        holds: of that one: what has to hold before it is taken, and after it.
+        holds: of that one: all that has to hold before it is taken, and all after it.
     """
 
     n: int
@@ -178,7 +178,7 @@ class Trace:
     early: list[Any] = field(default_factory=list)
     places: tuple[list[int], list[int]] = ([], [])
     usual: Trace | None = None
-    holds: list[Any] = field(default_factory=list)
+    holds: list[list[Any]] = field(default_factory=list)
 
 
 class Tracer:
@@ -671,7 +671,7 @@ def trace(loop: Any, state: Any, signals: bool, running: Running | None = None) 
 class _Usual:
     """A supervised controller whose step is the usual one."""
 
-    def __init__(self, controller: Supervised, holds: list[Any]) -> None:
+    def __init__(self, controller: Supervised, holds: list[list[Any]]) -> None:
         self._controller, self._holds = controller, holds
 
     def __getattr__(self, name: str) -> Any:
@@ -681,8 +681,13 @@ class _Usual:
     def step(self, measurement: Any, target: Target, state: Any) -> ControlStep:
         """Return torque and next state, and note what has to hold."""
         before, after, made = self._controller.usual(measurement, target, state)
-        self._holds += [flat(before)[0], flat(after)[0]]
+        self._holds += [_conditions(flat(before)[0]), _conditions(flat(after)[0])]
         return made
+
+
+def _conditions(x: Any) -> list[Any]:
+    """Return what a condition asks for, one by one."""
+    return [y for i in range(2) for y in _conditions(x.dep(i))] if x.is_op(ca.OP_AND) else [x]
 
 
 def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool = False) -> Trace:

@@ -94,8 +94,21 @@ static inline V v_upper(V a, V b) { return v_select(v_lt(a, b), b, a); }
 #endif
 #endif
 
+/* What has to hold in every lane is collected, one number turns back at once; both in a function that says 0 then.
+   Not v_and: compilers make one instruction of & and the comparison before it. */
+#if LANES > 1
+#define v_require(m) held &= (m)
+#else
+#define v_require(m) if (!(m)) return 0
+#endif
+static inline int v_all(M m) { return !v_any(v_not(m)); }
+
 static inline V v_number(M m) { return v_only(m, v_set(1.0)); }
+#if LANES > 1
 static inline V v_abs(V x) { return v_from(v_bits(x) & ((U)v_bits(v_set(0.0)) + INT64_MAX)); }
+#else
+static inline V v_abs(V x) { return fabs(x); }
+#endif
 /* NaN on either side comes out, as from NumPy's minimum and maximum; v_lower and v_upper check a alone. */
 static inline V v_min(V a, V b) { return v_select(v_ne(b, b), b, v_lower(a, b)); }
 static inline V v_max(V a, V b) { return v_select(v_ne(b, b), b, v_upper(a, b)); }

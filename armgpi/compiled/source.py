@@ -75,8 +75,8 @@ def trace_used(loop: Any, state: Any, signals: bool, running: Running | None = N
     """Return one sample of a loop, with the parameters that it uses alone; see :func:`trace`."""
     traced = trace(loop, state, signals, running)
     forms = [traced] if traced.usual is None else [traced, traced.usual]
-    expressions = [x for form in forms for x in (*form.after, *form.summed, *form.holds)]
-    expressions += [x for form in forms for xs in form.recorded.values() for x in xs]
+    expressions = [x for form in forms for x in (*form.after, *form.summed)]
+    expressions += [x for form in forms for xs in (*form.recorded.values(), *form.holds) for x in xs]
     calls = [call for form in forms for call in form.calls]
     expressions += [x for call in calls for x in call.arguments]
     used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
@@ -164,7 +164,7 @@ def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         "if (!kept) {",
         *constant,
         "}",
-        "return !v_any(v_ne(after, v_set(1.0)));",
+        "return 1;",
         "}",
         f"{head} whole({_ARGUMENTS})",
         "{",
@@ -193,16 +193,21 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         used,
     )
     recorded = [x for name in names for x in traced.recorded[name]]
-    targets = [*_numbered("z", traced.after), *_numbered("r", recorded)]
-    outputs = [*calls.outputs, *traced.after, *recorded, *traced.holds]
-    sites = calls.sites
-    if traced.holds:
-        refused = "if (v_any(v_ne(before, v_set(1.0)))) return 0;"
-        sites = [CallSite((len(outputs) - 2, len(outputs) - 1), (), [refused]), *sites]
+    targets = [*calls.targets, *_numbered("z", traced.after), *_numbered("r", recorded)]
+    outputs = [*calls.outputs, *traced.after, *recorded]
+    sites = list(calls.sites)
+    for conditions in reversed(traced.holds):
+        # As soon as it is known: what comes behind is not worked out for nothing.
+        used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*conditions)))}
+        behind = [i for i, call in enumerate(traced.calls, 1) if used & set(map(str, call.results))]
+        arguments = len(outputs), len(outputs) + len(conditions)
+        sites.insert(max(behind, default=0), CallSite(arguments, (), ["if (!v_all(held)) return 0;"]))
+        outputs += conditions
+        targets += ["v_require("] * len(conditions)
     lines = straight_line(
         [*_inputs(traced), *calls.inputs],
         outputs,
-        [*calls.targets, *targets, *[f"const V {name}" for name in ("before", "after")[: len(traced.holds)]]],
+        targets,
         dialect,
         sites,
         [*calls.order, *traced.joints, *(i % traced.n for i in range(len(outputs)))],
@@ -210,7 +215,7 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     buffers = [
         f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];" for i, call in enumerate(traced.calls)
     ]
-    return [*buffers, *lines]
+    return [*buffers, *(["M held = v_not((M){0});"] if traced.holds else ()), *lines]
 
 
 def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import LARGEST, Array, check_type, check_whole, new, per_joint, quantity
+from armgpi.arrays import LARGEST, SMALLEST, Array, check_type, check_whole, new, per_joint, quantity
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
@@ -415,6 +415,7 @@ class Supervised(Controller):
         # Bounds of the tightest joint, which take less to load than each its own.
         self._tightest = new(Bounds, [np.min(x, axis=-1, keepdims=True) for x in self.bounds])
         self._alert = np.minimum(self._tightest.following, _ALERT if self._answered else LARGEST)
+        self._apart = np.minimum(self._tightest.jump, self._tightest.turn)
         # A torque below this is within its limit, and so is the sum of all.
         self._sound = np.minimum(self.effort, LARGEST / self.robot.n)
         # PID with a nominal model of its own for gravity brakes by that one.
@@ -510,10 +511,13 @@ class Supervised(Controller):
 
     def step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`. Neither is ever NaN."""
-        if isinstance(measurement.q, np.ndarray) and self._calm(measurement, target, state.supervisor).all():
-            sound, made = self._run(measurement, target, state)
-            if sound.all():
-                return made
+        if isinstance(measurement.q, np.ndarray):
+            with np.errstate(invalid="ignore"):  # infinity less infinity
+                calm = self._calm(measurement, target, state.supervisor).all()
+            if calm:
+                sound, made = self._run(measurement, target, state)
+                if sound.all():
+                    return made
         return self._any_step(measurement, target, state)
 
     def usual(
@@ -531,11 +535,12 @@ class Supervised(Controller):
         bounds, given = self._tightest, measurement.q
         change = given - watch.q
         # Each is false of NaN.
-        good = np.abs(change - watch.change) <= np.minimum(bounds.jump, bounds.turn)
+        good = np.abs(change - watch.change) <= self._apart
         good = good & (given >= self.bounds.lower) & (given <= self.bounds.upper)
         good = good & (np.abs((target.q - watch.r) - watch.rv) <= bounds.step)
         good = good & (np.abs(given - target.q) <= self._alert)
-        good = good & ((change != 0.0) | (np.abs(target.q - watch.mark) <= bounds.travel))
+        mark = np.where(change != 0.0, target.q, watch.mark)
+        good = good & (np.abs(target.q - mark) <= bounds.travel)
         if self.measurement_type is FullState:
             good = good & (np.abs(measurement.v) <= _FASTEST)
         for used, rate in zip(self._uses, target[1:], strict=True):
@@ -567,9 +572,9 @@ class Supervised(Controller):
             bad=zero,
             q=q,
             change=np.where(change != 0.0, change, watch.change),
-            v=watch.v + self._smoothing * (change - watch.v),
+            v=_gone(watch.v + self._smoothing * (change - watch.v)),
             r=r + zero,
-            rv=watch.rv + self._smoothing * ((r - watch.r) - watch.rv),
+            rv=_gone(watch.rv + self._smoothing * ((r - watch.r) - watch.rv)),
             tau=asked,
             still=zero,
             mark=np.where(change != 0.0, r, watch.mark),
@@ -603,7 +608,7 @@ class Supervised(Controller):
         # Not over a gap: a quotient there would not have the same bits in C.
         gap = seen.bad + watch.bad > 0.0
         change = seen.q - watch.q
-        v = watch.v + self._smoothing * np.where(gap, 0.0, change - watch.v)
+        v = _gone(watch.v + self._smoothing * np.where(gap, 0.0, change - watch.v))
         change = np.where(gap | (change == 0.0), watch.change, change)
         lower, upper = self._limits(watch)
         # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
@@ -639,7 +644,7 @@ class Supervised(Controller):
             change=change,
             v=v,
             r=aim.q,
-            rv=np.where(stopping, pace, watch.rv + self._smoothing * (pace - watch.rv)),
+            rv=np.where(stopping, pace, _gone(watch.rv + self._smoothing * (pace - watch.rv))),
             tau=tau,
             still=np.where(dead & seen.distrusted, COUNTED, seen.still),
             mark=np.where(seen.q == watch.q, watch.mark, aim.q),
@@ -1016,6 +1021,14 @@ def _largest(x: Array) -> Array:
     for j in range(1, x.shape[-1]):
         found = np.maximum(found, x[..., j : j + 1])
     return found
+
+
+def _gone(v: Array) -> Array:
+    """Return a smoothed velocity, zero where next to nothing is left of it.
+
+    At rest it would halve for ever, and processors take long over the smallest numbers there are.
+    """
+    return np.where(np.abs(v) > SMALLEST, v, 0.0)
 
 
 def _beyond(x: Array, limit: Array | float) -> Mask:

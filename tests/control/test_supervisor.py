@@ -506,6 +506,19 @@ def pushed(push: Any, k: int, tau: Any) -> Any:
     return tau + push * (k < 50)
 
 
+def test_at_rest_nothing_is_kept_that_processors_take_long_over() -> None:
+    loop = armgpi.ClosedLoop(
+        Saturated(RigidBodyPlant(ARM)), Supervised(GPI(ARM, DT)), Bezier(Q, Q + 0.1, 0.2)
+    )
+    state = loop.init()
+    for _ in range(1200):
+        state = loop.step(state).state
+    watch = state.controller.supervisor
+    assert not watch.rv.any()  # halved for a second, it would be 1e-80
+    for part in watch:
+        assert not ((part != 0.0) & (np.abs(part) < np.finfo(np.float64).tiny)).any()
+
+
 def test_a_push_and_a_load_are_not_taken_for_a_motor_that_turns_the_other_way() -> None:
     robot = arm("anthropomorphic3", "robot")
     for share in (-0.5, -0.2, 0.1, 0.5):
