@@ -21,7 +21,7 @@ import armgpi
 GOAL = 1.1
 KINDS = ("without", "with")
 #: Rollouts -> samples of each.
-SAMPLES = {1: 100_000, 64: 20_000}
+SAMPLES = {1: 50_000, 64: 10_000}
 #: Samples of a run that is there to be taken off: what a run costs besides its samples.
 FEW = 16
 

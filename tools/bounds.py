@@ -42,7 +42,7 @@ ARMS = arm.ROBOTS
 #: Samples of a wall-clock run, and of a fuzzer.
 SAMPLES, FUZZED = 8000, 1_000_000
 #: Samples of a run that is timed; of 64 rollouts a fifth.
-SAMPLED = 100_000
+SAMPLED = 50_000
 PLANTS: tuple[Callable[[Robot], Any], ...] = (RigidBodyPlant, MuJoCoPlant)
 
 

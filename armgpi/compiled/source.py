@@ -195,23 +195,19 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     recorded = [x for name in names for x in traced.recorded[name]]
     targets = [*calls.targets, *_numbered("z", traced.after), *_numbered("r", recorded)]
     outputs = [*calls.outputs, *traced.after, *recorded]
+    order = [*calls.order, *traced.joints, *(i % traced.n for i in range(len(recorded)))]
     sites = list(calls.sites)
     for conditions in reversed(traced.holds):
         # As soon as it is known: what comes behind is not worked out for nothing.
-        used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*conditions)))}
-        behind = [i for i, call in enumerate(traced.calls, 1) if used & set(map(str, call.results))]
+        asked = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*conditions)))}
+        behind = [i for i, call in enumerate(traced.calls, 1) if asked & set(map(str, call.results))]
         arguments = len(outputs), len(outputs) + len(conditions)
         sites.insert(max(behind, default=0), CallSite(arguments, (), ["if (!v_all(held)) return 0;"]))
         outputs += conditions
         targets += ["v_require("] * len(conditions)
-    lines = straight_line(
-        [*_inputs(traced), *calls.inputs],
-        outputs,
-        targets,
-        dialect,
-        sites,
-        [*calls.order, *traced.joints, *(i % traced.n for i in range(len(outputs)))],
-    ).lines
+        order += [i * traced.n // len(conditions) for i in range(len(conditions))]  # joint after joint
+    inputs = [*_inputs(traced), *calls.inputs]
+    lines = straight_line(inputs, outputs, targets, dialect, sites, order).lines
     buffers = [
         f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];" for i, call in enumerate(traced.calls)
     ]
