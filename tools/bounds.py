@@ -157,7 +157,7 @@ def cost() -> Row:
         for what, shares in (("64 rollouts", times[64]), ("one", times[1]), ("instructions of 64", counts))
     ]
     kept = max(*times[1], *times[64]) <= 0.1
-    return Row("supervisor's cost: 10 % of the time of a compiled sample", "; ".join(said), kept)
+    return Row("supervisor's cost: 10 % of a compiled sample", "; ".join(said), kept)
 
 
 def counted(loop: ClosedLoop) -> int:
