@@ -86,6 +86,12 @@ def check_target(target: str, controller: Supervised) -> None:
             "feedforward (feedforward: none) does",
         )
     if target == "ros2_control":
+        for name in robot.joint_names:
+            if plain(name) != name:
+                expected = (
+                    f"bare for names that C does not have as they are: ROS would not find joint {name!r}"
+                )
+                raise ParameterError("target", target, expected)
         return
     if not compensated(robot):
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"

@@ -67,6 +67,11 @@ def with_jaw(joints: int) -> Robot:
     return Robot.from_xml(text(J("jaw", "tip", "prismatic", travel=0.05), arm=joints)).with_gravity(ZERO)
 
 
+def named(joint: str) -> Robot:
+    """An arm of one joint."""
+    return Robot.from_xml(text(J(joint, "base"), arm=0))
+
+
 def need(program: str) -> str:
     """The path of a program, or a skipped test."""
     found = shutil.which(program)
@@ -238,6 +243,7 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
         ),
         (lambda: GPI(with_jaw(6), 1e-3), "fci", r"this arm has 7, with 'jaw' of its gripper"),
         (lambda: GPI(with_jaw(5), 2e-3), "ur", "for 6 joints; this arm has 6, with 'jaw' of its gripper"),
+        (lambda: GPI(named("übergelenk"), 1e-3), "ros2_control", "ROS would not find joint 'übergelenk'"),
         (lambda: GPI(ARM, 1e-3), "plc", "target must be one of bare, fci, ur, ros2_control"),
     ],
 )
