@@ -518,6 +518,12 @@ CASES: dict[str, Case] = {
     "RateLimited": Case(armgpi.RateLimited, {"plant": PLANT, "rate": 30.0}, moved),
     "Delayed": Case(armgpi.Delayed, {"plant": PLANT, "samples": 2, "longest": 3}, moved),
     "Differentiated": Case(armgpi.Differentiated, {"plant": PLANT, "bandwidth": 200.0}, moved),
+    "SensorFault": Case(
+        armgpi.SensorFault,
+        {"plant": PLANT, "onset": 0.1, "end": 0.2, "gain": 0.0, "offset": [0.1, 0.0, 0.0], "lost": 0.0},
+        moved,
+    ),
+    "MotorFault": Case(armgpi.MotorFault, {"plant": PLANT, "onset": 0.1, "end": 0.2, "gain": -1.0}, moved),
     "DropOut": Case(armgpi.DropOut, {"plant": PLANT, "probability": 0.1, "seed": 0}, moved),
     "Encoder": Case(armgpi.Encoder, {"plant": PLANT, "bits": 16}, moved),
     "Noisy": Case(armgpi.Noisy, {"plant": PLANT, "std_q": 1e-3, "std_v": [0.1, 0.0, 0.1], "seed": 0}, moved),

@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
 from armgpi.arrays import Array, check_type
 from armgpi.control.controller import FullState, batches, common_batch
+from armgpi.errors import ArrayError
 from armgpi.parameter import Parametrised, parameters, with_parameters
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot
@@ -128,7 +131,13 @@ class Wrapper(Parametrised, Plant):
         return cls(plant, **given, **({"seed": context.seed} if "seed" in own else {}))
 
     def init(self, q: Array, v: Array) -> Any:
-        """Return the wrapped plant's state; see :meth:`Plant.init`."""
+        """Return the wrapped plant's state; see :meth:`Plant.init`.
+
+        Raises:
+            ArrayError: when parameters are for several rollouts, and positions for one.
+        """
+        if self.batch is not None and np.ndim(q) < 2:
+            raise ArrayError("q", f"expected shape ({self.batch}, {self.robot.n}), got {np.shape(q)}")
         return self.plant.init(q, v)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:
