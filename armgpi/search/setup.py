@@ -68,6 +68,9 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     data = {**given.model_dump(exclude_unset=True)}
     data.setdefault("controllers", [{"type": "gpi"}])
     experiment = config.build(given, origin)
+    if experiment.supervisor is not None:
+        said = "candidates are searched without the supervisor of the file; run what is found under it"
+        warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)
     index = _chosen(tune, experiment, origin)
     label = list(experiment.controllers)[index]
     section = {**data["controllers"][index]}

@@ -16,7 +16,8 @@ from commands import Answer
 
 from armgpi import files
 from armgpi.cli import main
-from armgpi.search import contend
+from armgpi.errors import ArmgpiWarning
+from armgpi.search import contend, setup
 from armgpi.search.study import Study
 
 ROOT = Path(__file__).parents[2]
@@ -57,6 +58,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
             main()
     assert not end.value.code
     return folder
+
+
+def test_a_search_says_that_it_leaves_the_supervisor_out(tmp_path: Path) -> None:
+    path = study_file(tmp_path)
+    path.write_text(path.read_text() + "supervisor: {}\n")
+    with pytest.warns(ArmgpiWarning, match=r"supervisor: candidates are searched without the supervisor"):
+        setup.read(path)
 
 
 def test_a_study_leaves_what_it_found(whole: Path, cli: Callable[..., Answer]) -> None:
