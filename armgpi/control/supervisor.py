@@ -162,6 +162,13 @@ class Supervisor(Parametrised):
         most=2**20,
         key="frozen",
     )
+    sticking: float = parameter(
+        "FROZEN: share of its limit by which a joint's torque may change while friction holds it: twice the "
+        "friction of its gear; 0 for a joint without any",
+        default=0.1,
+        least=0.0,
+        most=1.0,
+    )
     resolution: PerJoint = parameter(
         "a count: what positions may differ by without a motion",
         unit="rad or m",
@@ -256,11 +263,12 @@ class Watch(NamedTuple):
         change: of it, in its sample, the last that was not zero and over no gap [rad or m].
         v: its velocity, smoothed [rad or m per sample].
         r: reference that is followed [rad or m].
-        rv: its velocity, smoothed [rad or m per sample].
+        rv: its way in the last sample [rad or m].
         tau: last torque [N m or N].
         still: samples for which the measurement should have changed; :data:`COUNTED` of a joint that FAULT
             does not trust.
         mark: reference when the measurement last changed [rad or m].
+        pull: torque when it was first asked to change, the last one where it is not [N m or N].
         cut: samples for which the torque was at its limit, before the last one.
         against: 1, and the samples for which the joint has answered its torque the wrong way, from where an
             error was worth a look; 0 elsewhere.
@@ -286,6 +294,7 @@ class Watch(NamedTuple):
     tau: Array
     still: Array
     mark: Array
+    pull: Array
     cut: Array
     against: Array
     asked: Array
@@ -370,6 +379,8 @@ class Supervised(Controller):
     derived: ClassVar[Mapping[str, str]] = {
         **Controller.derived,
         "_damping": "torque per velocity by which FAULT damps a joint alone [N m s]",
+        "_braked": "change in a sample of which friction may stop a joint at once [rad or m]",
+        "_sticking": "change of torque that friction may hold a joint against [N m or N]",
         "_driven": "half of what all torques at their limits change of a motion in a sample [rad or m]",
         "_overpowered": "what half of its motor's torque changes of a joint's motion in a sample [rad or m]",
         "_pushed": "half of what a push by half its motor's torque does [rad or m]",
@@ -422,7 +433,10 @@ class Supervised(Controller):
         self._brakes = getattr(law, "bias_robot", law.robot).dynamics
         self._uses = _uses(law)
         self._damping, self._overpowered = _alone(law)
+        # Where there is no torque limit, friction is no share of it.
+        self._sticking = np.where(self.effort < LARGEST, supervisor.sticking * self.effort, 0.0)
         self._pushed, self._driven = _turning(law)
+        self._braked = 2.0 * (self.bounds.travel / _FROZEN_COUNTS) + 4.0 * supervisor.sticking * self._pushed
         self._share = 1.0 / self.effort
 
     def init(self, measurement: Any, target: Target) -> SupervisedState:
@@ -458,6 +472,7 @@ class Supervised(Controller):
             tau=zero,
             still=zero,
             mark=r,
+            pull=zero,
             cut=zero,
             against=zero,
             asked=zero,
@@ -574,10 +589,11 @@ class Supervised(Controller):
             change=np.where(change != 0.0, change, watch.change),
             v=_gone(watch.v + self._smoothing * (change - watch.v)),
             r=r + zero,
-            rv=_gone(watch.rv + self._smoothing * ((r - watch.r) - watch.rv)),
+            rv=r - watch.r,
             tau=asked,
             still=zero,
             mark=np.where(change != 0.0, r, watch.mark),
+            pull=asked,
             cut=zero,
             against=zero,
             asked=zero,
@@ -644,18 +660,18 @@ class Supervised(Controller):
             change=change,
             v=v,
             r=aim.q,
-            rv=np.where(stopping, pace, _gone(watch.rv + self._smoothing * (pace - watch.rv))),
+            rv=pace,
             tau=tau,
             still=np.where(dead & seen.distrusted, COUNTED, seen.still),
             mark=np.where(seen.q == watch.q, watch.mark, aim.q),
+            pull=np.where(seen.still > 0.0, watch.pull, tau),
             cut=np.where(entering, 0.0, watch.cut),
             **answer._asdict(),
             calm=watch.calm,
         )
         counted = made.bad + made.still + made.cut + made.against + self._at_limit(tau, 0.0)
-        calm = (made.status == float(State.RUN)) & _all(counted == 0.0)
-        made = made._replace(calm=np.where(calm, 1.0, 0.0))
-        return ControlStep(tau, SupervisedState(made, _chosen(waits, before, after)))
+        calm = np.where((made.status == float(State.RUN)) & _all(counted == 0.0), 1.0, 0.0)
+        return ControlStep(tau, SupervisedState(made._replace(calm=calm), _chosen(waits, before, after)))
 
     def _at_limit(self, tau: Array, otherwise: float) -> Array:
         """Return 1 where a torque is at its limit."""
@@ -703,8 +719,9 @@ class Supervised(Controller):
         strayed = self._strayed(target, watch)
         r = np.where(active & ~strayed, target.q, watch.r)
         q = np.where(good, given, watch.q)
-        # Since the number last changed, the reference has moved on, or the torque has reached its limit.
-        moved = np.abs(r - watch.mark)
+        # Since the number last changed, the reference has moved on, or the torque has reached its limit. A
+        # joint that is ahead of its reference waits for it.
+        moved = np.maximum(np.minimum(r - watch.mark, r - q), np.minimum(watch.mark - r, q - r))
         unmoved = good & (change == 0.0)
         asked = unmoved & ((moved > bounds.travel) | (watch.cut > 0.0))
         still = np.where(asked, watch.still + 1.0, 0.0)
@@ -741,7 +758,9 @@ class Supervised(Controller):
 
     def _strayed(self, target: Target, watch: Watch) -> Mask:
         """Tell which joints have a reference that is no number, or that jumps."""
-        wrong = _beyond((target.q - watch.r) - watch.rv, self.bounds.step * (1.0 + watch.bad))
+        # From one sample to the next: what is smoothed lags, and takes an acceleration for a step.
+        samples = 1.0 + watch.bad
+        wrong = _beyond((target.q - watch.r) - samples * watch.rv, self.bounds.step * samples)
         for used, rate in zip(self._uses, target[1:], strict=True):
             if used:  # what the law does not use need not be there
                 wrong = wrong | _beyond(rate, _FASTEST)
@@ -754,9 +773,12 @@ class Supervised(Controller):
         # A joint that moved with its reference cannot stand still at once: there is no need to wait. One that
         # starts, or turns round, has slow changes first, and may stick.
         far = moved > self.bounds.travel + self._lost * np.abs(watch.rv)
-        square = watch.rv * watch.rv
-        moving = (watch.change * watch.rv > _IN_MOTION * square) & (watch.v * watch.rv > 0.1 * square)
-        return (still >= float(self.frozen_samples)) | (unmoved & far & moving)
+        went = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
+        moving = went & (watch.v * watch.change > 0.1 * (watch.change * watch.change))
+        moving = moving & (np.abs(watch.change) > self._braked)
+        # Friction holds a joint at rest until its torque has changed by more.
+        pulled = (np.abs(watch.tau - watch.pull) > self._sticking) | (watch.cut > 0.0)
+        return ((still >= float(self.frozen_samples)) & pulled) | (unmoved & far & moving)
 
     def _aim(
         self, target: Target, watch: Watch, seen: _Seen, entering: Mask, stopping: Mask

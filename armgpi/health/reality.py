@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +22,10 @@ from scipy import stats
 
 from armgpi import config
 from armgpi.arrays import Array, check_whole
-from armgpi.config.schema import KINDS
+from armgpi.config.schema import KINDS, PlantSection
 from armgpi.control.controller import Controller
 from armgpi.control.gpi import KNOWS
+from armgpi.control.supervisor import Supervisor, suited
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.health.zoo import fingers
 from armgpi.loop import metrics
@@ -86,11 +87,14 @@ class Interval(NamedTuple):
     high: float
 
 
-def interval(count: int, total: int, confidence: float = 0.95) -> Interval:
-    """Return Wilson's interval of a share that was found `count` times in `total` (E. B. Wilson 1927)."""
+def interval(count: int, total: int, confidence: float = 0.95, method: str = "wilson") -> Interval:
+    """Return the interval of a share that was found `count` times in `total`.
+
+    It is Wilson's (E. B. Wilson 1927); by the method "exact" that of C. J. Clopper and E. S. Pearson (1934).
+    """
     if total == 0:
         return Interval(0.0, 1.0)
-    found = stats.binomtest(count, total).proportion_ci(confidence, method="wilson")
+    found = stats.binomtest(count, total).proportion_ci(confidence, method=method)
     return Interval(float(found.low), float(found.high))
 
 
@@ -138,6 +142,42 @@ def draws(reality: Reality, name: str, count: int) -> list[Draw]:
     return [reality.draw(robot, first + i) for i in range(count)]
 
 
+def rollouts(
+    found: Sequence[Draw], law: Mapping[str, Any], backend: str = "compiled", supervised: bool = False
+) -> Iterator[tuple[list[Draw], xr.Dataset]]:
+    """Yield draws of one arm that run together, and their rollouts.
+
+    Args:
+        found: the draws.
+        law: a controller's section of an experiment file, such as ``{"type": "gpi"}``.
+        backend: as for :func:`armgpi.simulate`.
+        supervised: under a supervisor with its defaults, which suit encoder and delay.
+
+    Raises:
+        ArmgpiError: when the law cannot be made for the arm.
+    """
+    for group in batches(found):
+        all_of_it = together(group)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)
+            controller: Controller = config.controller(law, all_of_it.context)
+            supervisor = None
+            if supervised:
+                count = group[0].robot.encoder_count(all_of_it.context.bits)
+                plant = PlantSection.model_validate({"delay": group[0].delay})
+                supervisor = suited(Supervisor(resolution=count), plant, controller)
+            rollout = simulate(
+                all_of_it.plant,
+                controller,
+                all_of_it.reference,
+                all_of_it.t_final,
+                progress=False,
+                backend=backend,
+                supervisor=supervisor,
+            )
+        yield group, rollout if "rollout" in rollout.dims else rollout.expand_dims("rollout")
+
+
 def outcomes(
     found: Sequence[Draw], name: str, law: Mapping[str, Any], backend: str = "compiled"
 ) -> list[Outcome]:
@@ -146,31 +186,17 @@ def outcomes(
     Args:
         found: the draws.
         name: of the arm.
-        law: a controller's section of an experiment file, such as ``{"type": "gpi"}``.
+        law: a controller's section of an experiment file.
         backend: as for :func:`armgpi.simulate`.
 
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
     by_index = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ArmgpiWarning)
-        for group in batches(found):
-            all_of_it = together(group)
-            controller: Controller = config.controller(law, all_of_it.context)
-            rollout = simulate(
-                all_of_it.plant,
-                controller,
-                all_of_it.reference,
-                all_of_it.t_final,
-                progress=False,
-                backend=backend,
-            )
-            if "rollout" not in rollout.dims:
-                rollout = rollout.expand_dims("rollout")
-            itae = metrics.itae(rollout).sum("joint").values
-            for row, draw in enumerate(group):
-                by_index[draw.index] = outcome(rollout.isel(rollout=row), draw, name, float(itae[row]))
+    for group, rollout in rollouts(found, law, backend):
+        itae = metrics.itae(rollout).sum("joint").values
+        for row, draw in enumerate(group):
+            by_index[draw.index] = outcome(rollout.isel(rollout=row), draw, name, float(itae[row]))
     return [by_index[draw.index] for draw in found]
 
 
@@ -323,7 +349,7 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-def share(happened: Sequence[bool]) -> str:
-    """Return a share with its interval, in per cent."""
-    low, high = interval(sum(happened), len(happened))
+def share(happened: Sequence[bool], method: str = "wilson") -> str:
+    """Return a share with its interval, in per cent; see :func:`interval`."""
+    low, high = interval(sum(happened), len(happened), method=method)
     return f"{100.0 * sum(happened) / max(len(happened), 1):.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"

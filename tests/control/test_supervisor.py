@@ -283,6 +283,14 @@ def test_samples_that_were_missed_are_filled_up_to_a_bound() -> None:
             # The way between is nearly straight.
             np.testing.assert_allclose(tau, tau_own, atol=0.05)
             np.testing.assert_allclose(after.law.law.lam, one_by_one.law.law.lam, rtol=1e-3, atol=0.1)
+    # The reference goes on meanwhile: that is no step of its velocity.
+    supervised, state = started(missed=20, resolution=1e-6, reference_step=1e-6)
+    for k in range(1, 100):
+        q = Q + 0.5 * (k * DT) ** 2
+        state = held(supervised, state, q, q).state
+    q = q + 50.0 * 99.0 * DT**2
+    state = supervised.advance(Measurement(q), Target(q, REST, REST), state, 50).state
+    assert supervised.report(state).reason == "late"
     with pytest.raises(ArmgpiError, match="elapsed must be a whole number"):
         supervised.advance(Measurement(Q), Target(Q, REST, REST), state, 0)
 
@@ -445,6 +453,51 @@ def test_a_step_of_the_reference_s_velocity_may_take_all_torque_for_a_time() -> 
         there = Target(np.full(1, speed * DT), np.zeros(1), np.zeros(1))
         state = supervised.step(Measurement(np.full(1, 1e-6)), there, state).state
         assert supervised.report(state).reason == reason
+
+
+@pytest.mark.parametrize("dt", [1e-3, 4e-3])
+def test_an_acceleration_of_the_reference_is_no_step_of_its_velocity(dt: float) -> None:
+    # Twice what the motor can: 8 ms of its torque in a sample of 4 ms, and 10 may be.
+    rail = machines.sled(bounds='lower="-1" upper="1"').with_limits(velocity=100.0, effort=20.0)
+    most = 20.0 / rail.mass_matrix(np.zeros(1))[0, 0]
+    supervised = Supervised(GPI(rail, dt), Supervisor(resolution=1e-9, frozen_samples=0, jump=0.0))
+    state = supervised.init(Measurement(np.zeros(1)), Target(*np.zeros((3, 1))))
+    for k in range(1, round(0.1 / dt)):
+        q = np.full(1, 0.5 * 2.0 * most * (k * dt) ** 2)
+        state = supervised.step(Measurement(q), Target(q, np.zeros(1), np.zeros(1)), state).state
+    assert supervised.report(state).reason == "none"
+
+
+@pytest.mark.parametrize("sticking", [0.0, 0.02, 0.1])
+def test_a_joint_that_stands_still_is_frozen_once_its_torque_has_changed_by_more_than_friction(
+    sticking: float,
+) -> None:
+    supervised, state = started(sticking=sticking, following=10.0)
+    j, taus, asked = 2, [0.0], 0
+    while supervised.report(state).reason == "none":
+        at = Q + np.array([0.0, 0.0, 0.02 * DT * len(taus)])
+        asked += abs(at[j] - Q[j]) > supervised.bounds.travel[j]
+        tau, state = held(supervised, state, Q, at)
+        taus.append(tau[j])
+    assert supervised.report(state) == ("fault", "frozen", "q3")
+    # What was known in its sample is the torque before.
+    pulled = np.abs(np.array(taus) - taus[-1 - asked])
+    most = sticking * ARM.limits.effort[j]
+    assert asked >= 50
+    assert pulled[-2] > most
+    assert asked == 50 or pulled[-3] <= most
+
+
+def test_a_joint_ahead_of_its_reference_may_wait_for_it_and_no_longer() -> None:
+    supervised, state = started(sticking=0.0)
+    ahead, at = Q + np.array([0.0, 0.0, 0.02]), Q
+    state = held(supervised, state, Q + 0.5 * (ahead - Q), Q).state
+    while supervised.report(state).reason == "none":
+        at = at + np.array([0.0, 0.0, 0.2 * DT])
+        state = held(supervised, state, ahead, at).state
+    assert supervised.report(state).reason == "frozen"
+    passed = at[2] - ahead[2]
+    assert supervised.bounds.travel[2] < passed <= supervised.bounds.travel[2] + 51 * 0.2 * DT
 
 
 @pytest.mark.parametrize("name", ARMS)
