@@ -537,7 +537,7 @@ def test_coarse_encoders_of_an_arm_at_rest_and_in_motion_are_not_frozen() -> Non
 
 @compiled
 def test_a_sensor_that_freezes_in_motion_is_found_after_so_many_samples() -> None:
-    exported, state = started(Supervisor(frozen_samples=20))
+    exported, state = started(Supervisor(frozen_samples=20, sticking=0.0))
     travel = 16.0 * 2.0 * np.pi / 2**16
     q_ref, taken = Q.copy(), 0
     while exported.report(state).status == "run":
