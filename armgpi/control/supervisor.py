@@ -714,6 +714,8 @@ class Supervised(Controller):
         )
         last = np.abs(watch.change)
         turned = (last > turn) & (watch.v * watch.change > turn * last) & (watch.late == 0.0)
+        # One that decelerates to turn round is slower by then than it was, and has every right to.
+        turned = turned & (last > 0.5 * np.abs(watch.v))
         turned = turned & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
         good = finite & ~turned & (np.abs(change - watch.change) <= bounds.jump * samples)
         strayed = self._strayed(target, watch)
