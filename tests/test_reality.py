@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from functools import cache
 
@@ -308,6 +309,23 @@ def test_intervals_hold_the_share_at_both_ends_too() -> None:
     centre, width = (0.3 + z * z / 20.0), z * math.sqrt(0.3 * 0.7 / 10.0 + z * z / 400.0)
     expected = np.array([centre - width, centre + width]) / (1.0 + z * z / 10.0)
     np.testing.assert_allclose(health.interval(3, 10), expected, rtol=1e-12)
+    # Clopper and Pearson's by the beta distribution.
+    ends = stats.beta.ppf(0.025, 3, 8), stats.beta.ppf(0.975, 4, 7)
+    np.testing.assert_allclose(health.interval(3, 10, method="exact"), ends, rtol=1e-9)
+
+
+def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_delay() -> None:
+    reality = Reality.geared(2, sample_time=[4e-3], encoder_bits=(12, 20), t_final=2.8)
+    found = [reality.draw(ARM, index) for index in (0, 1)]
+    assert len({draw.encoder_bits for draw in found}) == 2
+    ((group, free),) = health.rollouts(found, {"type": "untuned"}, "numpy")
+    ((_, watched),) = health.rollouts(found, {"type": "untuned"}, "numpy", supervised=True)
+    assert [each.index for each in group] == [0, 1]
+    assert "fault" not in free
+    given = json.loads(watched.attrs["provenance"])["controller"]["supervisor"]
+    np.testing.assert_array_equal(given["resolution"], [ARM.encoder_count(x.encoder_bits) for x in found])
+    assert given["frozen_samples"] == 13 + found[0].delay
+    assert given["response"] == 0.012 + 4e-3 * found[0].delay
 
 
 def test_every_arm_is_either_for_fitting_or_held_out_and_families_stay_together() -> None:
