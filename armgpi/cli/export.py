@@ -161,7 +161,6 @@ def _export(options: dict[str, Any]) -> int:
         say(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
         return FAILED
     if log.stopped is not None:
-        say(f"in the simulation the arm is {log.stopped}; the log ends in a fault", err=True)
         if supervised.supervisor.torque_rate is not None:
             say("note: torque begins at zero and ramps by its rate, and no brake holds this arm", err=True)
         return FAILED
@@ -222,7 +221,9 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         say("  not compiled here: there is no C compiler; `make` in the folder replays the log")
         return
     say(f"  replay of {len(log.tau)} samples   {measured.difference:.2g} of the torque limits from Python")
-    if not measured.agrees and log.stopped is None:
+    if log.stopped is not None:
+        say(f"  the log ends in a fault  {log.stopped}")
+    elif not measured.agrees:
         say(f"  which is not as it should be:\n{measured.said}", lines=True)
     if measured.step is not None:
         saturated = "" if measured.saturated is None else f", saturated {measured.saturated:.0f} ns"
