@@ -49,6 +49,8 @@ _KEPT = 512
 _ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.so")
 #: Longest time that a compiler may take [s].
 _PATIENCE = 300.0
+#: About what it takes to trace, generate and compile a loop, for each joint [s].
+_JOINT = 0.1
 
 
 #: The compiler of the package `ziglang`: for machines that have no other, and for WebAssembly.
@@ -199,6 +201,16 @@ def none_known() -> bool:
     with suppress(OSError), os.scandir(cache_folder()) as entries:
         return not _loaded and not any(entries)
     return not _loaded
+
+
+def check_patience(joints: int, patience: float) -> None:
+    """Refuse to compile a loop of so many joints where that takes longer than it may [s].
+
+    Raises:
+        BackendError: when it does.
+    """
+    if (about := _JOINT * joints) > patience:
+        raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
 
 
 class _Untrusted(OSError):

@@ -41,8 +41,6 @@ _TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
 _TABLE = 1 << 20
 #: Structures of which the code is kept at hand.
 _KEPT = 64
-#: About what it takes to trace, generate and compile a loop, for each joint [s].
-_JOINT = 0.1
 #: What an array of vectors is aligned to [bytes]: those of 8 lanes.
 _ALIGNMENT = 64
 
@@ -88,8 +86,6 @@ def _code_of(
         BackendError: when the loop cannot be generated or compiled, or takes longer.
     """
     flags = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
-    if build.none_known():  # then neither compiler nor package have to be looked at
-        _check_patience(loop, patience)
     try:
         with tracing():
             found = Inventory(loop, state, running)
@@ -101,7 +97,7 @@ def _code_of(
             name = f"{signals} {lanes} {found.name}" if found.name else ""
             made = build.known(name, flags) if name else None
             if made is None:
-                _check_patience(loop, patience)
+                build.check_patience(loop.plant.robot.n, patience)
                 text = source(trace_used(loop, state, signals, running), lanes)
                 if found.user_defined:
                     check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
@@ -113,16 +109,6 @@ def _code_of(
     if len(_generated) > _KEPT:
         _generated.popitem(last=False)
     return code, found, False
-
-
-def _check_patience(loop: Any, patience: float) -> None:
-    """Refuse to compile a loop where that takes longer than it may [s].
-
-    Raises:
-        BackendError: when it does.
-    """
-    if (about := _JOINT * loop.plant.robot.n) > patience:
-        raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
 
 
 class _Job(ctypes.Structure):

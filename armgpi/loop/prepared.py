@@ -292,6 +292,10 @@ class PreparedLoop:
     ) -> Runner:
         """Return the same run by generated code, or as it is where there is none, perhaps with a warning."""
         try:
+            from armgpi.codegen import build
+
+            if build.none_known():  # then nothing of what generates code has to be imported
+                build.check_patience(loop.plant.robot.n, patience)
             from armgpi.compiled.run import CompiledRun
 
             how = (self._divergence, self._signals, running, self._known, patience)
