@@ -187,7 +187,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
     away = [
         _Motion(k, dq=slip[k], dither=shake, samples=int(min(_LONGEST, count[k]))) for k in np.argsort(count)
     ]
-    f, p, room = int(np.argmin(travel / small)), int(np.argmin(upper - middle)), 0.0
+    f, p = int(np.argmin(travel / small)), int(np.argmin(upper - middle))
     room = upper[p] - middle[p] - 1.5 * small[p]
     driven = [_Motion(k, r=0.9 * following[k], dither=dither, samples=_LONGEST) for k in range(len(middle))]
     driven = sorted(driven, key=lambda motion: -_share(controller, motion))[:_TRIED]

@@ -9,8 +9,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState
-from armgpi.errors import ParameterError
-from armgpi.parameter import PerJoint, parameter, plain, with_parameters
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.plants.loads import check_times
 from armgpi.plants.plant import PlantState, StatefulWrapper, Wrapped, Wrapper
 
 
@@ -61,7 +61,7 @@ class SensorFault(StatefulWrapper):
     def __post_init__(self) -> None:
         """Check the values."""
         super().__post_init__()
-        _check_times(self.onset, self.end)
+        check_times(self.onset, self.end)
 
     def start(self, plant: Any, q: Array) -> Broken:
         """Return the first measurement; see :meth:`StatefulWrapper.start`."""
@@ -108,7 +108,7 @@ class MotorFault(Wrapper):
     def __post_init__(self) -> None:
         """Check the values."""
         super().__post_init__()
-        _check_times(self.onset, self.end)
+        check_times(self.onset, self.end)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:
         """Return the next state under what the motors give; see :meth:`Plant.step`."""
@@ -120,13 +120,3 @@ class MotorFault(Wrapper):
 def _begun(truth: PlantState, time: Any, dt: float) -> Array:
     """Return 1 from a time on, else 0, of the shape of a position; half a sample is for rounding."""
     return np.where(truth.k * dt + np.zeros_like(truth.q) >= time - 0.5 * dt, 1.0, 0.0)
-
-
-def _check_times(onset: Any, end: Any) -> None:
-    """Refuse an end before the onset.
-
-    Raises:
-        ParameterError: when there is one.
-    """
-    if np.any(np.less(end, onset)):
-        raise ParameterError("end", plain(end), f"a time after the onset {np.max(onset):g} [s]")

@@ -59,10 +59,7 @@ class Load(Parametrised, ABC):
     def __post_init__(self) -> None:
         """Check the values, and that an end comes after the onset."""
         super().__post_init__()
-        onset, end = getattr(self, "onset", 0.0), getattr(self, "end", math.inf)
-        if np.any(np.less(end, onset)):
-            expected = f"a time after the onset {np.max(onset):g} [s]"
-            raise ParameterError("end", plain(end), expected)
+        check_times(getattr(self, "onset", 0.0), getattr(self, "end", math.inf))
 
 
 @with_parameters
@@ -195,6 +192,16 @@ def paper_disturbances() -> list[Sine]:
         Sine([0.0, 0.0, 0.2], 0.1, onset=20.0),  # eq. 31
         Sine([0.0, 0.0, 0.1], 0.5, onset=20.0),
     ]
+
+
+def check_times(onset: Any, end: Any) -> None:
+    """Refuse an end before the onset [s]; each may be one per rollout, (batch, 1).
+
+    Raises:
+        ParameterError: when there is one.
+    """
+    if np.any(np.less(end, onset)):
+        raise ParameterError("end", plain(end), f"a time after the onset {np.max(onset):g} [s]")
 
 
 def _gate(t: Array, onset: Any, end: Any) -> Array:
