@@ -115,6 +115,9 @@ def validate(
         raise refusal("--robot", f"is missing: {told}")
     if wrong := [item for item in names or () if item.count("=") != 1]:
         raise refusal("--map", f"expected NAME=FUNCTION, as in M=mass_matrix, got {wrong[0]!r}")
+    mapped = [item.split("=")[0] for item in names or ()]
+    if twice := next((name for name in mapped if mapped.count(name) > 1), None):
+        raise refusal("--map", f"expected every name once, got {twice!r} twice")
     try:
         arm = None
         if robot is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -107,10 +108,14 @@ def validate(
         found = laws.check(worker, states, sampled, own)
         notes = ["the model prints while it computes; that is not shown"] if worker.printed else []
         notes += _rounded(sampled)
+        if worker.uncompared:
+            told = "nothing is said of it: give it a known name, or map it"
+            notes.append(f"not compared: {', '.join(worker.uncompared)} ({told})")
         if robot is None:
             rows = min(len(s.values) for s in sampled.values())
             joint_names = tuple(f"q{i + 1}" for i in range(n))
-            return DynamicsReport(name, None, joint_names, rows, (), (), tuple(found), tuple(notes))
+            laws_alone = DynamicsReport(name, None, joint_names, rows, (), (), tuple(found), tuple(notes))
+            return replace(laws_alone, uncompared=worker.uncompared)
         return _compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes)
 
 
@@ -163,6 +168,7 @@ def _compare(
         tuple(found),
         (*notes, *impossible_links(robot)),
         repaired,
+        worker.uncompared,
     )
 
 

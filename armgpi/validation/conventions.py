@@ -6,6 +6,7 @@ coordinates, so that everything else need not know of it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import Any, NamedTuple
@@ -30,11 +31,13 @@ class Convention(NamedTuple):
         names: what the model calls its functions -> what they are.
         A: matrix of the model's coordinates, (n, n); None where they are the robot's.
         b: offset of the model's coordinates [rad or m], (n,).
+        mapped: those of the names that the user gave.
     """
 
     names: Mapping[str, str]
     A: Array | None = None
     b: Array | None = None
+    mapped: tuple[str, ...] = ()
 
     def seen(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """Return a function of the model as one of the robot's coordinates."""
@@ -82,9 +85,12 @@ def declared(
     for mine, name in names.items():
         if name not in known:
             raise ParameterError("names", f"{mine}={name}", f"names of {', '.join(known)}")
-    both = {**SHORT, **names}
+    if twice := next((name for name, k in Counter(names.values()).items() if k > 1), None):
+        both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
+        raise ParameterError("names", both, f"one function for {twice}: only one is compared")
+    known_as, mapped = {**SHORT, **names}, tuple(names)
     if not absolute and from_vertical is None:
-        return Convention(both)
+        return Convention(known_as, mapped=mapped)
     if tree is None:
         raise ParameterError("robot", None, "given, as `absolute` and `from_vertical` are about its joints")
     A, b = np.eye(tree.n), np.zeros(tree.n)
@@ -98,7 +104,7 @@ def declared(
             raise ParameterError("from_vertical", from_vertical, " or ".join(map(repr, VERTICALS)))
         joint, turn = _quarter(tree, from_vertical)
         b = -turn * A[:, joint]
-    return Convention(both, A, b)
+    return Convention(known_as, A, b, mapped)
 
 
 def _quarter(tree: Tree, way: str) -> tuple[int, float]:

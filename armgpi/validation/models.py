@@ -59,6 +59,8 @@ _MATLAB = (
 _NOWHERE = "there is no such file or module (built in is: paper)"
 #: Names that mean the same everywhere.
 _CONSTANTS = ("pi", "e", "tau", "inf", "nan", "n")
+#: What functions of a state call their first argument.
+_POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
 #: Letters for a joint's position, velocity, acceleration and torque in SymPy files.
 _LETTERS = {
     "q": r"(?:q|theta|th)_?(\d+)",
@@ -112,9 +114,11 @@ class Functions:
         numbers: name -> value of every number that can be varied (parameters, attributes, globals).
         n: number of joints, when the model says so.
         origin: the file that it was read from, None when it was not.
+        uncompared: its other functions of a state, which nothing compares.
     """
 
     origin: Origin | None = None
+    uncompared: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -156,24 +160,84 @@ def resolve(model: Any, source: str | None = None, convention: Convention | None
     if isinstance(model, str) and model in PAPER:
         from armgpi.paper.arm import PaperArm
 
-        return _of_object(PaperArm()).seen(used)
+        return _of_object(_named(PaperArm(), used)).seen(used)
     if isinstance(model, str | Path):
         module, name = _load(str(model), source)
 
         def again() -> Functions:
-            return _of_object(_named(getattr(module, name) if name else module, used.names)).seen(used)
+            return _of_object(_named(getattr(module, name) if name else module, used)).seen(used)
 
         functions = again()
+        functions.uncompared = _uncompared(getattr(module, name) if name else module)
         path = getattr(module, "__file__", None)
         if path is not None and Path(path).suffix in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
             text = _text(Path(path)) if source is None else source
             functions.origin = Origin(str(path), text, module, again)
         return functions
-    return _of_object(_named(model, used.names)).seen(used)
+    functions = _of_object(_named(model, used)).seen(used)
+    functions.uncompared = _uncompared(model)
+    return functions
 
 
-def _named(thing: Any, names: Mapping[str, str]) -> Any:
-    """Return a model whose functions have their full names too."""
+def _named(thing: Any, convention: Convention) -> Any:
+    """Return a model whose functions have their full names too.
+
+    Raises:
+        Unusable: when it lacks a function that is mapped, or has another one of that name.
+    """
+    from difflib import get_close_matches
+
+    members = [_members(one) for one in (thing, *_parts_of(thing))]
+    for mine in convention.mapped:
+        name = convention.names[mine]
+        owner = next((m for m in members if _is_function(m.get(mine))), None)
+        if owner is None:
+            there = sorted({k for m in members for k, v in m.items() if _is_function(v) and k[:1] != "_"})
+            near = get_close_matches(mine, there, n=1, cutoff=0.5)
+            told = f"; is {near[0]!r} meant?" if near else f"; it has {', '.join(there[:12]) or 'none'}"
+            raise Unusable(f"has no function {mine!r}, which is mapped to {name}{told}")
+        own = owner.get(name)
+        if own is not None and own is not owner[mine] and not (callable(own) and own == owner[mine]):
+            raise Unusable(f"has a function {name}, and {mine!r} is mapped to {name} too: drop one")
+    return _renamed(thing, convention.names)
+
+
+def _members(thing: Any) -> dict[str, Any]:
+    """Return what a thing has, by names."""
+    if isinstance(thing, Mapping):
+        return {str(k): v for k, v in thing.items()}
+    names = vars(thing) if isinstance(thing, ModuleType) else dir(thing)
+    return {name: getattr(thing, name, None) for name in names if not name.startswith("__")}
+
+
+def _parts_of(thing: Any) -> Iterator[Any]:
+    """Yield the classes and the objects of a module's own classes."""
+    for value in list(vars(thing).values()) if isinstance(thing, ModuleType) else ():
+        own = value if isinstance(value, type) else type(value)
+        if own.__module__ == thing.__name__:
+            yield value
+
+
+def _uncompared(thing: Any) -> tuple[str, ...]:
+    """Return the functions of a state that nothing compares, and that no other one of the model calls."""
+    found: dict[str, None] = {}
+    called: set[str] = set()
+    for members in map(_members, (thing, *_parts_of(thing))):
+        for name, value in members.items():
+            code = getattr(value, "__code__", None)
+            if code is None or name.startswith("_") or value.__name__ in found:
+                continue
+            called |= set(code.co_names) | {x for c in code.co_consts for x in getattr(c, "co_names", ())}
+            letters = [x for x in code.co_varnames[: code.co_argcount] if x != "self"]
+            short = members.keys() & SHORT.keys() | ARGUMENTS.keys()
+            same = any(value == members.get(known) for known in short)
+            local = not isinstance(thing, ModuleType) or value.__module__ == thing.__name__
+            if not same and local and 0 < len(letters) < 4 and letters[0] in _POSITIONS:
+                found[name] = None
+    return tuple(name for name in found if name not in called)
+
+
+def _renamed(thing: Any, names: Mapping[str, str]) -> Any:
     if isinstance(thing, Mapping):
         return {**{names[k]: v for k, v in thing.items() if k in names and _is_function(v)}, **thing}
     for mine, name in names.items():
@@ -182,7 +246,7 @@ def _named(thing: Any, names: Mapping[str, str]) -> Any:
                 setattr(thing, name, value)
     for value in list(vars(thing).values()) if isinstance(thing, ModuleType) else ():
         if isinstance(value, type) and value.__module__ == thing.__name__:
-            _named(value, names)
+            _renamed(value, names)
     return thing
 
 
@@ -452,6 +516,8 @@ def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
         if not callable(value):
             raise Unusable(f"{name} must be a function (or a SymPy expression), got {type(value).__name__}")
         found[name] = _measured(value) if name == "recursion" else value
+    if not found:
+        raise Unusable(f"has none of the functions {', '.join(ARGUMENTS)}")
     if [*found] == ["recursion"]:
         raise Unusable("has a recursion alone; add what comes of it, inverse_dynamics(q, v, a)")
     return found

@@ -56,6 +56,7 @@ class DynamicsReport:
         laws: what holds for every arm, and whether it does for this model.
         notes: what else was seen, such as a link of the robot that no rigid body can be.
         repaired: the model's source with changes with which it agrees; None without such.
+        uncompared: functions of a state that the model has beside those: nothing is said of them.
     """
 
     model: str
@@ -67,6 +68,7 @@ class DynamicsReport:
     laws: tuple[Law, ...]
     notes: tuple[str, ...]
     repaired: str | None = None
+    uncompared: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -111,6 +113,7 @@ class DynamicsReport:
             "laws": [law._asdict() for law in self.laws],
             "notes": self.notes,
             "repaired": self.repaired,
+            "uncompared": self.uncompared,
         }
         return dict(json_data(data))
 

@@ -55,6 +55,7 @@ class Worker:
         time_limit: how long one call may take [s].
         convention: how the model may differ from the robot.
         printed: whether it has printed something.
+        uncompared: its other functions of a state, which nothing compares.
         takes: how long a call takes [s], per function: the least so far.
         changes: numbers of the model to change in the calls that follow.
     """
@@ -94,10 +95,9 @@ class Worker:
             self._process.start()
         theirs.close()  # so that the pipe ends with the child
         try:
-            answer: tuple[list[str], dict[str, float], int | None, bool, str | None] = self._receive(
-                "", max(LOADING * time_limit, LOADING_LEAST), "reading it"
-            )
-            self.functions, self.numbers, self.n, self.printed, self.source = answer
+            answer: tuple[list[str], dict[str, float], int | None, bool, str | None, tuple[str, ...]]
+            answer = self._receive("", max(LOADING * time_limit, LOADING_LEAST), "reading it")
+            self.functions, self.numbers, self.n, self.printed, self.source, self.uncompared = answer
         except BaseException:
             self.close()
             raise
@@ -258,7 +258,15 @@ def _answer_all(
         functions = models.resolve(model, source, convention)
         _end_copies(own)
         text = functions.origin.source if functions.origin is not None else None
-        pipe.send((True, (list(functions.calls), functions.numbers, functions.n, silent.used, text)))
+        told = (
+            list(functions.calls),
+            functions.numbers,
+            functions.n,
+            silent.used,
+            text,
+            functions.uncompared,
+        )
+        pipe.send((True, told))
     except BaseException as error:
         _end_copies(own)
         pipe.send((False, _description(error)))
