@@ -128,11 +128,16 @@ def _export(options: dict[str, Any]) -> int:
         from armgpi.export.code import generate, supervise
         from armgpi.export.files import export_controller, record
         from armgpi.export.names import check_name
-        from armgpi.export.targets import check_target, moving_gripper
+        from armgpi.export.targets import COMPENSATING, check_target, moving_gripper
     except ModuleNotFoundError as error:
         raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
     target = _target(options)
     experiment = configuration.build(*settings(options, compare=False))
+    if target in COMPENSATING and (fingers := moving_gripper(experiment.robot)):
+        # These interfaces have the arm's joints alone; a gripper has its own.
+        options["lock"] = [*(options["lock"] or []), *fingers]
+        say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
+        experiment = configuration.build(*settings(options, compare=False))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)

@@ -397,7 +397,7 @@ def _faults(controller: Supervised) -> dict[str, str]:
     return {
         "action": action,
         "rate": rate,
-        "deceleration": _few(bounds.slowing / controller.dt),
+        "deceleration": _few(bounds.slowing / controller.dt**2),
         "missed": str(given.missed),
         "jump": _jump_text(bounds.jump if given.jump else None, robot),
         "step": _jump_text(bounds.step if given.reference_jump else None, robot),

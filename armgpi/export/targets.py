@@ -40,6 +40,8 @@ _RUNNING_AWAY = (100, 200, 400)
 #: What keeps a measurement below 1 from repeating itself [rad or m]; single precision has it.
 _DITHER = 2e-6
 _OFF = "switched off at export"
+#: An arm rests that stays within 1 mrad (or mm) for 0.1 s: 0.01 rad/s, some encoder noise included.
+_REST_MOTION, _REST_TIME = 1e-3, 0.1
 
 
 class Interface(NamedTuple):
@@ -131,6 +133,8 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "state_bytes": str(state_bytes),
         "state_words": str(-(-state_bytes // 8)),
         "n": str(law.n),
+        "rest_motion": repr(_REST_MOTION),
+        "rest_samples": str(max(1, round(_REST_TIME / law.controller.dt))),
         "dt_double": repr(float(law.controller.dt)),
         "vectors": ", ".join(f"const Vector& {name}" for name in names),
         "datas": ", ".join(f"{name}.data()" for name in names),

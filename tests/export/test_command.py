@@ -139,3 +139,12 @@ def test_a_name_of_its_own(export: Callable[..., Answer], tmp_path: Path) -> Non
         assert "--name" in err
         assert said in err
     assert not (tmp_path / "other").exists()
+
+
+def test_a_panda_for_libfranka_has_its_seven_joints(export: Callable[..., Answer], tmp_path: Path) -> None:
+    if "panda" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    code, out, err = export("panda", "--target", "fci", "--t-final", "0.1", "-o", tmp_path)
+    assert code == 0, out + err
+    assert "of the gripper locked" in err
+    assert "#define ARMGPI_N (7U)" in (tmp_path / "armgpi_controller.h").read_text()

@@ -12,6 +12,27 @@ using Vector = std::array<armgpi_real_t, ARMGPI_N>;
 
 static_assert(sizeof(armgpi_state_t) == ${state_bytes}U, "the state has the same size on every machine");
 
+// Whether an arm rests: within REST_MOTION of where it was REST_SAMPLES ago. HOLD says that of its reference alone.
+class Rest {
+ public:
+  bool reached(const Vector& q) noexcept {
+    bool moved = count_ == 0U;
+    for (std::size_t i = 0; i < q.size(); ++i) {
+      const double way = static_cast<double>(q[i]) - static_cast<double>(from_[i]);
+      moved = moved || !(way <= ${rest_motion} && way >= -${rest_motion});
+    }
+    if (moved) {
+      from_ = q;
+      count_ = 0U;
+    }
+    return ++count_ > ${rest_samples}U;
+  }
+
+ private:
+  Vector from_{};
+  std::uint32_t count_{0U};
+};
+
 // One arm's controller; it allocates nothing and throws nothing.
 class Controller {
  public:

@@ -12,6 +12,7 @@
 #endif
 
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "armgpi_controller.hpp"
@@ -44,29 +45,26 @@ class Ros2Controller : public controller_interface::ControllerInterface {
   }
 
   CallbackReturn on_activate(const rclcpp_lifecycle::State&) override {
-    measure();
+    if (!measure()) {
+      return CallbackReturn::ERROR;
+    }
     reference_ = q_;
     return controller_.init(q_, reference_) == ARMGPI_STATUS_FAULT ? CallbackReturn::ERROR : CallbackReturn::SUCCESS;
   }
 
   CallbackReturn on_deactivate(const rclcpp_lifecycle::State&) override {
-    for (std::size_t i = 0; i < q_.size(); ++i) {
-      command_interfaces_[i].set_value(0.0);
-    }
-    return CallbackReturn::SUCCESS;
+    tau_.fill(armgpi_real_t{0});
+    return command() ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
   }
 
   controller_interface::return_type update(const rclcpp::Time&, const rclcpp::Duration& period) override {
     const long elapsed = std::lround(period.seconds() / Controller::dt);
-    measure();
+    measure();  // one that cannot be read is the last one, which the supervisor finds frozen
     const armgpi_status_t status =
         controller_.step_late(elapsed < 1 ? 1U : static_cast<std::uint32_t>(elapsed), q_, reference_, tau_);
-    for (std::size_t i = 0; i < tau_.size(); ++i) {
-      command_interfaces_[i].set_value(static_cast<double>(tau_[i]));
-    }
     // In FAULT the controller manager deactivates it, and the hardware has to brake.
-    return status == ARMGPI_STATUS_FAULT ? controller_interface::return_type::ERROR
-                                         : controller_interface::return_type::OK;
+    return command() && status != ARMGPI_STATUS_FAULT ? controller_interface::return_type::OK
+                                                      : controller_interface::return_type::ERROR;
   }
 
   // From a real-time buffer of yours, before `update`.
@@ -82,10 +80,23 @@ class Ros2Controller : public controller_interface::ControllerInterface {
     return found;
   }
 
-  void measure() noexcept {
+  // ros2_control from 4.27 on: a value may be locked by another thread for now.
+  bool measure() {
+    bool all = true;
     for (std::size_t i = 0; i < q_.size(); ++i) {
-      q_[i] = static_cast<armgpi_real_t>(state_interfaces_[i].get_value());
+      const std::optional<double> value = state_interfaces_[i].get_optional();
+      q_[i] = value ? static_cast<armgpi_real_t>(*value) : q_[i];
+      all = all && value.has_value();
     }
+    return all;
+  }
+
+  bool command() {
+    bool all = true;
+    for (std::size_t i = 0; i < tau_.size(); ++i) {
+      all = command_interfaces_[i].set_value(static_cast<double>(tau_[i])) && all;
+    }
+    return all;
   }
 
   std::string prefix_;
