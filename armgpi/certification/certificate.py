@@ -69,8 +69,8 @@ class Certificate:
         return not self.reasons
 
     @property
-    def guaranteed(self) -> bool:
-        """Whether it rests on proved numbers alone."""
+    def numbers_proved(self) -> bool:
+        """Whether it claims all that was asked for, and rests on proved numbers alone."""
         return self.certified and set(self.data["status"].values()) == {"proved"}
 
     @property

@@ -59,8 +59,11 @@ def verdict(made: Any) -> str:
     """Return in a line whether there is a certificate, and how sure its numbers are."""
     if not made.certified:
         return "not certified"
-    if made.guaranteed:
-        return "guaranteed: every number is proved"
+    if made.numbers_proved:
+        return (
+            "certified, every number is proved; but the inequality leaves out terms of a moving reference "
+            "and of the error's own friction (docs/certify.md)"
+        )
     return "certified for searched numbers: the largest that a search found, and 3 % more"
 
 

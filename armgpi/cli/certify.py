@@ -268,7 +268,7 @@ def _plain(found: Certificate) -> dict[str, Any]:
     """Return what is certified as plain data; null for what is not."""
     data: dict[str, Any] = {
         "certified": found.certified,
-        "guaranteed": found.guaranteed,
+        "numbers_proved": found.numbers_proved,
         "joints": found.joint_names,
         "per_torque": found.per_torque.tolist(),
         "error": found.error.tolist(),
