@@ -2,9 +2,9 @@
 
     python tools/headers.py FOLDER ...
 
-FOLDER is a checkout of ros2_control or libfranka. In a stub file a line `// from <header>` begins what is of that
-header, up to the next one or `// end`. A declaration of it that the header does not have, word for word (spaces and
-comments apart), is printed; exit code 1. What stubs of others (rclcpp, generated parameters) look like is not compared.
+FOLDER is a checkout of ros2_control or libfranka. In a stub file a line `// from <header>` begins what is of
+that header, up to the next one or `// end`. A declaration of it that the header does not have, word for word
+(spaces and comments apart), is printed; exit code 1. Stubs of others (rclcpp) are not compared.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
+    from armgpi.config import Experiment
     from armgpi.export.files import Export, Log
 
 Folder = Annotated[
@@ -115,8 +116,6 @@ def _export(options: dict[str, Any]) -> int:
     """Write what the options describe, print what it takes, and return the exit code."""
     import numpy as np
 
-    from armgpi import config as configuration
-    from armgpi.cli.settings import settings
     from armgpi.config import experiment as experiments
     from armgpi.errors import ParameterError
 
@@ -128,16 +127,11 @@ def _export(options: dict[str, Any]) -> int:
         from armgpi.export.code import generate, supervise
         from armgpi.export.files import export_controller, record
         from armgpi.export.names import check_name
-        from armgpi.export.targets import COMPENSATING, check_target, moving_gripper
+        from armgpi.export.targets import check_target
     except ModuleNotFoundError as error:
         raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
     target = _target(options)
-    experiment = configuration.build(*settings(options, compare=False))
-    if target in COMPENSATING and (fingers := moving_gripper(experiment.robot)):
-        # These interfaces have the arm's joints alone; a gripper has its own.
-        options["lock"] = [*(options["lock"] or []), *fingers]
-        say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
-        experiment = configuration.build(*settings(options, compare=False))
+    experiment = _experiment(options, target)
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
@@ -150,10 +144,6 @@ def _export(options: dict[str, Any]) -> int:
         check_name(options["prefix"], code.source)
     except ParameterError as error:
         raise refusal(option, str(error)) from error
-    if fingers := moving_gripper(experiment.robot):
-        lock = " ".join(f"--lock {name}" for name in fingers)
-        said = f"{', '.join(fingers)} of a gripper gets torque with the arm; {lock} leaves it out"
-        say(f"warning: {said}", err=True, fg="yellow")
     experiments.prepare(options["out"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
     done = export_controller(
@@ -170,6 +160,25 @@ def _export(options: dict[str, Any]) -> int:
             say("note: torque begins at zero and ramps by its rate, and no brake holds this arm", err=True)
         return FAILED
     return OK if done.measured is None or done.measured.agrees else FAILED
+
+
+def _experiment(options: dict[str, Any], target: str) -> Experiment:
+    """Return what the options describe, without a gripper where the interface has the arm alone."""
+    from armgpi import config as configuration
+    from armgpi.cli.settings import settings
+    from armgpi.export.targets import COMPENSATING, moving_gripper
+
+    experiment = configuration.build(*settings(options, compare=False))
+    fingers = moving_gripper(experiment.robot)
+    if fingers and target in COMPENSATING:
+        options["lock"] = [*(options["lock"] or []), *fingers]
+        say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
+        return configuration.build(*settings(options, compare=False))
+    if fingers:
+        lock = " ".join(f"--lock {name}" for name in fingers)
+        said = f"{', '.join(fingers)} of a gripper gets torque with the arm; {lock} leaves it out"
+        say(f"warning: {said}", err=True, fg="yellow")
+    return experiment
 
 
 def _target(options: dict[str, Any]) -> str:

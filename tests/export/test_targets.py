@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import shutil
 import subprocess
 import sys
@@ -23,8 +24,8 @@ ZERO = (0.0, 0.0, 0.0)
 #: Declarations of public headers; tools/headers.py compares them with those.
 STUBS = Path(__file__).parent / "stubs"
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
-#: A motion of an arm whose reference is NaN after 0.1 s, and which creeps on for 0.2 s. libfranka keeps a copy of
-#: the callback.
+#: A motion of an arm whose reference is NaN after 0.1 s, and which creeps on for 0.2 s. libfranka keeps a
+#: copy of the callback.
 MOTION = """
 #include <cmath>
 #include <cstdio>
@@ -216,17 +217,15 @@ def test_the_readme_has_the_deceleration_of_the_supervisor(tmp_path: Path) -> No
 
 
 def test_stubs_are_compared_word_by_word(tmp_path: Path) -> None:
-    sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-    import headers
-
-    for header, part in (each for stub in headers.STUBS for each in headers.sections(stub)):
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "headers.py"))
+    for header, part in (each for stub in tool["STUBS"] for each in tool["sections"](stub)):
         (tmp_path / header).parent.mkdir(parents=True, exist_ok=True)
         with (tmp_path / header).open("a") as file:
             file.write(part)
-    assert headers.compare(tmp_path)[1] == []
+    assert tool["compare"](tmp_path)[1] == []
     name = "hardware_interface/loaned_state_interface.hpp"
     (tmp_path / name).write_text("class LoanedStateInterface { double get_value() const; };")
-    _, apart = headers.compare(tmp_path)
+    _, apart = tool["compare"](tmp_path)
     assert any("get_optional" in line for line in apart)
     assert all(line.startswith(name) for line in apart)
 
