@@ -16,7 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_omega
-from armgpi.config import drives, schema
+from armgpi.config import schema
 from armgpi.errors import ArmgpiError, ConfigError
 from armgpi.plants.plant import Wrapper
 
@@ -690,48 +690,6 @@ def test_a_mapping_may_be_merged_into_many() -> None:
     many = "\n".join(f"  - {{<<: *common, label: c{i}}}" for i in range(20))
     text = f"robot: {{name: anthropomorphic3}}\ncontrollers:\n  - &common {{type: gpi}}\n{many}\n"
     assert len(config.parse(text, "x").config.controllers) == 21
-
-
-def test_drives_are_of_the_plant_and_of_the_nominal_model(tmp_path: Path) -> None:
-    path = tmp_path / "drives.yaml"
-    path.write_text(
-        "q1: {gear_ratio: 100, motor_inertia: 2e-5, coulomb: 0.5}\nq2: {viscous: 0.25, motor_inertia: 0.1}\n"
-    )
-    given = drives.read(path)
-    assert given["friction"] == {"viscous": {"q2": 0.25}, "coulomb": {"q1": 0.5}}
-    assert drives.given(path, {"q3": 0.4})["rotor_inertia"] == {**given["rotor_inertia"], "q3": 0.4}
-    assert drives.given(path, 0.1)["rotor_inertia"] == 0.1
-    wanted = {
-        "robot": {"name": "anthropomorphic3", **given},
-        "plant": {"rotor_inertia": {"q1": 0.3}, "friction": "urdf"},
-    }
-    built = config.build(config.check(wanted, config.Origin("test")), config.Origin("test"))
-    nominal, plant = built.controllers["gpi"].robot, built.plant
-    assert isinstance(nominal, Robot)
-    assert isinstance(plant.robot, Robot)
-    np.testing.assert_allclose(nominal.armature, [0.2, 0.1, 0.0])
-    np.testing.assert_allclose(plant.robot.armature, [0.3, 0.1, 0.0])
-    for robot in (nominal, plant.robot):
-        np.testing.assert_allclose(robot.friction.viscous[1], 0.25)
-        np.testing.assert_allclose(robot.friction.coulomb[0], 0.5)
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("q1: {gear: 3}", "q1.gear"),
-        ("q1: {motor_inertia: -1}", "q1.motor_inertia"),
-        ("[1, 2]", "dict"),
-        ("{", "read"),
-    ],
-)
-def test_a_bad_file_of_drives_is_named(tmp_path: Path, text: str, named: str) -> None:
-    path = tmp_path / "drives.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=named):
-        drives.read(path)
-    with pytest.raises(ConfigError, match="nowhere"):
-        drives.read(tmp_path / "nowhere.yaml")
 
 
 def test_a_sensor_that_is_defined_later_is_no_key_and_does_no_harm() -> None:

@@ -29,7 +29,13 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"^```(\w+)\n(?:# (\S+\.\w+)\n)?(.*?)^```$", re.MULTILINE | re.DOTALL)
 #: Errands, and the module that a distribution would have for each.
-ERRANDS = {"controller": "gravity_pd", "sensor": "low_pass", "metric": "mean_error", "check": "check_case"}
+ERRANDS = {
+    "controller": "gravity_pd",
+    "sensor": "low_pass",
+    "plant": "springs",
+    "metric": "mean_error",
+    "check": "check_case",
+}
 
 pytestmark = pytest.mark.slow
 
@@ -149,7 +155,7 @@ def test_the_tests_of_the_recipes_pass(run: Run, folder: Path) -> None:
     tests = sorted(path.name for path in folder.glob("test_*.py"))
     assert len(tests) == len(ERRANDS)
     said = run(*tests, "-q", "-p", "no:cacheprovider", "-W", "error", module=("-m", "pytest"))
-    assert "4 passed" in said
+    assert f"{len(ERRANDS)} passed" in said
 
 
 def test_the_recipes_have_the_style_of_the_house(tmp_path: Path) -> None:
@@ -192,6 +198,18 @@ def test_the_sensor_is_in_files_help_provenance_and_c(run: Run, folder: Path) ->
     provenance = Provenance.from_rollout(armgpi.load(folder / "lagging" / "rollout.nc"))
     assert {"type": "LowPass", "time_constant": 0.002} in provenance.first.data["plant"]["io"]
     same_in_c(run, folder, "low_pass.yaml")
+
+
+def test_the_plant_is_in_files_help_sweeps_provenance_and_c(run: Run, folder: Path) -> None:
+    helped = run("run", "--help")
+    assert all(word in helped for word in ("springs", "--gear-stiffness", "--rotor "))
+    said = shown(run, "springs.yaml")
+    written = (folder / "sprung" / "experiment.yaml").read_text(encoding="utf-8")
+    assert "engine: springs" in written
+    described = Provenance.from_rollout(armgpi.load(folder / "sprung" / "rollout.nc")).first.data["plant"]
+    assert (described["plant"], described["gear_stiffness"]) == ("SpringArm", [4000.0, 2000.0, 2000.0])
+    assert "plant.rotor" in said["sweep"] + (folder / "swept" / "experiment.yaml").read_text(encoding="utf-8")
+    same_in_c(run, folder, "springs.yaml")
 
 
 REPRODUCED = """

@@ -587,6 +587,7 @@ CASES: dict[str, Case] = {
         lambda made: made.mass_matrix(np.array([Q, GOAL])),
     ),
     "Robot.with_friction": Case(ARM.with_friction, {"viscous": 0.1, "coulomb": 0.2}),
+    "Robot.with_drives": Case(ARM.with_drives, {"drives": {ARM.joint_names[0]: {"stiffness": 1e4}}}),
     "Robot.with_armature": Case(ARM.with_armature, {"armature": 0.1}, dynamics),
     "Robot.scaled_inertia": Case(ARM.scaled_inertia, {"factor": 0.8}, dynamics),
     "Robot.with_gravity": Case(ARM.with_gravity, {"gravity": [0.0, 0.0, -9.81]}, dynamics),

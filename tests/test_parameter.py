@@ -21,6 +21,7 @@ from armgpi.config import schema
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, ParameterError
 from armgpi.parameter import REQUIRED, Parameter, PerJoint, again, parameter, parameters, with_parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import StatefulWrapper, Wrapper
 from armgpi.references.paths import Path as ToolPath
@@ -29,7 +30,7 @@ from armgpi.registry import registered, subclasses
 ARM = Robot.load("anthropomorphic3")
 PARTS: list[Any] = [
     cls
-    for base in (Controller, Wrapper, Load, ToolPath)
+    for base in (Controller, Arm, Wrapper, Load, ToolPath)
     for cls in subclasses(base)
     if cls.__module__.startswith("armgpi.") and not inspect.isabstract(cls)
 ]
@@ -172,6 +173,9 @@ def test_options_read_from_source_are_those_of_the_classes() -> None:
         if sum(each.in_file for each in parameters(cls).values()) == 1
     }
     owners: dict[str, list[str]] = {}
+    for cls in registered(Arm).values():
+        kinds = ("number", "integer", "choice")
+        wanted |= {n: each for n, each in parameters(cls).items() if each.in_file and each.kind in kinds}
     for kind, made in schema.KINDS.items():
         for name, each in made.parameters.items():
             tables = each.group and not any(x.kind == "number" for x in parameters(each.group).values())

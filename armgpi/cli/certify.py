@@ -205,8 +205,7 @@ def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path
     section |= {key: readers.get(key, str)(value) for key, value in how.items() if value}
     section.update(opt.drives_given(inertia, drives))
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
-    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia")}
-    options["robot.friction"] = "--drives"
+    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}
     # The longest keys first: of "robot.lock" and "robot", the first says more.
     origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
     return config.robot(config.check({"robot": section}, origin), origin)

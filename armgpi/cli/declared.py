@@ -139,17 +139,30 @@ def options() -> tuple[Option, ...]:
                     continue
             owners = (*(found[key].owners if key in found else ()), owner)
             found[key] = Option(_flag(key), key, owners, facts)
+    found |= {f"plant.{each.key}": each for each in _of_arms(classes, found)}
     return tuple(found.values())
+
+
+def _of_arms(classes: dict[str, _Class], others: dict[str, Option]) -> Iterator[Option]:
+    """Yield the options of the parameters of plants; one that a controller has as well begins with plant."""
+    for name, made in classes.items():
+        if made.config_name and _is_a(classes, name, "Arm"):
+            for part, facts in _fields(classes, name).items():
+                if facts["kind"] in _KINDS and facts.get("in_file", True):
+                    key = facts.get("key", part)
+                    yield Option(_flag(f"plant-{key}" if key in others else key), key, (), facts)
 
 
 @cache
 def names() -> dict[str, str]:
-    """Return what help shows for {controllers} and {paths}."""
+    """Return what help shows for {controllers}, {plants} and {paths}."""
     classes = _classes()
     paths = (each.config_name for name, each in classes.items() if _is_a(classes, name, "Path"))
+    plants = (each.config_name for name, each in classes.items() if _is_a(classes, name, "Arm"))
     controllers = {name for name, _ in _controllers(classes)}
     return {
         "controllers": ", ".join(sorted(controllers)),
+        "plants": ", ".join(sorted(name for name in plants if name)),
         "paths": ", ".join(sorted(name for name in paths if name)),
     }
 
@@ -250,7 +263,7 @@ def _click_options(wanted: Iterable[Option]) -> list[Any]:
 
     arguments = [
         inspect.Parameter(
-            f"declared_{each.key}",
+            f"declared_{each.flag.strip('-').replace('-', '_')}",
             inspect.Parameter.KEYWORD_ONLY,
             default=typer.Option(
                 None,

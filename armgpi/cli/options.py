@@ -152,13 +152,17 @@ Effort = Annotated[
 
 
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
-    """Return rotor inertia and friction as --rotor-inertia and --drives give them."""
-    if path is None and not rotor_inertia:
-        return {}
+    """Return what --drives and --rotor-inertia give, as keys of the section `robot`; the latter wins."""
     from armgpi.cli.parsing import per_joint
-    from armgpi.config.drives import given
 
-    return given(path, per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None)
+    found: dict[str, Any] = {}
+    if path is not None:
+        from armgpi.robot.drives import Drives
+
+        found["drives"] = Drives.read(path).plain()
+    if rotor_inertia:
+        found["rotor_inertia"] = per_joint(",".join(rotor_inertia), "--rotor-inertia")
+    return found
 
 
 RotorInertia = Annotated[
@@ -173,7 +177,7 @@ Drives = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="YAML or JSON: joint -> gear_ratio, motor_inertia, viscous, coulomb, in place of the URDF's.",
+        help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known.",
     ),
 ]
 PlantEngine = Annotated[
@@ -181,7 +185,7 @@ PlantEngine = Annotated[
     typer.Option(
         "--plant",
         metavar="NAME",
-        help="Simulator: 'armgpi' (default), 'mujoco' (a second one, of its own), or for compare 'both'.",
+        help="Simulator: {plants} (armgpi by default; mujoco is a second one), or for compare both.",
     ),
 ]
 InertiaScale = Annotated[

@@ -8,8 +8,9 @@ from typing import Any
 
 from armgpi import config as configuration
 from armgpi.cli.declared import Option
+from armgpi.cli.options import drives_given
 from armgpi.cli.parsing import locks, per_joint, refusal, split
-from armgpi.config import Loaded, Origin, drives
+from armgpi.config import Loaded, Origin
 from armgpi.paper import scenarios
 
 
@@ -91,12 +92,8 @@ def _robot(over: _Overlay) -> None:
     over.take("gravity", "robot", "gravity")
     over.take("repair", "robot", "repair", read=split)
     over.take("effort", "robot", "effort", read=lambda texts: per_joint(",".join(texts), "--effort"))
-    inertia = None
-    if over.given("rotor_inertia"):
-        inertia = per_joint(",".join(over.options["rotor_inertia"]), "--rotor-inertia")
-    for key, value in drives.given(over.options["drives"], inertia).items():
-        own = key == "rotor_inertia" and inertia is not None
-        over.put("--rotor-inertia" if own else "--drives", value, "robot", key)
+    for key, value in drives_given(over.options["rotor_inertia"], over.options["drives"]).items():
+        over.put(f"--{key.replace('_', '-')}", value, "robot", key)
 
 
 def _plant(over: _Overlay) -> None:

@@ -13,16 +13,22 @@ from pydantic import BaseModel
 
 from armgpi.arrays import Array, quantity
 from armgpi.config.reading import Origin, Path_, check
-from armgpi.config.schema import KINDS, ExperimentConfig, PlantSection, ReferenceSection, RobotSection
+from armgpi.config.schema import (
+    ARM_KEYS,
+    KINDS,
+    ExperimentConfig,
+    PlantSection,
+    ReferenceSection,
+    RobotSection,
+)
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, suited
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
-from armgpi.plants.mujoco import MuJoCoPlant
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.reality import Reality, together
-from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, ClosedForm, Inverse
@@ -257,6 +263,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         current = robot.limits.effort
         with place.at("effort").error_context():
             robot = robot.with_limits(effort=_per_joint(section.effort, robot, place.at("effort"), current))
+    robot = _with_drives(robot, section.drives, place.at("drives"))
     if section.rotor_inertia is not None:
         here = place.at("rotor_inertia")
         robot = robot.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))
@@ -268,6 +275,18 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         }
         robot = robot.with_friction(**friction)
     return robot.with_gravity((0.0, 0.0, 0.0)) if section.gravity == "robot" else robot
+
+
+def _with_drives(robot: Robot, data: Mapping[str, Any] | None, place: _Place) -> Robot:
+    """Return the arm with what a section says of its drives."""
+    if data is None:
+        return robot
+    try:
+        return robot.with_drives(data)
+    except ConfigError as error:
+        joint, *key = error.key.split(".", 1)
+        message = str(error).removeprefix(f"{error.source}: {error.key}: ")
+        raise place.at(joint, *key).error(message) from None
 
 
 def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:
@@ -315,6 +334,7 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
         with place.at("payload").error_context():
             frame = section.payload.frame or robot.tip
             real = real.with_payload(frame, section.payload.mass, section.payload.com)
+    real = _with_drives(real, section.drives, place.at("drives"))
     if section.rotor_inertia is not None:
         here = place.at("rotor_inertia")
         real = real.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))
@@ -324,7 +344,7 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
         with here.error_context():
             kind = registered(Load)[item.type]
             torques += kind.configured(_given(item, parameters(kind), robot, here, {}, 0.0), context)
-    plant = _arm(section, real, torques, place, engine)
+    plant = _arm(config, real, torques, context, place, engine)
     for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: item[1].order):
         value = getattr(section, name, None)  # a class made since then is no key
         given = None
@@ -341,25 +361,26 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
     return plant
 
 
-def _arm(section: PlantSection, real: Robot, loads: list[Load], place: _Place, engine: str) -> Plant:
+def _arm(
+    config: ExperimentConfig, real: Robot, torques: list[Load], context: Context, place: _Place, engine: str
+) -> Plant:
     """Return the arm in a simulator."""
+    section = config.plant
+    kind = registered(Arm)[engine]
+    own = {name: each for name, each in parameters(kind).items() if each.in_file}
+    keys = {each.key or name for name, each in own.items()}
+    for key, others in ARM_KEYS.items():
+        if section.engine == engine and key not in keys and getattr(section, key) != others.default:
+            both = ", or both" if set(others.engines) & {*ENGINES} else ""
+            raise place.at(key).error(f"requires engine: {' or '.join(others.engines)}{both}")
     friction = "urdf" if section.friction == "urdf" else None
-    if engine == "mujoco":
-        with place.at("engine").error_context():
-            return MuJoCoPlant(
-                real,
-                loads,
-                friction,
-                section.substeps,
-                section.integrator or "rk4",
-                stops=section.stops,
-                contacts=section.contacts,
-            )
-    for key in ("integrator", "stops", "contacts"):
-        if section.engine == engine and getattr(section, key):
-            raise place.at(key).error("requires engine: mujoco, or both")
-    with place.error_context():
-        return RigidBodyPlant(real, loads, friction=friction, substeps=section.substeps)
+    values = _given(section, own, context.robot, place)
+    for name, each in own.items():
+        if each.default is REQUIRED and name not in values:
+            raise place.at(each.key or name).error(f"is missing: engine {engine} needs it")
+    with place.at("engine").error_context() if engine != ENGINES[0] else place.error_context():
+        arm: Plant = kind.configured(real, torques, friction, values, context)
+    return arm
 
 
 def controller(section: Any, context: Context) -> Controller:

@@ -13,7 +13,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 from pydantic import (
     BaseModel,
@@ -25,12 +25,14 @@ from pydantic import (
     StrictBool,
     Tag,
     create_model,
+    model_serializer,
 )
 from pydantic_core import PydanticKnownError
 
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervisor
 from armgpi.parameter import REQUIRED, Parameter, parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import Reality
@@ -151,6 +153,13 @@ class Section(BaseModel):
 
     # Built when the first file is read: sections within others would be built again with each of those.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    #: Keys that are not written where they are null.
+    quiet: ClassVar[frozenset[str]] = frozenset({"drives"})
+
+    @model_serializer(mode="wrap")
+    def _written(self, handler: Any) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {key: x for key, x in handler(self).items() if x is not None or key not in self.quiet}
 
 
 def table(element: Any) -> Any:
@@ -295,6 +304,7 @@ class RobotSection(Section):
         effort: effort limits that replace the URDF's [N m or N].
         rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
         friction: joint friction that replaces the URDF's.
+        drives: joint -> what is known of its drive (:mod:`armgpi.robot.drives`); the keys above come on top.
         gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
             itself; then plant and nominal models have no gravity.
     """
@@ -307,6 +317,7 @@ class RobotSection(Section):
     effort: PerJointNotNegative | None = None
     rotor_inertia: PerJointNotNegative | None = None
     friction: FrictionSection | None = None
+    drives: dict[str, Any] | None = None
     gravity: Literal["arm", "robot"] = "arm"
 
 
@@ -331,24 +342,21 @@ class PlantSection(Section):
     Attributes:
         payload: a load that the controller does not know.
         rotor_inertia: the one that it really has, which the controller does not know [kg m^2 or kg].
-        friction: "urdf" for the URDF's friction coefficients, "none".
+        drives: what its drives really are, where the controller believes others.
+        friction: "urdf" for the robot's friction coefficients, "none".
         loads: disturbance torques.
         substeps: integration steps per sample.
-        engine: which simulator: "armgpi" (by Pinocchio), "mujoco", or "both", one after the other.
-        integrator: MuJoCo's: "rk4" (when not given), "euler", "implicit" or "implicitfast".
-        stops: whether joints have stops at their limits, in MuJoCo.
-        contacts: whether links touch each other, in MuJoCo.
+        engine: which simulator: "armgpi" (by Pinocchio), "mujoco", or "both", one after the other; or another
+            that is declared. Its parameters are keys as well.
     """
 
     payload: PayloadSection | None = None
     rotor_inertia: PerJointNotNegative | None = None
+    drives: dict[str, Any] | None = None
     friction: Literal["urdf", "none"] = "none"
     loads: list[LoadSection] = []
-    substeps: Whole = Field(default=1, ge=1, le=1000)
-    engine: Literal["armgpi", "mujoco", "both"] = "armgpi"
-    integrator: Literal["rk4", "euler", "implicit", "implicitfast"] | None = None
-    stops: StrictBool = False
-    contacts: StrictBool = False
+    substeps: int = 1
+    engine: str = "armgpi"
 
 
 def _wrapper(name: str, cls: type[Wrapper]) -> tuple[Any, Any]:
@@ -358,9 +366,42 @@ def _wrapper(name: str, cls: type[Wrapper]) -> tuple[Any, Any]:
     return kind | None, cls.off
 
 
+class ArmKey(NamedTuple):
+    """A key of ``plant:`` that some engines declare.
+
+    Attributes:
+        engines: which.
+        kind: its type in a file.
+        default: its value where a file says nothing.
+    """
+
+    engines: tuple[str, ...]
+    kind: Any
+    default: Any
+
+
+def _arm_keys() -> dict[str, ArmKey]:
+    """Return the keys that engines declare."""
+    found: dict[str, ArmKey] = {}
+    for engine, cls in registered(Arm).items():
+        for name, each in parameters(cls).items():
+            if each.in_file:
+                key = each.key or name
+                kind, default = field_of(each)
+                engines = (*(found[key].engines if key in found else ()), engine)
+                missing = default is ...
+                found[key] = ArmKey(engines, kind | None if missing else kind, None if missing else default)
+    return found
+
+
+ARM_KEYS = _arm_keys()
 _WRAPPERS: dict[str, Any] = {name: _wrapper(name, cls) for name, cls in registered(Wrapper).items()}
 if not TYPE_CHECKING:
-    PlantSection = create_model("PlantSection", __base__=PlantSection, **_WRAPPERS)
+    _ENGINES = (Literal[(*registered(Arm), "both")], "armgpi")
+    _KEYS = {key: (each.kind, each.default) for key, each in ARM_KEYS.items()}
+    PlantSection = create_model(
+        "PlantSection", __base__=PlantSection, **{**_KEYS, "engine": _ENGINES, **_WRAPPERS}
+    )
 
 
 class Kind(NamedTuple):

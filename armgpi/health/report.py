@@ -24,6 +24,7 @@ from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.robot import repairs, robots, urdf, urdf_model
+from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
@@ -81,7 +82,7 @@ def inspect(
     encoder_bits: int = 16,
     repair: str | Iterable[str] = (),
     rotor_inertia: PerJoint | None = None,
-    friction: Mapping[str, PerJoint] | None = None,
+    drives: Drives | Mapping[str, Any] | None = None,
 ) -> HealthReport:
     """Load a robot and report what its model is, what will bite, and what a controller will do with it.
 
@@ -97,7 +98,7 @@ def inspect(
         encoder_bits: resolution of the position sensors.
         repair: names of repairs that may be made in the file.
         rotor_inertia: seen at the joints [kg m^2 or kg].
-        friction: "viscous" and "coulomb" friction that replace the URDF's.
+        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
@@ -128,10 +129,10 @@ def inspect(
     document = urdf.parse(urdf.read_file(path), str(path), asked)
     if effort is not None:
         robot = robot.with_limits(effort=effort)
+    if drives is not None:
+        robot = robot.with_drives(drives)
     if rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
-    if friction is not None:
-        robot = robot.with_friction(**friction)
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject)).with_findings(findings.find(subject))
 

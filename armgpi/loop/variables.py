@@ -20,8 +20,8 @@ from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.parameter import Parameter, Parametrised, parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Plant, Wrapper
-from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.references.reference import Reference
 from armgpi.robot.batch import AnyRobot, VariedRobots
 from armgpi.robot.equations import Friction
@@ -203,8 +203,8 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
         yield from _of_plant(plant.plant)
         for name, declared in _keys(plant).items():
             yield _variable(name, declared, plant)
-    elif isinstance(plant, RigidBodyPlant):
-        robot, reason = plant.robot, ""
+    elif isinstance(plant, Arm) and plant.varies:
+        robot, reason = vars(plant)["_as_given"]["robot"], ""
         if not isinstance(robot, Robot | VariedRobots):
             reason = "the plant has a robot of its own for each rollout; give it one robot"
         for name, declared in _ROBOT.items():
@@ -214,13 +214,19 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
         friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]
         for name, declared in _FRICTION.items():
             yield Variable(f"plant.{name}", declared, getattr(friction, name))
+        yield from _declared("plant", plant)
         for i, load in enumerate(plant.loads):
-            for name, declared in parameters(type(load)).items():
-                yield _variable(f"plant.loads.{i}.{declared.key or name}", declared, load)
+            yield from _declared(f"plant.loads.{i}", load)
     else:
         reason = f"{type(plant).__name__} is made for the robot that it has; RigidBodyPlant varies"
         for name, declared in {**_ROBOT, **_FRICTION}.items():
             yield Variable(f"plant.{name}", declared, None, reason)
+
+
+def _declared(place: str, part: Parametrised) -> Iterator[Variable]:
+    """Yield the declared parameters of a part."""
+    for name, declared in parameters(type(part)).items():
+        yield _variable(f"{place}.{declared.key or name}", declared, part)
 
 
 def _of_controller(controller: Controller) -> Iterator[Variable]:
@@ -282,7 +288,7 @@ def _keys(wrapper: Wrapper) -> dict[str, Parameter]:
 
 def _plant_with(plant: Plant, changes: dict[str, Any], rows: int) -> Plant:
     """Return a plant with other numbers; see :func:`with_values`."""
-    if isinstance(plant, RigidBodyPlant):
+    if isinstance(plant, Arm):
         return _arm_with(plant, changes, rows)
     assert isinstance(plant, Wrapper)
     own = {f"plant.{key}": value for key, value in changes.items()}
@@ -295,12 +301,13 @@ def _plant_with(plant: Plant, changes: dict[str, Any], rows: int) -> Plant:
     return plant.with_values(plant=inner, **mine)
 
 
-def _arm_with(plant: RigidBodyPlant, changes: dict[str, Any], rows: int) -> RigidBodyPlant:
+def _arm_with(plant: Arm, changes: dict[str, Any], rows: int) -> Arm:
     """Return an arm with other numbers."""
-    given: dict[str, Any] = {}
+    own = {each.key or name: name for name, each in parameters(type(plant)).items()}
+    given: dict[str, Any] = {own[key]: value for key, value in changes.items() if key in own}
     names = (*_ROBOT, "frame")
     if robot := {name: value for name, value in changes.items() if name in names}:
-        given["robot"] = robot_with(plant.robot, robot, rows)
+        given["robot"] = robot_with(vars(plant)["_as_given"]["robot"], robot, rows)
     if friction := {name: value for name, value in changes.items() if name in _FRICTION}:
         now = plant.friction or Friction(*(np.zeros(plant.robot.n),) * 2)
         given["friction"] = now._replace(**friction)

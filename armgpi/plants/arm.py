@@ -1,61 +1,87 @@
-"""What plants of an arm have in common: which arm it is, its loads and its friction, checked."""
+"""Plants of an arm, declared: which arm it is, its loads, its friction, and its parameters, checked."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from armgpi.arrays import Array, check_whole, new, not_negative, per_joint
-from armgpi.control.controller import FullState, common_batch
+from armgpi.arrays import Array, new, not_negative, per_joint
+from armgpi.control.controller import FullState, batches, common_batch
 from armgpi.errors import ArrayError, ParameterError
+from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
+from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, check_robot
 from armgpi.robot.equations import Friction
 
-#: More integration steps per sample than any plant needs.
-_MOST_SUBSTEPS = 10_000
+_Same = TypeVar("_Same", bound="Arm")
 
 
-class Arm(Plant):
+@with_parameters
+class Arm(Parametrised, Plant):
     """An arm under torque, loads and friction, without sensors; a subclass integrates it.
 
+    One with a ``config_name`` is an engine of experiment files, and its parameters are keys of ``plant:``.
+
     Attributes:
-        loads: disturbance torques.
-        friction: joint friction, or None.
+        robot: the arm that it really is; with a payload, say, that the controller does not know.
+        loads: disturbance torques, each (n,) or (batch, n).
+        friction: "urdf" for the coefficients in the robot's URDF (which Pinocchio's dynamics ignore),
+            ``Friction(viscous, coulomb)`` for others, None for none.
         substeps: integration steps per sample.
+        config_name: its `engine` in experiment files; None for one that has none there.
+        varies: whether one robot with other numbers in each rollout will do (:meth:`armgpi.Robot.varied`).
     """
 
-    def __init__(
-        self,
+    config_name: ClassVar[str | None] = None
+    varies: ClassVar[bool] = True
+
+    robot: AnyRobot = field()
+    loads: Any = field(default=())
+    friction: Any = field(default=None)
+    substeps: int = parameter(
+        "integration steps per sample", kind="integer", default=1, least=1, most=10_000, structural=True
+    )
+
+    def __post_init__(self) -> None:
+        """Check what is given.
+
+        Raises:
+            ParameterError: for bad friction, or a parameter that is not as declared.
+            ArrayError: when a load, coefficient or parameter does not fit the joints.
+        """
+        check_robot(self.robot)
+        self.keep("loads", tuple(self.loads) if isinstance(self.loads, Sequence) else (self.loads,))
+        self.check_parameters(self.robot.joint_names)
+        self.keep("friction", self._friction(self.friction))
+        loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
+        self.batch = common_batch(*batches(self), *loads_now)
+        self._table = LoadTable(self, self.substeps) if self.loads else None
+
+    @classmethod
+    def configured(
+        cls: type[_Same],
         robot: AnyRobot,
-        loads: Sequence[Load] | Load = (),
-        friction: str | Friction | None = None,
-        substeps: int = 1,
-    ) -> None:
-        """Check and keep what the plants have in common.
+        loads: Sequence[Load],
+        friction: str | None,
+        given: Mapping[str, Any],
+        context: Context,
+    ) -> _Same:
+        """Return the plant that an experiment file describes.
 
         Args:
             robot: the arm that it really is.
-            loads: disturbance torques, each (n,) or (batch, n).
-            friction: "urdf", ``Friction(viscous, coulomb)`` or None.
-            substeps: integration steps per sample, 1 to 10,000.
-
-        Raises:
-            ParameterError: for bad friction or substeps.
-            ArrayError: when a load or coefficient does not fit the joints.
+            loads: disturbance torques.
+            friction: "urdf", or None for none.
+            given: what the file says of the declared parameters, by their names.
+            context: what else the experiment is.
         """
-        check_robot(robot)
-        self.robot = robot
-        self.loads = tuple(loads) if isinstance(loads, Sequence) else (loads,)
-        self.substeps = check_whole(substeps, "substeps", 1, _MOST_SUBSTEPS)
-        self.friction = self._friction(friction)
-        loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
-        self.batch = common_batch(robot.batch, *(self.friction or ()), *loads_now)
-        self._table = LoadTable(self, self.substeps) if self.loads else None
+        return cls(robot, loads, friction, **given)
 
     def init(self, q: Array, v: Array) -> PlantState:
         """Return the state at time 0; see :meth:`Plant.init`."""
@@ -88,7 +114,7 @@ class Arm(Plant):
             "friction": None
             if friction is None
             else {name: value.tolist() for name, value in friction._asdict().items()},
-            "substeps": self.substeps,
+            **self.values(),
         }
 
     def __repr__(self) -> str:

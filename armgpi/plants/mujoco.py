@@ -9,22 +9,21 @@ import copy
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
-from armgpi.arrays import Array, check_choice, check_path, check_type, is_listing, new
+from armgpi.arrays import Array, check_path, is_listing, new
 from armgpi.errors import MissingPackage, ParameterError, UrdfError
+from armgpi.parameter import parameter, with_parameters
 from armgpi.plants.arm import Arm
-from armgpi.plants.loads import Load
 from armgpi.plants.plant import PlantState
 from armgpi.robot import repairs, urdf
-from armgpi.robot.batch import AnyRobot
 from armgpi.robot.dynamics import thread_count
-from armgpi.robot.equations import Friction
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
@@ -42,6 +41,7 @@ _LEAST_RADIUS = 1e-2
 _HUGE = 1e9
 
 
+@with_parameters
 class MuJoCoPlant(Arm):
     """An arm by MuJoCo, from the same URDF and under the same changes as the robot that it is given.
 
@@ -49,50 +49,42 @@ class MuJoCoPlant(Arm):
     scaled inertia, rotor inertia, gravity and friction are the robot's. The torque is held over the sample.
 
     Attributes:
-        loads: disturbance torques.
-        friction: joint friction, or None.
-        substeps: integration steps per sample.
-        integrator: MuJoCo's integrator.
-        stops: whether the joints have stops at their position limits.
-        contacts: whether links touch each other.
+        integrator: "rk4", or "euler", "implicit", "implicitfast", which take strong viscous friction.
+        stops: whether joints stop at their position limits, softly, as MuJoCo has it.
+        contacts: whether links that are not neighbours touch, by the URDF's ``<collision>`` shapes.
+        package_dirs: where the meshes of these are looked for.
         differences: what it does otherwise than :class:`armgpi.RigidBodyPlant`, one sentence each.
         models: its `mujoco.MjModel`, one for each robot; not to be changed.
     """
 
-    def __init__(
-        self,
-        robot: AnyRobot,
-        loads: Sequence[Load] | Load = (),
-        friction: str | Friction | None = None,
-        substeps: int = 1,
-        integrator: str = "rk4",
-        *,
-        stops: bool = False,
-        contacts: bool = False,
-        package_dirs: Sequence[str | PathLike[str]] = (),
-    ) -> None:
-        """Compile the robot.
+    config_name: ClassVar[str | None] = "mujoco"
+    varies: ClassVar[bool] = False
 
-        Args:
-            robot: the arm that it really is, or one per rollout.
-            loads: disturbance torques, each (n,) or (batch, n).
-            friction: "urdf", ``Friction(viscous, coulomb)`` or None, as for :class:`armgpi.RigidBodyPlant`.
-            substeps: integration steps per sample, 1 to 10,000.
-            integrator: "rk4", or "euler", "implicit", "implicitfast", which take strong viscous friction.
-            stops: whether joints stop at their position limits, softly, as MuJoCo has it.
-            contacts: whether links that are not neighbours touch, by the URDF's ``<collision>`` shapes.
-            package_dirs: where the meshes of these are looked for.
+    integrator: str = parameter(
+        "integrator of MuJoCo",
+        kind="choice",
+        default="rk4",
+        chosen="rk4",
+        choices=("rk4", "euler", "implicit", "implicitfast"),
+    )
+    stops: bool = parameter(
+        "whether joints have stops at their limits, in MuJoCo", kind="flag", default=False, kw_only=True
+    )
+    contacts: bool = parameter(
+        "whether links touch each other, in MuJoCo", kind="flag", default=False, kw_only=True
+    )
+    package_dirs: Sequence[str | PathLike[str]] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Compile the robot.
 
         Raises:
             MissingPackage: when MuJoCo is not installed.
             UrdfError: when MuJoCo refuses the robot, or finds another arm in it; the message says why.
             ParameterError: for a bad argument.
         """
-        super().__init__(robot, loads, friction, substeps)
-        check_choice(integrator, "integrator", INTEGRATORS)
-        check_type(stops, "stops", bool, "True or False")
-        check_type(contacts, "contacts", bool, "True or False")
-        self.integrator, self.stops, self.contacts = integrator, stops, contacts
+        super().__post_init__()
+        robot, package_dirs = self.robot, self.package_dirs
         if not is_listing(package_dirs):
             raise ParameterError("package_dirs", package_dirs, "a list of folders")
         folders = [check_path(folder, "package_dirs") for folder in package_dirs]
@@ -119,9 +111,6 @@ class MuJoCoPlant(Arm):
         return {
             **super().describe(),
             "engine": f"MuJoCo {_mujoco().mj_versionString()}",
-            "integrator": self.integrator,
-            "stops": self.stops,
-            "contacts": self.contacts,
             "differences": list(self.differences),
         }
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number, new
+from armgpi.arrays import Array, new
+from armgpi.parameter import parameter, with_parameters
 from armgpi.plants.arm import Arm
-from armgpi.plants.loads import Load
 from armgpi.plants.plant import PlantState
-from armgpi.robot.batch import AnyRobot
 from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction: 1e-9 of it is left after 16 for all of 12,000 random arms.
@@ -34,6 +32,7 @@ def _step_sizes(h: float) -> _StepSizes:
     return _StepSizes(*map(np.array, (h, 0.5 * h, h / 6.0, h * h / 6.0)))
 
 
+@with_parameters
 class RigidBodyPlant(Arm):
     """An arm by Pinocchio: D(q) a + C(q, v) v + G(q) = tau - tau_d - friction.
 
@@ -42,45 +41,28 @@ class RigidBodyPlant(Arm):
     the sample time, follows implicitly (order 1, stable for every coefficient).
 
     Attributes:
-        loads: disturbance torques.
-        friction: joint friction, or None.
-        substeps: Runge-Kutta steps per sample.
+        stick_velocity: speed below which Coulomb friction is smoothed [rad/s or m/s].
     """
 
-    def __init__(
-        self,
-        robot: AnyRobot,
-        loads: Sequence[Load] | Load = (),
-        friction: str | Friction | None = None,
-        substeps: int = 1,
-        stick_velocity: float = 1e-3,
-    ) -> None:
-        """Define the plant.
+    config_name: ClassVar[str | None] = "armgpi"
 
-        Args:
-            robot: the arm that it really is; with a payload, say, that the controller does not know.
-            loads: disturbance torques, each (n,) or (batch, n).
-            friction: "urdf" for the coefficients in the robot's URDF (which Pinocchio's dynamics ignore),
-                ``Friction(viscous, coulomb)`` for others, None for none.
-            substeps: integration steps per sample, 1 to 10,000.
-            stick_velocity: speed below which Coulomb friction is smoothed [rad/s or m/s].
+    stick_velocity: float = parameter(
+        "speed below which Coulomb friction is smoothed",
+        unit="rad/s or m/s",
+        default=1e-3,
+        least=0.0,
+        above=True,
+        in_file=False,
+        structural=True,
+    )
 
-        Raises:
-            ParameterError: for bad friction, substeps or stick velocity.
-            ArrayError: when a load or coefficient does not fit the joints.
-        """
-        super().__init__(robot, loads, friction, substeps)
-        self._as_given: dict[str, Any] = {"robot": robot, "loads": loads, "friction": friction}
-        self._as_given |= {"substeps": substeps, "stick_velocity": stick_velocity}
-        self.stick_velocity = check_number(stick_velocity, "stick_velocity", "positive [rad/s]", open_=True)
+    def __post_init__(self) -> None:
+        """Check what is given, and choose how to step; see :class:`armgpi.plants.arm.Arm`."""
+        super().__post_init__()
         # What differs by rollout was declared to vary, whatever it is.
         coulomb = np.zeros(0) if self.friction is None else self.friction.coulomb
         self._sticks = coulomb.ndim == 2 or bool(coulomb.any())
         self._substep = self._without_friction if self.friction is None else self._with_friction
-
-    def with_values(self, **changes: Any) -> RigidBodyPlant:
-        """Return another plant with some arguments of the constructor changed, by name."""
-        return type(self)(**{**self._as_given, **changes})
 
     def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
         """Return the state after `tau` was held for `dt`; see :meth:`Plant.step`."""

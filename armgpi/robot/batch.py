@@ -12,6 +12,7 @@ import numpy as np
 from armgpi.arrays import SMALLEST, Array, as_sized_array, check_type, frozen, is_listing
 from armgpi.errors import ArrayError, EffortError, NameNotFound, ParameterError
 from armgpi.parameter import plain
+from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import stacked
 from armgpi.robot.equations import Equations, Friction, Limits
 from armgpi.robot.robot import Robot
@@ -58,6 +59,11 @@ class RobotBatch(Equations):
             friction=Friction(*(frozen(np.stack(rows)) for rows in friction)),
             dynamics=stacked([robot.dynamics for robot in robots]),
         )
+
+    @property
+    def drives(self) -> Drives:
+        """What is known of the drives of the first robot."""
+        return self.robots[0].drives
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -1,57 +1,372 @@
-"""Rotor inertia that a URDF gives: in a transmission, as Drake reads it, or in ros2_control."""
+"""The drives of an arm: rotors, gears, motors and encoders, each number with its interval and its source.
+
+A plant, a reality, a rule of gains, an identification read and write the same object. It comes from a file
+(:func:`Drives.read`), a URDF's ``<transmission>``, ``robot.with_drives``, or from who estimates it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from xml.etree.ElementTree import Element
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any, NamedTuple, cast
+from xml.etree.ElementTree import Element, SubElement
 
-from armgpi.errors import UrdfError
+import numpy as np
+
+from armgpi import files
+from armgpi.arrays import LARGEST, Array, check_choice, quantity
+from armgpi.errors import ArmgpiError, ConfigError, NameNotFound, ParameterError, UrdfError, shown
+from armgpi.parameter import Parameter, plain
 from armgpi.robot.markup import GEAR_RATIO, ROTOR_INERTIA
 
+#: Whose word a number is: a user's or a file's, a rule's where nobody said anything, or a measurement's.
+SOURCES = ("told", "believed", "measured")
+_MAX_BYTES = 1_000_000
+#: What a URDF's parameters are called that only armgpi knows.
+_OWN = "armgpi:"
 
-def rotor_inertias(root: Element, source: str) -> dict[str, float]:
-    """Return the rotor inertia seen at every joint for which a URDF gives one [kg m^2 or kg].
 
-    It is the gear ratio squared times the rotor's own inertia; the ratio is 1 where none is given.
+def _quantity(name: str, text: str, unit: str = "", **facts: Any) -> Parameter:
+    return Parameter(text, unit, default=None, none="not known", name=name, **{"least": 0.0, **facts})
 
-    Args:
-        root: the XML.
-        source: where it is from, for messages.
 
-    Raises:
-        UrdfError: for a rotor inertia or gear ratio that is no finite number, or negative inertia.
+#: What is known of a drive, all as seen at the joint.
+QUANTITIES: Mapping[str, Parameter] = {
+    each.name: each
+    for each in (
+        _quantity("rotor_inertia", "inertia of the rotor, gear ratio squared", "kg m^2 or kg"),
+        _quantity("viscous", "viscous friction", "N m s/rad or N s/m"),
+        _quantity("coulomb", "Coulomb friction", "N m or N"),
+        _quantity("stiffness", "stiffness of the gear", "N m/rad or N/m", above=True),
+        _quantity("damping", "damping of the gear", "N m s/rad or N s/m"),
+        _quantity("current_bandwidth", "bandwidth of the current loop", "Hz", above=True),
+        _quantity("encoder_side", "where the encoder sits", kind="choice", choices=("motor", "link")),
+        _quantity("encoder_count", "counts of the encoder in a turn of the joint", above=True),
+        _quantity("torque_constant", "torque constant", "N m/A or N/A", above=True),
+        _quantity("velocity_limit", "velocity limit of the motor", "rad/s or m/s", above=True),
+        _quantity("torque_limit", "torque limit of the motor", "N m or N", above=True),
+    )
+}
+
+
+class Datum(NamedTuple):
+    """What is known of one number of a drive.
+
+    Attributes:
+        value: its best value; a word for what is no number.
+        low: lowest value that it may have.
+        high: highest value that it may have.
+        source: "told", "believed" or "measured".
+        file: where it is from; empty for no file.
     """
-    found: dict[str, float] = {}
-    for element in (*root.iter("transmission"), *root.findall("ros2_control")):
-        for joint in element.findall("joint"):
-            # A transmission is that of its joint; ros2_control lists many.
-            own = element if element.tag == "transmission" else joint
-            inertia = _number(own, ROTOR_INERTIA, source)
-            if inertia is not None:  # gear ratios alone, which many files have, say nothing
-                ratio = _number(own, GEAR_RATIO, source)
-                found[joint.get("name", "")] = inertia * (1.0 if ratio is None else ratio) ** 2
-    for name, value in found.items():
+
+    value: Any
+    low: Any
+    high: Any
+    source: str = "told"
+    file: str = ""
+
+    def plain(self) -> Any:
+        """Return it as a file has it: the bare value where a user gave that alone."""
+        if (self.low, self.high, self.source, self.file) == (self.value, self.value, "told", ""):
+            return self.value
+        ends = {"low": self.low, "high": self.high} if self.low != self.high else {}
+        file = {"file": self.file} if self.file else {}
+        return {"value": self.value, **ends, "source": self.source, **file}
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What is known of the drives of an arm; frozen. What is not there is not known.
+
+    Attributes:
+        joint_names: names of the n joints.
+        data: name of a quantity (:data:`QUANTITIES`) -> joint -> what is known of it.
+    """
+
+    joint_names: tuple[str, ...]
+    data: Mapping[str, Mapping[str, Datum]] = field(default_factory=dict)
+
+    def value(self, name: str, default: Any = math.nan) -> Array:
+        """Return a quantity of every joint, shape (n,): `default` where it is not known.
+
+        Raises:
+            NameNotFound: when there is no such quantity.
+        """
+        own = self._of(name)
+        numeric = QUANTITIES[name].kind == "number"
+        missing = np.broadcast_to(default if numeric else "", (len(self.joint_names),))
+        values = [own[j].value if j in own else missing[i] for i, j in enumerate(self.joint_names)]
+        return np.array(values, dtype=np.float64 if numeric else np.str_)
+
+    def interval(self, name: str) -> tuple[Array, Array]:
+        """Return the lowest and highest value of every joint, each (n,); NaN where nothing is known."""
+        own, missing = self._of(name), Datum(math.nan, math.nan, math.nan)
+        rows = [own.get(joint, missing) for joint in self.joint_names]
+        return np.array([row.low for row in rows]), np.array([row.high for row in rows])
+
+    def sources(self, name: str) -> tuple[str, ...]:
+        """Return whose word a quantity is, joint by joint; empty where it is not known."""
+        own = self._of(name)
+        return tuple(own[joint].source if joint in own else "" for joint in self.joint_names)
+
+    def with_value(
+        self, name: str, value: Any, low: Any = None, high: Any = None, source: str = "told", file: str = ""
+    ) -> Drives:
+        """Return these drives with another quantity.
+
+        Args:
+            name: of the quantity.
+            value: a number or word for all joints, one per joint, or joint -> value (the others keep theirs).
+            low: lowest values, likewise; the values when not given.
+            high: highest values, likewise.
+            source: "told", "believed" or "measured".
+            file: where it is from.
+
+        Raises:
+            NameNotFound: when there is no such quantity, or no such joint.
+            ArrayError: for another shape, or what is no number.
+            ParameterError: when a value is not as declared, or outside its interval.
+        """
+        check_choice(source, "source", SOURCES)
+        known = dict(self._of(name))
+        columns = [self._column(name, value)]
+        if not columns[0]:
+            return self
+        columns += [columns[0] if end is None else self._column(name, end) for end in (low, high)]
+        for joint in columns[0]:
+            best, least, most = (column.get(joint, math.nan) for column in columns)
+            if QUANTITIES[name].kind == "number" and not least <= best <= most:
+                raise ParameterError(f"{joint}.{name}", [least, best, most], "low <= value <= high")
+            known[joint] = Datum(best, least, most, source, file)
+        return Drives(self.joint_names, {**self.data, name: known})
+
+    def updated(self, other: Drives) -> Drives:
+        """Return these drives with what others know of them in place of what these do.
+
+        Raises:
+            NameNotFound: when the others are of a joint that these have not.
+        """
+        for joint in (joint for own in other.data.values() for joint in own):
+            if joint not in self.joint_names:
+                raise NameNotFound("joint", joint, self.joint_names)
+        own = {name: {**self.data.get(name, {}), **other.data[name]} for name in other.data}
+        return Drives(self.joint_names, {**self.data, **own})
+
+    def of(self, joint_names: Sequence[str]) -> Drives:
+        """Return what is known of the drives of some joints."""
+        data = {name: {j: own[j] for j in joint_names if j in own} for name, own in self.data.items()}
+        return Drives(tuple(joint_names), {name: own for name, own in data.items() if own})
+
+    def scaled(self, name: str, factor: float) -> Drives:
+        """Return these drives with a quantity and its interval multiplied by a factor."""
+        own = {
+            joint: datum._replace(
+                value=factor * datum.value, low=factor * datum.low, high=factor * datum.high
+            )
+            for joint, datum in self._of(name).items()
+        }
+        return Drives(self.joint_names, {**self.data, name: own} if own else self.data)
+
+    def plain(self) -> dict[str, dict[str, Any]]:
+        """Return joint -> quantity -> value as a file has it, and :meth:`from_plain` takes it."""
+        found: dict[str, dict[str, Any]] = {joint: {} for joint in self.joint_names}
+        for name, own in self.data.items():
+            for joint, datum in own.items():
+                found[joint][name] = plain(datum.plain())
+        return {joint: own for joint, own in found.items() if own}
+
+    @classmethod
+    def from_plain(
+        cls, data: Any, joint_names: Sequence[str] | None = None, source: str = "drives"
+    ) -> Drives:
+        """Return drives from plain data: joint -> quantity -> value, or -> value, low, high, source, file.
+
+        ``motor_inertia`` of the rotor itself with ``gear_ratio`` (1) is as good as ``rotor_inertia``.
+
+        Args:
+            data: joint -> its drive.
+            joint_names: of the arm; those of the data when not given.
+            source: what it is called in errors.
+
+        Raises:
+            ConfigError: when a key, a joint or a value is not as it should be; it names the key.
+        """
+        if not isinstance(data, Mapping):
+            raise ConfigError(source, "", f"expected joint -> its drive, got {shown(data)}")
+        for joint in data:
+            if not isinstance(joint, str):
+                raise ConfigError(source, "", f"expected names of joints, got {shown(joint)}")
+        drives = cls(tuple(data) if joint_names is None else tuple(joint_names))
+        for joint, own in data.items():
+            if not isinstance(own, Mapping):
+                raise ConfigError(
+                    source, joint, f"expected a mapping such as {{stiffness: 1.0e+4}}, got {shown(own)}"
+                )
+            own = dict(own)
+            if "motor_inertia" in own or "gear_ratio" in own:
+                own |= _reflected(own, source, joint)
+            for key, given in own.items():
+                try:
+                    if key not in QUANTITIES:
+                        raise NameNotFound("key", key, (*QUANTITIES, "motor_inertia", "gear_ratio"))
+                    drives = drives._with_plain(joint, key, given)
+                except ArmgpiError as error:
+                    raise ConfigError(source, f"{joint}.{key}", str(error)) from None
+        return drives
+
+    @classmethod
+    def read(cls, path: str | PathLike[str], joint_names: Sequence[str] | None = None) -> Drives:
+        """Return the drives of a file, YAML or JSON; see :meth:`from_plain`.
+
+        Raises:
+            ConfigError: when it cannot be read, or something in it is not as it should be.
+        """
+        import yaml
+
+        try:
+            with open(path, "rb") as stream:
+                data = yaml.safe_load(stream.read(_MAX_BYTES))
+        except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+            raise ConfigError(path, "", f"cannot be read: {' '.join(str(error).split())}") from None
+        return cls.from_plain(data, joint_names, str(path))
+
+    def write(self, path: str | PathLike[str]) -> None:
+        """Write a file that :meth:`read` reads.
+
+        Raises:
+            ArmgpiError: when it cannot be written.
+        """
+        import yaml
+
+        files.write(path, yaml.safe_dump(self.plain(), sort_keys=False, allow_unicode=True))
+
+    @classmethod
+    def from_urdf(cls, root: Element, source: str, joint_names: Sequence[str]) -> Drives:
+        """Return what a URDF says of its drives: in transmissions, as Drake reads them, or in ros2_control.
+
+        Args:
+            root: the XML.
+            source: where it is from.
+            joint_names: of the arm; what the file says of others is left out.
+
+        Raises:
+            UrdfError: for what is no finite number, or outside its bounds.
+        """
+        drives = cls(tuple(joint_names))
+        for element in (*root.iter("transmission"), *root.findall("ros2_control")):
+            for joint in element.findall("joint"):
+                name = joint.get("name", "")
+                # A transmission is that of its joint; ros2_control lists many.
+                values = dict(reversed([*_values(element if element.tag == "transmission" else joint)]))
+                for key, value in _urdf_quantities(values, name, source):
+                    if name in drives.joint_names:
+                        drives = drives.with_value(key, {name: value}, file=source)
+        return drives
+
+    def transmissions(self) -> list[Element]:
+        """Return a ``<transmission>`` for every joint of which something is known, as a URDF has them."""
+        found = []
+        for joint, own in self.plain().items():
+            element = Element("transmission", name=f"{joint}_drive")
+            SubElement(element, "type").text = "transmission_interface/SimpleTransmission"
+            SubElement(element, "joint", name=joint)
+            for key in own:
+                value = str(self.data[key][joint].value)
+                if key == "rotor_inertia":
+                    actuator = SubElement(element, "actuator", name=f"{joint}_motor")
+                    SubElement(actuator, "motorInertia").text = value
+                    SubElement(actuator, "mechanicalReduction").text = "1"
+                else:
+                    SubElement(element, "param", name=f"{_OWN}{key}").text = value
+            found.append(element)
+        return found
+
+    def _of(self, name: str) -> Mapping[str, Datum]:
+        """Return what is known of a quantity, joint -> datum."""
+        if name not in QUANTITIES:
+            raise NameNotFound("quantity of a drive", name, tuple(QUANTITIES))
+        return self.data.get(name, {})
+
+    def _column(self, name: str, value: Any) -> dict[str, Any]:
+        """Return joint -> value, checked."""
+        declared, names = QUANTITIES[name], self.joint_names
+        if declared.kind == "choice":
+            own = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
+            return {joint: declared.checked(word) for joint, word in own.items()}
+        numbers = quantity(value, name, names, default=math.nan)
+        given = [x for x in names if x in value] if isinstance(value, Mapping) else names
+        return {joint: declared.checked(float(numbers[names.index(joint)])) for joint in given}
+
+    def _with_plain(self, joint: str, key: str, given: Any) -> Drives:
+        """Return these drives with one value of a file."""
+        said = dict(given) if isinstance(given, Mapping) else {"value": given}
+        for word in said:
+            if word not in Datum._fields:
+                raise NameNotFound("key", word, Datum._fields)
+        if "value" not in said:
+            raise ParameterError(key, given, "a value, and low, high, source, file where they are known")
+        if joint not in self.joint_names:
+            raise NameNotFound("joint", joint, self.joint_names)
+        rest: dict[str, Any] = {end: {joint: _number(said[end])} for end in ("low", "high") if end in said}
+        rest |= {word: str(said[word]) for word in ("source", "file") if word in said}
+        return self.with_value(key, {joint: _number(said["value"])}, **rest)
+
+
+def _number(value: Any) -> Any:
+    """Return a number that YAML 1.1 reads as text (1e-3) as a number."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+def _reflected(own: dict[str, Any], source: str, joint: str) -> dict[str, float]:
+    """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these."""
+    facts = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
+    numbers = {key: _number(own.pop(key)) for key in facts if key in own}
+    for key, number in numbers.items():
+        good = isinstance(number, float | int) and not isinstance(number, bool)
+        if not good or not 0.0 <= number < LARGEST or (key == "gear_ratio" and number == 0.0):
+            raise ConfigError(source, f"{joint}.{key}", f"expected {facts[key]}, got {shown(number)}")
+    if "motor_inertia" not in numbers:  # a ratio alone says nothing
+        return {}
+    if "rotor_inertia" in own:
+        raise ConfigError(source, f"{joint}.rotor_inertia", "and motor_inertia exclude each other: give one")
+    return {"rotor_inertia": cast(float, numbers["motor_inertia"]) * numbers.get("gear_ratio", 1.0) ** 2}
+
+
+def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iterator[tuple[str, Any]]:
+    """Yield the quantities among the names and texts of a transmission."""
+
+    def number(name: str) -> float:
+        try:
+            return float(values[name])
+        except ValueError:
+            raise UrdfError(source, f"<{name}> is {values[name]!r}, expected a number", joint) from None
+
+    inertia = next((number(name) for name in values if name in ROTOR_INERTIA), None)
+    if inertia is not None:  # gear ratios alone, which many files have, say nothing
+        ratio = next((number(name) for name in values if name in GEAR_RATIO), 1.0)
+        value = inertia * ratio**2
         if not 0.0 <= value < math.inf:
-            raise UrdfError(source, f"the rotor inertia of joint {name!r} is {value:g}", name)
-    return found
-
-
-def _number(element: Element, names: tuple[str, ...], source: str) -> float | None:
-    """Return the first number below an element that has one of some names; None for none."""
-    for name, text in _values(element):
-        if name in names and text:
+            raise UrdfError(source, f"the rotor inertia of joint {joint!r} is {value:g}", joint)
+        yield "rotor_inertia", value
+    for key, declared in QUANTITIES.items():
+        if (name := f"{_OWN}{key}") in values:
             try:
-                return float(text)
-            except ValueError:
-                raise UrdfError(source, f"<{name}> is {text!r}, expected a number", name) from None
-    return None
+                yield key, declared.checked(values[name] if declared.kind == "choice" else number(name))
+            except ParameterError as error:
+                raise UrdfError(source, str(error), joint) from None
 
 
 def _values(element: Element) -> Iterator[tuple[str, str]]:
-    """Yield the names and texts of all elements below one."""
+    """Yield the names and texts of all elements below one that have a text."""
     for below in element.iter():
         name = below.tag.rpartition("}")[2].rpartition(":")[2] if isinstance(below.tag, str) else ""
         if name == "param":
             name = below.get("name", "")
-        yield name, (below.get("value") or below.text or "").strip()
+        if text := (below.get("value") or below.text or "").strip():
+            yield name, text

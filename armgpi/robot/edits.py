@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
 from armgpi.errors import ArrayError, LimitError, ParameterError
+from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import (
     CoupledDynamics,
     Dynamics,
@@ -39,6 +40,7 @@ class Edits(Frames):
 
     _provenance: Mapping[str, Any]
     _xml: str
+    drives: Drives
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -105,7 +107,39 @@ class Edits(Frames):
         whole = np.array(model.armature)
         whole[self._own] = values
         model.armature = whole
-        return self._changed({"armature": values.tolist()}, **parts_of(model, self.coupling))
+        drives = self.drives.with_value("rotor_inertia", _given(armature, values))
+        return self._changed({"armature": values.tolist()}, drives=drives, **parts_of(model, self.coupling))
+
+    def with_drives(self: _Same, drives: Drives | Mapping[str, Any]) -> _Same:
+        """Return the robot with what is known of its drives: rotors, friction, gears, motors, encoders.
+
+        Rotor inertia and friction are those of the equations of motion and of the plant; limits of the
+        motors lower the URDF's. The rest is for whoever asks `robot.drives`.
+
+        Args:
+            drives: what is known, or joint -> quantity -> value as a file of drives has it.
+
+        Raises:
+            ConfigError: when a mapping is not as a file of drives has to be.
+            NameNotFound: for a joint that does not exist.
+        """
+        if not isinstance(drives, Drives):
+            drives = Drives.from_plain(drives, self.joint_names)
+        known = self.drives.updated(drives)
+        robot = self
+        if drives.data.get("rotor_inertia"):
+            robot = robot.with_armature(known.value("rotor_inertia", self.armature))
+        if friction := {key for key in ("viscous", "coulomb") if drives.data.get(key)}:
+            own = {key: known.value(key, getattr(self.friction, key)) for key in friction}
+            robot = robot.with_friction(**own)
+        limits = {"velocity": "velocity_limit", "effort": "torque_limit"}
+        if given := {key: name for key, name in limits.items() if drives.data.get(name)}:
+            lowest = {
+                key: np.minimum(getattr(self.limits, key), known.value(name, math.inf))
+                for key, name in given.items()
+            }
+            robot = robot.with_limits(**lowest)
+        return robot._changed({"drives": drives.plain()}, drives=known)
 
     def with_friction(self: _Same, viscous: PerJoint | None = None, coulomb: PerJoint | None = None) -> _Same:
         """Return the robot with other joint friction; each a number, shape (n,), or name -> value.
@@ -120,8 +154,11 @@ class Edits(Frames):
             for key, value in given.items()
             if value is not None
         }
+        drives = self.drives
+        for key, array in arrays.items():
+            drives = drives.with_value(key, _given(given[key], array))
         change = {"friction": {key: array.tolist() for key, array in arrays.items()}}
-        return self._changed(change, friction=self.friction._replace(**arrays))
+        return self._changed(change, friction=self.friction._replace(**arrays), drives=drives)
 
     def scaled_inertia(self: _Same, factor: float) -> _Same:
         """Return the robot with every mass and inertia multiplied by one factor.
@@ -150,7 +187,8 @@ class Edits(Frames):
         own = self.dynamics
         base, scale = (own.base, factor * own.scale) if isinstance(own, ScaledDynamics) else (own, factor)
         dynamics = ScaledDynamics(base, scale)
-        parts = {**parts_of(model, self.coupling), "dynamics": dynamics}
+        drives = self.drives.scaled("rotor_inertia", factor)
+        parts = {**parts_of(model, self.coupling), "dynamics": dynamics, "drives": drives}
         return self._changed({"inertia_scale": factor}, **parts)
 
     def with_gravity(self: _Same, gravity: ArrayLike) -> _Same:
@@ -265,6 +303,11 @@ def parts_of(model: Any, coupling: Coupling | None) -> dict[str, Any]:
     whole = PinocchioDynamics(model)
     dynamics = whole if coupling is None else CoupledDynamics(whole, *coupling)
     return {"_model": model, "_workspace": Workspace(model), "dynamics": dynamics}
+
+
+def _given(value: PerJoint | None, values: Array) -> Any:
+    """Return checked values (n,), or those of the joints alone that a mapping names."""
+    return value if isinstance(value, Mapping) else values
 
 
 def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

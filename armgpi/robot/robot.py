@@ -15,8 +15,9 @@ import pinocchio as pin
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.escape import html_table
-from armgpi.robot import drives, from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
+from armgpi.robot import from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
+from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
 
@@ -45,6 +46,7 @@ class Robot(Edits):
         joint_types: "revolute", "continuous" or "prismatic", for every joint.
         limits: position, velocity and effort limits.
         friction: joint friction that the URDF states; the equations of motion here leave it out.
+        drives: what is known of rotors, gears, motors and encoders (:class:`armgpi.robot.drives.Drives`).
         dynamics: the same equations without checks, for loops of one's own.
         coupling: how joints that follow others (``mimic="follow"``) depend on the n; None when none does.
         provenance: where the model came from and what was done to it, as plain data.
@@ -61,6 +63,7 @@ class Robot(Edits):
         coupling: urdf_model.Coupling | None = None,
         joint_names: Sequence[str] | None = None,
         xml: str = "",
+        drives: Drives | None = None,
     ) -> None:
         """Take over a `pin.Model` with nq = nv; users call :meth:`load` or :meth:`from_xml`."""
         frames: dict[str, int] = {}
@@ -68,13 +71,15 @@ class Robot(Edits):
             # Where a link and a joint share a name, the link's frame is the one people mean.
             if index and (frame.name not in frames or frame.type == pin.FrameType.BODY):
                 frames[frame.name] = index
+        joint_names = tuple(list(model.names)[1:] if joint_names is None else joint_names)
         vars(self).update(
             name=name,
-            joint_names=tuple(list(model.names)[1:] if joint_names is None else joint_names),
+            joint_names=joint_names,
             joint_types=tuple(joint_types),
             limits=Limits(*map(frozen, limits)),
             friction=Friction(*map(frozen, friction)),
             coupling=coupling,
+            drives=Drives(joint_names) if drives is None else drives,
             _provenance=copy.deepcopy(dict(provenance)),
             _xml=xml,
             _frames=frames,
@@ -203,11 +208,10 @@ class Robot(Edits):
         mimic: urdf_model.Mimic,
     ) -> Robot:
         built = urdf_model.build(document, lock, keep, mimic)
-        rotors = drives.rotor_inertias(document.root, document.source)
-        for joint in built.joints:
-            if joint.name in rotors:
-                model = built.model
-                model.armature[model.joints[model.getJointId(joint.name)].idx_v] = rotors[joint.name]
+        model, source = built.model, document.source
+        drives = Drives.from_urdf(document.root, source, [joint.name for joint in built.joints])
+        for joint, inertia in zip(built.joints, drives.value("rotor_inertia", 0.0), strict=True):
+            model.armature[model.joints[model.getJointId(joint.name)].idx_v] = inertia
         limits = Limits(
             *(
                 np.array([getattr(j, k) for j in built.joints])
@@ -221,6 +225,12 @@ class Robot(Edits):
         if built.coupling is not None:
             limits, friction = _coupled(limits, friction, built.coupling, document.source, joints)
             joints = tuple(j for j in joints if j.mimic is None)
+        names = [j.name for j in joints]
+        drives = drives.of(names)
+        for key, values in friction._asdict().items():
+            drives = drives.with_value(
+                key, {j: x for j, x in zip(names, values, strict=True) if x}, file=source
+            )
         provenance: dict[str, Any] = {
             "source": document.source,
             "sha256": document.sha256,
@@ -241,8 +251,9 @@ class Robot(Edits):
             friction,
             provenance,
             built.coupling,
-            [j.name for j in joints],
+            names,
             built.xml,
+            drives,
         )
         configurations = np.vstack([robot.middle(), robot.random_positions(_SAMPLES)])
         check_inertia(robot, configurations, document.source)

@@ -24,7 +24,9 @@ from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
 from armgpi.loop.variables import Variable
 from armgpi.parameter import parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.reality import Draw, Reality, batches, together
+from armgpi.registry import registered
 from armgpi.sweep.distributions import SAMPLINGS, Distribution, distribution, shares
 
 #: Rollout-steps of a chunk, about: some seconds of compiled code.
@@ -87,7 +89,7 @@ class Study:
         if bool(config.vary) == (config.reality is not None):
             said = "a sweep varies something: give distributions below vary, or a reality to draw from"
             raise origin.error(("vary",), said)
-        if config.plant.engine != "armgpi":
+        if not getattr(registered(Arm).get(config.plant.engine), "varies", False):
             said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
             raise origin.error(("plant", "engine"), said)
         failure = dict(config.failure or FAILURE)

@@ -221,7 +221,7 @@ def test_loads_describe_themselves_as_plain_data() -> None:
         (lambda: Pulse(1.0, onset=0.0, duration=math.nan), ParameterError, "duration"),
         (lambda: RigidBodyPlant(ARM, Step([1.0, 2.0])), ArrayError, "loads.*Step"),
         (lambda: RigidBodyPlant(ARM, [Step(np.ones((2, 3))), Step(np.ones((3, 3)))]), ArmgpiError, "batch"),
-        (lambda: RigidBodyPlant(ARM, [1.0]), ParameterError, "loads"),  # type: ignore[list-item]
+        (lambda: RigidBodyPlant(ARM, [1.0]), ParameterError, "loads"),
         (lambda: RigidBodyPlant(ARM, 1.0), ParameterError, "loads"),
     ],
 )
