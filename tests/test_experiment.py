@@ -15,6 +15,7 @@ import xarray as xr
 
 from armgpi import Status, config, load, metrics
 from armgpi.config import experiment
+from armgpi.config import experiment as experiments
 from armgpi.config.experiment import (
     compare,
     join,
@@ -150,7 +151,7 @@ def test_ctrl_c_ends_a_comparison_after_the_rollout_it_stopped(
         np.testing.assert_array_equal(stopped[name][1, :100], compared[name][1, :100])
         assert np.isnan(stopped[name][1, 100:]).all()
     found = records(stopped)
-    assert [record["end"] for record in found] == ["finished", "interrupted at 0.1 s"]
+    assert [each["end"] for each in found] == ["finished", "interrupted at 0.1 s"]
     assert overall_status(found) is Status.INTERRUPTED
     # Figures of what is there: those of the whole run up to then.
     expected = metrics.iae(compared.isel(rollout=1, time=slice(0, 100)))
@@ -238,10 +239,10 @@ def test_a_run_that_was_stopped_at_once_has_no_metrics_but_a_record(
 ) -> None:
     stopping("gpi", at)
     with pytest.warns(UserWarning, match="interrupted"):
-        stopped = join({"gpi": run(whole, "gpi")})
-    (record,) = records(stopped)
-    assert record["status"] == "interrupted"
-    assert record["metrics"]["itae"] == [None, None, None]
+        stopped = join({"gpi": experiments.record(whole, "gpi", partial=True).dataset()})
+    (stored,) = records(stopped)
+    assert stored["status"] == "interrupted"
+    assert stored["metrics"]["itae"] == [None, None, None]
     save(stopped, whole, tmp_path)
     assert load(tmp_path / "rollout.nc").identical(stopped)
 

@@ -502,7 +502,9 @@ def test_ctrl_c_keeps_what_is_there(at: int, batch: int | None, every: int) -> N
     q0 = np.zeros(3) if batch is None else np.zeros((batch, 3))
     plant = RigidBodyPlant(ARM, Step([0.1, 0.1, 0.1]))
     with pytest.warns(ArmgpiWarning, match=f"interrupted at t = {at * DT:g} s of 0.6 s"):
-        rollout = simulate(plant, controller, MOVE, 0.6, q0=q0, record_every=every)
+        rollout = simulate(plant, controller, MOVE, 0.6, q0=q0, record_every=every, partial=True)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(plant, controller, MOVE, 0.6, q0=q0, record_every=every)
     whole = simulate(plant, GPI(ARM, DT), MOVE, 0.6, q0=q0, record_every=every)
     assert (rollout["status"] == Status.INTERRUPTED).all()
     np.testing.assert_allclose(rollout["t_end"], at * DT)
@@ -513,7 +515,7 @@ def test_ctrl_c_keeps_what_is_there(at: int, batch: int | None, every: int) -> N
 
 def test_ctrl_c_at_once_leaves_an_empty_rollout() -> None:
     with pytest.warns(ArmgpiWarning, match="interrupted"):
-        rollout = simulate(RigidBodyPlant(ARM), Interrupted(ARM, DT), MOVE, 0.6)
+        rollout = simulate(RigidBodyPlant(ARM), Interrupted(ARM, DT), MOVE, 0.6, partial=True)
     assert rollout.sizes["time"] == 0
     assert rollout["status"] == Status.INTERRUPTED
     assert set(SAMPLED) <= set(rollout.data_vars)
@@ -524,9 +526,10 @@ def test_ctrl_c_does_not_undo_what_had_diverged_before() -> None:
         at = 500
 
     effort = np.array([[30.0, 30.0, 15.0], [0.02, 0.02, 0.02]])
+    controller = Both(ARM, DT, effort=effort)
     with pytest.warns(ArmgpiWarning, match="interrupted"):
         rollout = simulate(
-            RigidBodyPlant(ARM), Both(ARM, DT, effort=effort), Hold(np.zeros(3)), 1.0, divergence=0.5
+            RigidBodyPlant(ARM), controller, Hold(np.zeros(3)), 1.0, divergence=0.5, partial=True
         )
     np.testing.assert_array_equal(rollout["status"], [Status.INTERRUPTED, Status.DIVERGED])
     assert float(rollout["t_end"][0]) == 0.5 > float(rollout["t_end"][1])
@@ -544,7 +547,7 @@ def test_ctrl_c_while_samples_are_stored_loses_and_doubles_none(monkeypatch: pyt
 
     monkeypatch.setattr(Recording, "store", interrupted)
     with pytest.warns(ArmgpiWarning, match="interrupted"):
-        rollout = simulate(RigidBodyPlant(ARM), gpi(), MOVE, 0.6)
+        rollout = simulate(RigidBodyPlant(ARM), gpi(), MOVE, 0.6, partial=True)
     samples = rollout.sizes["time"]
     assert 0 < samples < 600
     assert float(rollout["t_end"]) == pytest.approx(samples * DT)

@@ -353,24 +353,23 @@ class CompiledRun:
         """Run samples k0 to k1 - 1 of all rollouts."""
         if self._layout.table:
             self._fill_table(k0, k1)
-        job = self._job
-        job.k0, job.k1 = k0, k1
-        run = self._library.run
-        pointer = ctypes.byref(job)
+        self._job.k0, self._job.k1 = k0, k1
         if self._pool is None:
-            run(pointer, ctypes.c_int64(0), ctypes.c_int64(self._blocks))
+            self._run_blocks(0, self._blocks)
         else:
             # A few more parts than threads: a part whose rollouts have diverged is done at once.
             ends = np.linspace(0, self._blocks, min(self._blocks, 4 * self.threads) + 1).astype(int).tolist()
-            parts = [
-                self._pool.submit(run, pointer, ctypes.c_int64(a), ctypes.c_int64(b))
-                for a, b in pairwise(ends)
-            ]
+            # Each part holds this run: the code writes into its arrays, also after a second Ctrl-C.
+            parts = [self._pool.submit(self._run_blocks, a, b) for a, b in pairwise(ends)]
             try:
                 wait(parts)
-            finally:  # the code writes into arrays that must not go away
+            finally:  # what is kept must be whole
                 wait(parts)
         self._mark_diverged()
+
+    def _run_blocks(self, begin: int, end: int) -> None:
+        """Run the samples of the job for some blocks."""
+        self._library.run(ctypes.byref(self._job), ctypes.c_int64(begin), ctypes.c_int64(end))
 
     def _fill_table(self, k0: int, k1: int) -> None:
         """Have NumPy work out the targets of some samples."""

@@ -41,9 +41,16 @@ def run(
 
 
 def record(
-    experiment: Experiment, label: str, progress: bool | None = None, backend: str = "auto"
+    experiment: Experiment,
+    label: str,
+    progress: bool | None = None,
+    backend: str = "auto",
+    partial: bool = False,
 ) -> Recorded:
-    """Run one of an experiment's controllers as :func:`run` does, and make no dataset of it."""
+    """Run one of an experiment's controllers as :func:`run` does, and make no dataset of it.
+
+    On Ctrl-C what is there is returned where it is wanted (`partial`).
+    """
     plant, controller = experiment.runs[label]
     loop = prepare_loop(
         plant,
@@ -55,7 +62,7 @@ def record(
         backend=backend,
         supervisor=experiment.supervisor,
     )
-    return loop.recorded(progress)
+    return loop.recorded(progress, partial)
 
 
 def record_all(
@@ -64,7 +71,7 @@ def record_all(
     """Run all controllers of an experiment as :func:`compare` does, and make no dataset of it."""
     found: dict[str, Recorded] = {}
     for label in experiment.runs:
-        found[label] = record(experiment, label, progress, backend)
+        found[label] = record(experiment, label, progress, backend, partial=True)
         if (found[label].recording.status == Status.INTERRUPTED).any():
             break
     return found

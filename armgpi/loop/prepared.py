@@ -155,6 +155,7 @@ class PreparedLoop:
         v0: ArrayLike | None = None,
         final: bool = False,
         progress: bool | None = False,
+        partial: bool = False,
     ) -> xr.Dataset:
         """Run the loop and return its rollouts.
 
@@ -168,6 +169,7 @@ class PreparedLoop:
             v0: starting velocities [rad/s or m/s], zero when not given.
             final: with ``record="metrics"``, give positions and velocities at the end as well.
             progress: show a progress bar; None for one on a terminal and for long runs.
+            partial: on Ctrl-C return what is there, with the status "interrupted", in place of the exception.
 
         Returns:
             A dataset as of :func:`armgpi.simulate`; with ``record="metrics"`` one with every metric that is
@@ -179,24 +181,26 @@ class PreparedLoop:
             ParameterError: for one that cannot be given anew, or a value that is not as declared.
             ArrayError: when an array is not as it should be.
             LimitError: when the start or the reference is outside the plant's joint limits.
+            KeyboardInterrupt: on Ctrl-C, unless `partial`.
         """
-        loop, run, made_from = self._ran(values or {}, seed, q0, v0, progress)
+        loop, run, made_from = self._ran(values or {}, seed, q0, v0, progress, partial)
         if self._metrics:
             return self._summary(loop, run, final, made_from)
         return _recorded(loop, run.recording, made_from).dataset()
 
-    def recorded(self, progress: bool | None = False) -> Recorded:
+    def recorded(self, progress: bool | None = False, partial: bool = False) -> Recorded:
         """Run the loop as it was prepared, and return what it recorded without making a dataset of it.
 
         Args:
             progress: as for :meth:`run`.
+            partial: likewise.
 
         Raises:
             ArmgpiError: as :meth:`run`, and where it keeps metrics alone.
         """
         if self._metrics:
             raise ParameterError("record", "metrics", "all")
-        loop, run, made_from = self._ran({}, None, None, None, progress)
+        loop, run, made_from = self._ran({}, None, None, None, progress, partial)
         return _recorded(loop, run.recording, made_from)
 
     def _ran(
@@ -206,6 +210,7 @@ class PreparedLoop:
         q0: ArrayLike | None,
         v0: ArrayLike | None,
         progress: bool | None,
+        partial: bool,
     ) -> tuple[ClosedLoop, Any, dict[str, Any]]:
         """Run the loop with other numbers; return what was run, what ran it and what that was made from."""
         check_type(progress, "progress", bool | None, "True, False or None")
@@ -216,7 +221,7 @@ class PreparedLoop:
             self._reference_checked |= loop.reference is self.loop.reference
         shape, every = loop.true_state(state).q.shape, self.steps if self._metrics else self._every
         recording = Recording.new(shape, self.steps, loop.dt, every)
-        run = self._finished(loop, state, recording, progress)
+        run = self._finished(loop, state, recording, progress, partial)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
         if self._supervised and self._metrics:
             recording.note_last(run.last, (min(run.done, self.steps) - 1) * loop.dt)
@@ -249,9 +254,9 @@ class PreparedLoop:
         return with_values(self.loop, found, rows or self.loop.batch or 1)
 
     def _finished(
-        self, loop: ClosedLoop, state: LoopState, recording: Recording, progress: bool | None
+        self, loop: ClosedLoop, state: LoopState, recording: Recording, progress: bool | None, partial: bool
     ) -> Any:
-        """Run a loop to its end, or until Ctrl-C, and return what did it."""
+        """Run a loop to its end, or until Ctrl-C where a part is wanted, and return what did it."""
         running = None
         if self._metrics:
             running = Running(self.steps, loop.dt, loop.plant.robot.limits.effort)
@@ -265,6 +270,8 @@ class PreparedLoop:
                     run = self._compiled(run, loop, state, recording, running, patience)
                 drive(run, steps, advance)
             except KeyboardInterrupt:
+                if not partial:
+                    raise
                 run.interrupt()
                 dt = recording.dt
                 warnings.warn(

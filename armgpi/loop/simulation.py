@@ -30,6 +30,7 @@ def simulate(
     progress: bool | None = None,
     backend: str = "numpy",
     supervisor: Supervisor | None = None,
+    partial: bool = False,
 ) -> xr.Dataset:
     """Run a closed loop and return its rollout.
 
@@ -50,16 +51,17 @@ def simulate(
             there: little where it was compiled before, some tenths of a second otherwise.
         supervisor: puts the controller under a supervisor, see :mod:`armgpi.control.supervisor`. A rollout
             with a fault has the status "stopped", the time of its fault, and what the arm did afterwards.
+        partial: on Ctrl-C return what is there, with the status "interrupted", in place of the exception.
 
     Returns:
         A dataset with the dimensions time, joint and, for a batch, rollout: see :mod:`armgpi.loop.rollout`. A
-        rollout that diverges is NaN from then on and says when; the others go on. Ctrl-C ends the run
-        and returns what is there, with the status "interrupted".
+        rollout that diverges is NaN from then on and says when; the others go on.
 
     Raises:
         ParameterError: when an argument is not as it should be, or the parts do not match.
         ArrayError: when an array is not as it should be.
         LimitError: when the start or the reference is outside the plant's joint limits.
+        KeyboardInterrupt: on Ctrl-C, unless `partial`.
     """
     loop = prepare(
         plant,
@@ -72,4 +74,4 @@ def simulate(
         backend=backend,
         supervisor=supervisor,
     )
-    return loop.run(q0=q0, v0=v0, progress=progress)
+    return loop.run(q0=q0, v0=v0, progress=progress, partial=partial)

@@ -105,8 +105,6 @@ class Evaluator:
             rollout = loop.run(by_rollout(candidates, len(group), loop))
         if "rollout" not in rollout.dims:
             rollout = rollout.expand_dims("rollout")
-        if (rollout["status"] == Status.INTERRUPTED).any():
-            raise KeyboardInterrupt
         known, shape = metrics.declared(), (count, len(group))
         found = {
             name: known[name].of_arm(rollout[name].transpose("rollout", "joint").values).reshape(shape)

@@ -207,7 +207,7 @@ def test_an_interrupted_run_is_the_beginning_of_a_whole_one(threads: int) -> Non
 
         patch.setattr(reference, "at", stops)
         with pytest.warns(ArmgpiWarning, match="interrupted at t = "):
-            part = compiled(*loop, record_every=3, lanes=4, threads=threads)
+            part = compiled(*loop, record_every=3, lanes=4, threads=threads, partial=True)
     assert (part["status"] == Status.INTERRUPTED).all()
     (end,) = set(part["t_end"].values.tolist())
     assert 0.0 < end <= 0.1
@@ -226,7 +226,7 @@ def test_ctrl_c(threads: int) -> None:
     timer = threading.Timer(0.4, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.warns(ArmgpiWarning, match="interrupted at t = "):
-        part = compiled(*arguments, 1e6, **rows, lanes=4, threads=threads)
+        part = compiled(*arguments, 1e6, **rows, lanes=4, threads=threads, partial=True)
     timer.join()
     assert (part["status"] == Status.INTERRUPTED).all()
     end = float(part["t_end"][0])
