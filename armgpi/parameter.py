@@ -67,6 +67,9 @@ Kind = Literal[
 #: Default of a parameter that must be given.
 REQUIRED: Any = _Required.REQUIRED
 
+#: How far a range stays from a bound that is too small or too large itself, as a share of the whole.
+_EDGE = 1e-3
+
 _Same = TypeVar("_Same", bound="Parametrised")
 _Class = TypeVar("_Class", bound=type)
 
@@ -181,6 +184,26 @@ class Parameter:
         """What it is, up to a semicolon, with its unit: for a comment."""
         said = self.text.partition(";")[0]
         return f"{said} [{self.unit or '-'}]" if self.numeric else said
+
+    def range(self, value: Any = None) -> tuple[float, float] | None:
+        """Return from where to where it goes where nobody says it; None where nothing tells.
+
+        That is its search, else its slider, else its bounds, else a tenth to ten times its value.
+
+        Args:
+            value: what it is now: numbers, or None.
+        """
+        if self.search or self.slider:
+            return self.search or self.slider
+        if math.isfinite(self.least) and math.isfinite(self.most):
+            edge = _EDGE * (self.most - self.least)
+            return self.least + edge * self.above, self.most - edge * self.below
+        now = np.ravel(np.asarray(0.0 if value is None else value, dtype=np.float64))
+        now = now[np.isfinite(now) & (now != 0.0)]
+        if not now.size:
+            return None
+        low, high = float((now * [[0.1], [10.0]]).min()), float((now * [[0.1], [10.0]]).max())
+        return max(low, self.least), min(high, self.most)
 
     @property
     def numeric(self) -> bool:

@@ -46,7 +46,7 @@ def _robot(name: str, batch: int, rounds: int) -> list[list[object]]:
     move = armgpi.Bezier(robot.middle(), robot.middle() + 0.2, 0.5)
     random = np.random.default_rng(0)
     values = {
-        "plant.payload": random.uniform(0.0, 0.2, batch),
+        "plant.payload.mass": random.uniform(0.0, 0.2, batch),
         "plant.loads.0.onset": random.uniform(0.0, 0.5, batch),
         "controller.leak": random.uniform(1.0, 5.0, batch),
         "controller.omega": (random.uniform(15.0, 20.0, batch), random.uniform(30.0, 40.0, batch)),
@@ -70,7 +70,7 @@ def _robot(name: str, batch: int, rounds: int) -> list[list[object]]:
         "bare": Contender(run(STEPS, "all", values), 1),
         "metrics": Contender(run(STEPS, "metrics", values), 1),
         "long": Contender(run(LONG, "metrics", values), 1),
-        "vary": Contender(lambda: robot.varied(payload=values["plant.payload"]), 1),
+        "vary": Contender(lambda: robot.varied(payload=values["plant.payload.mass"]), 1),
     }
     taken = take_turns(contenders, rounds)
     alone = taken["bare"].times - taken["start of bare"].times

@@ -37,7 +37,7 @@ controllers: [{{type: network}}]
 reference: {{points: [[0, 0.4, -0.4], [0.2, 0.6, -0.2]], durations: 0.5, holds: [0.1, {hold}]}}
 t_final: {t_final}
 vary:
-  plant.payload: {{uniform: [0.0, 0.2]}}
+  plant.payload.mass: {{uniform: [0.0, 0.2]}}
   plant.delay: {{choices: [0, 1, 2]}}
   plant.loads.0.onset: {{uniform: [0.0, 0.5]}}
   plant.loads.0.amplitude: {{normal: [0.0, 0.1], each: joint}}

@@ -694,7 +694,7 @@ CASES: dict[str, Case] = {
     "PreparedLoop": Case(
         armgpi.prepare(PLANT, gpi(), armgpi.Bezier(**MOVE), 0.003, backend="numpy").run,
         {
-            "values": {"plant.payload": [0.1, 0.2]},
+            "values": {"plant.payload.mass": [0.1, 0.2]},
             "seed": 3,
             "q0": Q,
             "v0": V,

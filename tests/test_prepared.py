@@ -73,7 +73,7 @@ ARMS = (RigidBodyPlant(ARM), gpi(), MOVE)
 BY_ROLLOUT: dict[str, tuple[tuple[Any, Any, Any], dict[str, Any], Callable[[], tuple[Any, Any, Any]]]] = {
     "payload": (
         ARMS,
-        {"plant.payload": 0.3 * EACH, "plant.com": 0.1 * OWN},
+        {"plant.payload.mass": 0.3 * EACH, "plant.payload.com": 0.1 * OWN},
         lambda: (RigidBodyPlant(ARM.varied(payload=0.3 * EACH, com=0.1 * OWN)), gpi(), MOVE),
     ),
     "robot": (
@@ -261,7 +261,7 @@ def test_other_numbers_trace_and_compile_nothing(name: str, monkeypatch: pytest.
     monkeypatch.setattr("armgpi.compiled.run.trace_used", refused)
     monkeypatch.setattr("armgpi.codegen.kernels.Arm._made", refused)
     # A scale of 1 and a payload of 0 in a whole batch are values like others.
-    zero = {key: 0.0 * value for key, value in values.items() if key == "plant.payload"}
+    zero = {key: 0.0 * value for key, value in values.items() if key == "plant.payload.mass"}
     for seed in (1, 2):
         loop.run({**values, **zero}, seed=seed)
     with pytest.warns(ArmgpiWarning, match="compiled anew"):
@@ -303,7 +303,7 @@ def test_any_seeds(backend: str) -> None:
 def test_metrics_without_trajectories_are_those_of_a_full_recording(case: str, backend: str) -> None:
     plant: Plant = Encoder(RigidBodyPlant(ARM, friction=Friction(0.0, 0.2)), 12)
     controller: Any = gpi(FixedGains(20.0 + OWN))
-    reference, divergence, values = MOVE, 10.0, {"plant.payload": EACH}
+    reference, divergence, values = MOVE, 10.0, {"plant.payload.mass": EACH}
     if case == "moves":
         reference = Bezier(MOVE.start, MOVE.goal, 1.0)
     elif case == "cut":
@@ -392,15 +392,15 @@ REFUSALS: dict[str, tuple[dict[str, Any], type[ArmgpiError], str]] = {
     "a name that is not there": ({"plant.dely": 1}, NameNotFound, "dely"),
     "what decides the code": ({"controller.integrators": 1}, ParameterError, "form of the generated code"),
     "other numbers of rollouts": (
-        {"plant.payload": EACH, "controller.omega": 20.0 + OWN[:2]},
+        {"plant.payload.mass": EACH, "controller.omega": 20.0 + OWN[:2]},
         ArrayError,
         "3 rollouts",
     ),
-    "another shape": ({"plant.payload": np.ones((2, 2))}, ArrayError, "plant.payload"),
-    "beyond a bound": ({"plant.payload": -EACH}, ArrayError, "payload"),
+    "another shape": ({"plant.payload.mass": np.ones((2, 2))}, ArrayError, "plant.payload.mass"),
+    "beyond a bound": ({"plant.payload.mass": -EACH}, ArrayError, "payload"),
     "a gain below its bound": ({"controller.omega": -EACH}, ArrayError, "omega_c"),
     "no number": ({"controller.omega": ["a"]}, ArrayError, "controller.omega"),
-    "NaN": ({"plant.payload": np.array([np.nan])}, ArrayError, "finite"),
+    "NaN": ({"plant.payload.mass": np.array([np.nan])}, ArrayError, "finite"),
 }
 
 
@@ -414,7 +414,7 @@ def test_bad_values_are_refused_by_name(case: str) -> None:
 def test_a_robot_for_each_rollout_cannot_vary_as_well() -> None:
     plant = RigidBodyPlant(RobotBatch([ARM, ARM.scaled_inertia(1.1)]))
     with pytest.raises(ParameterError, match="robot of its own"):
-        prepared((plant, gpi(), MOVE), "numpy").run({"plant.payload": [0.1, 0.2]})
+        prepared((plant, gpi(), MOVE), "numpy").run({"plant.payload.mass": [0.1, 0.2]})
 
 
 VARIATIONS: dict[str, dict[str, Any]] = {

@@ -40,7 +40,7 @@ controllers: [{type: gpi, omega: 20}]
 reference: {points: [[0, 0.3, 0], [0.1, 0.4, -0.1]], durations: 0.15, holds: [0.02, 0.1]}
 t_final: 0.25
 vary:
-  plant.payload: {uniform: [0.0, 0.3]}
+  plant.payload.mass: {uniform: [0.0, 0.3]}
   plant.delay: {choices: [0, 1, 2]}
   controller.inertia_scale: {log_uniform: [0.8, 1.3]}
   plant.loads.0.amplitude: {normal: [0.0, 0.5], each: joint}
@@ -357,18 +357,18 @@ def test_intervals_hold_at_both_ends() -> None:
 
 
 BAD: dict[str, tuple[str, str]] = {
-    "beyond a bound": ("plant.payload: {uniform: [-0.1, 0.3]}", "vary.plant.payload"),
-    "tails beyond a bound": ("plant.payload: {normal: [0.1, 0.1]}", "4 standard deviations"),
-    "no parameter": ("plant.paylod: {uniform: [0, 0.3]}", "plant.payload"),
+    "beyond a bound": ("plant.payload.mass: {uniform: [-0.1, 0.3]}", "vary.plant.payload.mass"),
+    "tails beyond a bound": ("plant.payload.mass: {normal: [0.1, 0.1]}", "4 standard deviations"),
+    "no parameter": ("plant.paylod: {uniform: [0, 0.3]}", "plant.payload.mass"),
     "fixed": ("controller.integrators: {choices: [1, 2]}", "form of the generated code"),
     "without a key": ("plant.gravity: {uniform: [0, 1]}", "key of an experiment file"),
-    "two kinds": ("plant.payload: {uniform: [0, 1], choices: [0, 1]}", "one of uniform"),
-    "no kind": ("plant.payload: {each: rollout}", "one of uniform"),
-    "upside down": ("plant.payload: {uniform: [1, 0]}", "lowest, highest"),
-    "logarithm of zero": ("plant.payload: {log_uniform: [0, 1]}", "positive"),
+    "two kinds": ("plant.payload.mass: {uniform: [0, 1], choices: [0, 1]}", "one of uniform"),
+    "no kind": ("plant.payload.mass: {each: rollout}", "one of uniform"),
+    "upside down": ("plant.payload.mass: {uniform: [1, 0]}", "lowest, highest"),
+    "logarithm of zero": ("plant.payload.mass: {log_uniform: [0, 1]}", "positive"),
     "no whole numbers": ("plant.delay: {uniform: [0, 2]}", "choices"),
     "halves": ("plant.delay: {choices: [0.5]}", "whole"),
-    "one for each joint": ("plant.payload: {uniform: [0, 1], each: joint}", "each rollout"),
+    "one for each joint": ("plant.payload.mass: {uniform: [0, 1], each: joint}", "each rollout"),
 }
 
 

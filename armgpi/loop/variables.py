@@ -1,12 +1,12 @@
 """What may be given anew in a closed loop that is prepared: every declared number by its name.
 
 Names are those of an experiment file: ``controller.omega``, ``plant.delay``, ``plant.loads.0.onset``,
-``supervisor.following``, ``reference.durations.0``; and ``plant.payload`` as :meth:`armgpi.Robot.varied`
-calls it.
+``supervisor.following``, ``reference.durations.0``, ``plant.payload.mass``.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,7 +17,7 @@ from armgpi.arrays import as_sized_array, is_listing
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.control.weights import Weights
-from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.errors import ArmgpiWarning, ArrayError, NameNotFound, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.parameter import Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
@@ -45,10 +45,15 @@ class Variable:
     fixed: str = ""
 
 
-#: What may vary of a robot: of the plant, and of the nominal model.
+#: What may vary of a robot, of the plant and of the nominal model; their names are Robot.varied's.
 _ROBOT = {
-    "payload": Parameter("mass of a load on top of what the robot has", unit="kg", default=0.0, least=0.0),
-    "com": Parameter("centre of mass of that load in its frame", unit="m", kind="vector", default=(0.0,) * 3),
+    "payload.mass": Parameter(
+        "mass of a load on top of what the robot has", unit="kg", default=0.0, least=0.0, name="payload"
+    ),
+    "payload.com": Parameter(
+        "centre of mass of that load in its frame", unit="m", kind="vector", default=(0.0,) * 3, name="com"
+    ),
+    "payload.frame": Parameter("frame of the load", kind="text", default=None, none="the tip", name="frame"),
     "inertia_scale": Parameter(
         "factor of the robot's masses and inertias", default=1.0, least=0.0, above=True
     ),
@@ -62,8 +67,20 @@ _FRICTION = {
     "coulomb": Parameter("Coulomb friction", unit="N m or N", least=0.0, per_joint=True),
 }
 _NOMINAL = ("inertia_scale",)
+#: Names as they were -> as they are.
+RENAMED = {
+    f"plant.{old}": f"plant.payload.{new}"
+    for old, new in (("payload", "mass"), ("com", "com"), ("frame", "frame"))
+}
 #: Why what is not per joint of a supervisor stays.
 _CHECK = "a check is switched on or off by it; prepare another loop for another value"
+
+
+def current(name: str) -> str:
+    """Return the name of a variable as it is now; an old one is said to be one."""
+    if name in RENAMED:
+        warnings.warn(f"{name} is called {RENAMED[name]} now", ArmgpiWarning, stacklevel=3)
+    return RENAMED.get(name, name)
 
 
 def variables(loop: ClosedLoop) -> dict[str, Variable]:
@@ -117,7 +134,8 @@ def checked(known: Mapping[str, Variable], values: Mapping[str, Any]) -> dict[st
         ArrayError: when an array has another shape.
     """
     found = {}
-    for name, value in values.items():
+    for given, value in values.items():
+        name = current(given)
         if name not in known:
             raise NameNotFound("parameter of this loop", name, tuple(known))
         if reason := known[name].fixed:
@@ -209,8 +227,6 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
             reason = "the plant has a robot of its own for each rollout; give it one robot"
         for name, declared in _ROBOT.items():
             yield Variable(f"plant.{name}", declared, _now(robot, name), reason)
-        frame = Parameter("frame of the load", kind="text", default=None, none="the tip")
-        yield Variable("plant.frame", frame, None, reason)
         friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]
         for name, declared in _FRICTION.items():
             yield Variable(f"plant.{name}", declared, getattr(friction, name))
@@ -305,8 +321,7 @@ def _arm_with(plant: Arm, changes: dict[str, Any], rows: int) -> Arm:
     """Return an arm with other numbers."""
     own = {each.key or name: name for name, each in parameters(type(plant)).items()}
     given: dict[str, Any] = {own[key]: value for key, value in changes.items() if key in own}
-    names = (*_ROBOT, "frame")
-    if robot := {name: value for name, value in changes.items() if name in names}:
+    if robot := {_ROBOT[key].name or key: value for key, value in changes.items() if key in _ROBOT}:
         given["robot"] = robot_with(vars(plant)["_as_given"]["robot"], robot, rows)
     if friction := {name: value for name, value in changes.items() if name in _FRICTION}:
         now = plant.friction or Friction(*(np.zeros(plant.robot.n),) * 2)
@@ -378,8 +393,9 @@ def robot_with(robot: AnyRobot, changes: Mapping[str, Any], rows: int) -> Varied
 
 def _now(robot: AnyRobot, name: str) -> Any:
     """Return what a quantity of a robot is now."""
-    if isinstance(robot, VariedRobots) and name in robot.variation:
-        return robot.variation[name]
+    key = _ROBOT[name].name or name
+    if isinstance(robot, VariedRobots) and key in robot.variation:
+        return robot.variation[key]
     if name == "rotor_inertia":
         return getattr(robot, "armature", None)
     return _ROBOT[name].default

@@ -13,6 +13,7 @@ import numpy as np
 from armgpi.config.building import Experiment
 from armgpi.config.schema import KINDS, ExperimentConfig
 from armgpi.parameter import Parameter, parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Wrapper
 from armgpi.registry import registered
 from armgpi.robot.robot import Robot
@@ -186,10 +187,11 @@ def _declared(kind: str) -> dict[str, Parameter]:
     return {each.key or name: each for name, each in KINDS[kind].parameters.items()}
 
 
-def stops_of(declared: Parameter) -> tuple[float, ...]:
-    """Return the places of the slider of a declared parameter, numbers of few digits."""
-    assert declared.slider is not None
-    low, high = declared.slider
+def stops_of(declared: Parameter, value: Any = None) -> tuple[float, ...]:
+    """Return the places of the slider of a declared parameter, of few digits; none without a range."""
+    if (ends := declared.slider or declared.range(value)) is None:
+        return ()
+    low, high = ends
     if declared.kind == "integer":
         return tuple(float(x) for x in range(int(low), int(high) + 1))
     log = declared.log and low > 0.0
@@ -199,7 +201,7 @@ def stops_of(declared: Parameter) -> tuple[float, ...]:
 
 def _slider(path: Path, declared: Parameter, value: Any, label: str, group: str) -> Control:
     """Return the control of a declared parameter."""
-    stops = stops_of(declared)
+    stops = stops_of(declared, value)
     if value is not None and not isinstance(value, list):
         stops = tuple(sorted({*stops, float(value)}))
     values: tuple[Any, ...] = tuple(int(x) if declared.kind == "integer" else x for x in stops)
@@ -211,7 +213,7 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
     keys = dict.fromkeys(key for kind in sections for key in _declared(kind))
     for key, kind in itertools.product(keys, sections):
         declared = _declared(kind).get(key)
-        if declared is not None and declared.slider is not None:
+        if declared is not None and declared.varies and declared.kind in ("number", "integer", "box"):
             yield from _declared_slider(kind, key, declared, sections[kind][key])
     yield from _nominal(sections, robot)
 
@@ -225,7 +227,7 @@ def _declared_slider(kind: str, key: str, declared: Parameter, value: Any) -> It
     label = key.replace("_", " ")
     ends = value if isinstance(value, dict) else {"": value}
     for end, number in ends.items():
-        if isinstance(number, float | int):
+        if isinstance(number, float | int) and stops_of(declared, number):
             way = (*place, end) if end else place
             name = f"{label}, {end} end" if end else label
             control = _slider(way, declared, number, name, "controller")
@@ -294,18 +296,23 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     )
     yield _rotors(plant["rotor_inertia"], robot)
     yield from _friction(config, robot)
+    numbers = {}
+    if plant["engine"] in registered(Arm):
+        known = parameters(registered(Arm)[plant["engine"]])
+        numbers = {each.key or name: each for name, each in known.items() if each.in_file}
     for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: -item[1].order):
         own = [each for each in parameters(wrapper).values() if each.in_file]
-        if name not in plant or len(own) != 1 or own[0].slider is None:  # a class made since then is no key
-            continue
-        value = plant[name]
-        if isinstance(value, list):
+        if len(own) == 1:
+            numbers[name] = own[0]
+    for name, declared in numbers.items():
+        value = plant.get(name)  # a class made since then is no key
+        if not declared.varies or isinstance(value, list | dict) or not stops_of(declared, value):
             continue
         if name == "encoder_bits":
-            control = _slider(("plant", name), own[0], value, "encoder bits", "plant")
+            control = _slider(("plant", name), declared, value, "encoder bits", "plant")
             yield control._replace(stops=(*control.stops, None), values=(*control.values, None))
         elif value is not None:
-            yield _slider(("plant", name), own[0], value, name.replace("_", " "), "plant")
+            yield _slider(("plant", name), declared, value, name.replace("_", " "), "plant")
 
 
 def _rotors(given: Any, robot: Robot) -> Control:

@@ -114,10 +114,10 @@ class Space:
         for key, searched in chosen.items():
             if key not in known:
                 raise NameNotFound("number to search", key, known)
-            low, high = _ends(key, known[key], searched)
-            self.dimensions += _dimensions(
-                key, known[key], _begin(key, known[key], kind, made), low, high, searched
-            )
+            value = _now(key, known[key], kind, made)
+            low, high = _ends(key, known[key], searched, value)
+            begin = _begin(known[key], value, low, high, made)
+            self.dimensions += _dimensions(key, known[key], begin, low, high, searched)
         self.joints = made.robot.joint_names
         self.names = [
             each.name if each.joint is None else f"{each.name} {self.joints[each.joint]}"
@@ -157,7 +157,7 @@ def numbers(kind: Kind) -> dict[str, Parameter]:
         if each.kind == "group" and each.group is not None:
             inside = parameters(each.group).items()
             found |= {f"{key}.{x.key or part}": x for part, x in inside if x.kind == "table" and x.search}
-        elif each.search is not None and not each.structural:
+        elif each.varies and each.kind in ("number", "box"):
             found[key] = each
     return found
 
@@ -167,19 +167,20 @@ def _default(known: Mapping[str, Parameter], section: Mapping[str, Any]) -> list
     return [
         key
         for key, each in known.items()
-        if each.kind != "table" and (key not in _NEEDS or section.get(_NEEDS[key]))
+        if each.kind != "table" and each.search and (key not in _NEEDS or section.get(_NEEDS[key]))
     ]
 
 
-def _ends(key: str, declared: Parameter, searched: Range) -> tuple[float, float]:
+def _ends(key: str, declared: Parameter, searched: Range, value: Any) -> tuple[float, float]:
     """Return the lowest and highest value.
 
     Raises:
         ParameterError: when they leave the bounds of the parameter, or are no range.
     """
-    assert declared.search is not None
-    low = declared.search[0] if searched.low is None else searched.low
-    high = declared.search[1] if searched.high is None else searched.high
+    known = declared.range(value)
+    if known is None and (searched.low is None or searched.high is None):
+        raise ParameterError(f"free.{key}", value, "low and high: nothing declares a range of it")
+    low, high = (x if y is None else y for x, y in zip(known or (0.0, 0.0), searched[:2], strict=True))
     for end in (low, high):
         if not declared.inside(np.array(end)):
             raise ParameterError(f"free.{key}", end, f"within the bounds of {key}: {declared.bounds}")
@@ -190,23 +191,27 @@ def _ends(key: str, declared: Parameter, searched: Range) -> tuple[float, float]
     return low, high
 
 
-def _begin(key: str, declared: Parameter, kind: Kind, made: Any) -> Any:
-    """Return the value to begin with: an array over the joints, a box of two, or a table."""
+def _now(key: str, declared: Parameter, kind: Kind, made: Any) -> Any:
+    """Return the value that a controller has; None for none."""
     holder: Any = made
     if kind.variant is not None and key.split(".")[0] in _keys(kind.variant):
         holder = getattr(made, kind.part)
     for group in key.split(".")[:-1]:
         holder = getattr(holder, group)
     value = getattr(holder, declared.name, None) if holder is not None else None
+    if value is None and declared.kind == "table":
+        return np.zeros((made.robot.n, getattr(made, kind.part).size))
+    return value
+
+
+def _begin(declared: Parameter, value: Any, low: float, high: float, made: Any) -> Any:
+    """Return the value to begin with: an array over the joints, a box of two, or a table."""
     n = made.robot.n
     if declared.kind == "table":
-        size = getattr(made, kind.part).size
-        return np.zeros((n, size)) if value is None else value
+        return value
     if declared.kind == "box":
-        low, high = value if value is not None else (np.full(n, 30.0), np.full(n, 30.0))
-        return low, high
+        return value if value is not None else (np.full(n, 30.0), np.full(n, 30.0))
     if value is None:  # as another one is: begin in the middle
-        low, high = declared.search or (0.0, 1.0)
         value = math.sqrt(low * high) if declared.log else 0.5 * (low + high)
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (n,) if declared.per_joint else ())
 

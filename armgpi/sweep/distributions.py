@@ -58,22 +58,25 @@ class Distribution(NamedTuple):
         return np.asarray(np.clip(low + high * ndtri(u), lowest, highest))
 
 
-def distribution(name: str, given: Any, declared: Parameter, joints: int) -> Distribution:
+def distribution(name: str, given: Any, declared: Parameter, joints: int, value: Any = None) -> Distribution:
     """Return the distribution that an experiment file gives a parameter.
 
     Args:
         name: of the parameter.
-        given: the section: one of :data:`KINDS`, and `each`.
+        given: the section: one of :data:`KINDS`, and `each`; with none of them the declared range.
         declared: the parameter.
         joints: number of joints.
+        value: what the parameter is in the file.
 
     Raises:
         ParameterError: when it is none, or leaves the parameter's bounds.
     """
-    kinds = [kind for kind in KINDS if getattr(given, kind) is not None]
-    if len(kinds) != 1:
-        raise ParameterError(name, ", ".join(kinds) or None, f"one of {', '.join(KINDS)}")
-    kind, numbers = kinds[0], tuple(getattr(given, kinds[0]))
+    known = {kind: tuple(x) for kind in KINDS if (x := getattr(given, kind)) is not None}
+    if not known and (ends := declared.range(value)) is not None:
+        known = {"log_uniform" if declared.log and ends[0] > 0.0 else "uniform": ends}
+    if len(known) != 1:
+        raise ParameterError(name, ", ".join(known) or None, f"one of {', '.join(KINDS)}")
+    ((kind, numbers),) = known.items()
     if kind != "choices" and len(numbers) != 2:
         raise ParameterError(name, numbers, "two numbers")
     if kind in ("uniform", "log_uniform") and numbers[0] > numbers[1]:

@@ -22,7 +22,7 @@ from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterEr
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
-from armgpi.loop.variables import Variable
+from armgpi.loop.variables import RENAMED, Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.reality import Draw, Reality, batches, together
@@ -83,6 +83,11 @@ class Study:
         """
         if sampling not in SAMPLINGS:
             raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
+        renamed = {current(name): each for name, each in config.vary.items()}
+        # The digest, and so the draws, are those of the names as they were.
+        olds = {new: old for old, new in RENAMED.items()}
+        named = config.model_copy(update={"vary": {olds.get(n, n): each for n, each in renamed.items()}})
+        config = config.model_copy(update={"vary": renamed})
         experiment = build(config, origin)
         label = next(iter(experiment.controllers))
         origin = origin or Origin("")
@@ -102,7 +107,7 @@ class Study:
         size = (
             min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
         )
-        contents = [dump(config), dict(failure), label, sampling, size]
+        contents = [dump(named), dict(failure), label, sampling, size]
         contents += [] if experiment.supervisor is None else [*FAULTS]
         content = json.dumps(contents, sort_keys=True)
         found = cls(
@@ -121,7 +126,8 @@ class Study:
         for name, section in config.vary.items():
             try:
                 variable = _known(loop.parameters, name)
-                varied[name] = distribution(name, section, variable.declared, experiment.robot.n)
+                known = (variable.declared, experiment.robot.n, variable.value)
+                varied[name] = distribution(name, section, *known)
                 with_value(found, name, 1.0)
             except (ParameterError, NameNotFound) as error:
                 raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
@@ -241,7 +247,7 @@ class Study:
         """Return the loop, prepared once."""
         if (known := _loops.get(self.digest)) is None:
             experiment = self.experiment
-            if "plant.payload" in self.config.vary and self.config.plant.payload is not None:
+            if "plant.payload.mass" in self.config.vary and self.config.plant.payload is not None:
                 plant = self.config.plant.model_copy(update={"payload": None})
                 experiment = build(self.config.model_copy(update={"plant": plant}))
             law = experiment.controllers[self.label]
@@ -261,9 +267,9 @@ class Study:
     def _fixed(self) -> dict[str, Any]:
         """Return what goes with what varies: where the load is."""
         load = self.config.plant.payload
-        if "plant.payload" not in self.varied or load is None:
+        if "plant.payload.mass" not in self.varied or load is None:
             return {}
-        return {"plant.frame": load.frame or self.robot.tip, "plant.com": [load.com]}
+        return {"plant.payload.frame": load.frame or self.robot.tip, "plant.payload.com": [load.com]}
 
     def _flat(self, found: Any) -> Array:
         """Return the metrics of rollouts and how they ended, shape (rollouts, k)."""
@@ -413,7 +419,7 @@ def with_value(study: Study, name: str, value: Any) -> None:
 def _put(data: dict[str, Any], name: str, value: Any, study: Study) -> None:
     """Write a number of a rollout into an experiment file."""
     part, *steps = name.split(".")
-    if name == "plant.payload":
+    if name == "plant.payload.mass":
         data["plant"]["payload"] = {**(data["plant"]["payload"] or {}), "mass": value}
     elif name in ("plant.viscous", "plant.coulomb"):
         now = study.experiment.plant.robot.friction if study.config.plant.friction == "urdf" else None

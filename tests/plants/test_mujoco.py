@@ -262,5 +262,5 @@ def test_without_mujoco_the_message_says_what_to_install(monkeypatch: pytest.Mon
 def test_what_cannot_vary_by_rollout_says_why() -> None:
     loop = prepare(MuJoCoPlant(ARM), GPI(ARM, 1e-3), Hold(np.zeros(3)), 0.01, backend="numpy")
     with pytest.raises(ParameterError, match="MuJoCoPlant is made for the robot that it has"):
-        loop.run({"plant.payload": [0.0, 0.1]})
+        loop.run({"plant.payload.mass": [0.0, 0.1]})
     assert loop.run({"controller.omega": [20.0, 25.0]}).sizes["rollout"] == 2
