@@ -77,12 +77,12 @@ if TYPE_CHECKING:
     from armgpi.plants.sensors import Noisy as Noisy
     from armgpi.plants.turns import SingleTurn as SingleTurn
     from armgpi.plants.turns import Unwrapped as Unwrapped
+    from armgpi.references.batch import ReferenceBatch as ReferenceBatch
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
     from armgpi.references.recorded import Recorded as Recorded
     from armgpi.references.reference import Hold as Hold
     from armgpi.references.reference import Reference as Reference
-    from armgpi.references.reference import ReferenceBatch as ReferenceBatch
     from armgpi.references.reference import Target as Target
     from armgpi.references.waypoints import Waypoints as Waypoints
     from armgpi.robot import robots as robots
@@ -136,10 +136,11 @@ _NAMES = {
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
     "plants.turns": ("SingleTurn", "Unwrapped"),
+    "references.batch": ("ReferenceBatch",),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
     "references.recorded": ("Recorded",),
-    "references.reference": ("Hold", "Reference", "ReferenceBatch", "Target"),
+    "references.reference": ("Hold", "Reference", "Target"),
     "references.waypoints": ("Waypoints",),
     "robot.batch": ("RobotBatch",),
     "robot.equations": ("Friction",),

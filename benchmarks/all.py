@@ -23,6 +23,7 @@ SCRIPTS = {
     "batch": True,
     "first_result": True,
     "prepared": True,
+    "references": True,
     "start": True,
     "sweep": True,
     "validate": True,

@@ -39,6 +39,8 @@ _AGREEMENT = 1e-8
 _TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
 #: Numbers in a table of targets, at most: 8 MB.
 _TABLE = 1 << 20
+#: Samples of a table with rows of its own for each rollout, at least: some 16 pay for a call of `at`.
+_FEWEST = 16
 #: Structures of which the code is kept at hand.
 _KEPT = 64
 #: What an array of vectors is aligned to [bytes]: those of 8 lanes.
@@ -328,7 +330,9 @@ class CompiledRun:
         # At most 16 times as many as this time: the clock may have measured too little.
         width = self._blocks * self.lanes if self._job.table_rows else 1
         most = _TABLE // max(1, self._layout.table * width)
-        self.chunk = max(1, min(int(count * min(_CALL / spent, 16.0)), most))
+        # References that are asked one by one cost a call each, for one sample or for many.
+        least = max(1, min(_FEWEST, 8 * most)) if self._job.table_rows else 1
+        self.chunk = max(least, min(int(count * min(_CALL / spent, 16.0)), most))
         return count
 
     def finish(self) -> None:

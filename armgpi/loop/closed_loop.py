@@ -10,6 +10,7 @@ from armgpi.arrays import Array, ArrayLike, as_joint_array, new
 from armgpi.control.controller import Controller, FullState, Measurement, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.plant import Plant, PlantState
+from armgpi.references.batch import ReferenceBatch
 from armgpi.references.reference import Reference, Target
 
 
@@ -49,7 +50,7 @@ class ClosedLoop:
     Attributes:
         plant: what moves.
         controller: what moves it.
-        reference: where to.
+        reference: where to; of a :class:`ReferenceBatch` the one with arrays that is the same, if any.
         dt: sample time [s], the controller's.
         batch: number of rollouts, None for a single one.
     """
@@ -76,7 +77,7 @@ class ClosedLoop:
             )
         self.plant = plant
         self.controller = controller
-        self.reference = reference
+        self.reference = reference.as_arrays() if isinstance(reference, ReferenceBatch) else reference
         self.dt = controller.dt
         first = _arrays(reference.at(0.0))
         if first.q.ndim not in (1, 2) or first.q.shape[-1] != plant.robot.n:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import json
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -173,6 +175,18 @@ class Recorded(Reference):
         moving = ((share > 0.0) & (share < 1.0))[..., None]
         v, a = v / self._duration, a / self._duration**2
         return Target(q, np.where(moving, v, 0.0), np.where(moving, a, 0.0))
+
+    def widened(self, others: Sequence[Recorded]) -> Recorded:
+        """Return this and others at the same times as one recording of all their joints, in their order."""
+        every = [self, *others]
+        wide = copy.copy(self)
+        wide.q = np.concatenate([recording.q for recording in every], axis=1)
+        splines = zip(*(recording._derivatives for recording in every), strict=True)
+        wide._derivatives = tuple(
+            type(each[0])(each[0].t, np.concatenate([spline.c for spline in each], axis=1), each[0].k)
+            for each in splines
+        )
+        return wide
 
     def describe(self) -> dict[str, Any]:
         """Return where it came from and what it is, as plain data."""

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
-import numpy as np
-
-from armgpi.arrays import Array, ArrayLike, is_listing
-from armgpi.errors import ArrayError, ParameterError
+from armgpi.arrays import Array, ArrayLike
+from armgpi.errors import ParameterError
 
 
 class Target(NamedTuple):
@@ -99,39 +96,3 @@ class Hold(Reference):
     def at(self, t: float | Array) -> Target:
         """Return the configuration with zero velocity and acceleration, shapes as :meth:`Reference.at`."""
         return self._at(t)
-
-
-class ReferenceBatch(Reference):
-    """One reference per rollout, each for a single arm.
-
-    Attributes:
-        references: the references.
-    """
-
-    def __init__(self, references: Sequence[Reference]) -> None:
-        """Stack references: the i-th is followed by rollout i.
-
-        Raises:
-            ParameterError: when there are none.
-            ArrayError: when one is for several rollouts, or for another number of joints.
-        """
-        listed = is_listing(references) and len(references) > 0
-        if not listed or not all(isinstance(part, Reference) for part in references):
-            raise ParameterError("references", references, "a sequence of at least one Reference")
-        shapes = [reference.at(0.0).q.shape for reference in references]
-        if len(shapes[0]) != 1 or len(set(shapes)) > 1:
-            raise ArrayError(
-                "references", f"expected one configuration of the same joints each, got {shapes}"
-            )
-        self.references = tuple(references)
-
-    def at(self, t: float | Array) -> Target:
-        """Return the targets at `t` [s], (batch, n) or (k, batch, n); see :meth:`Reference.at`."""
-        # What several rollouts follow is asked once.
-        once = {id(reference): reference.at(t) for reference in {id(x): x for x in self.references}.values()}
-        targets = [once[id(reference)] for reference in self.references]
-        return Target(*(np.stack(rows, axis=-2) for rows in zip(*targets, strict=True)))
-
-    def describe(self) -> dict[str, Any]:
-        """Return the references as plain data."""
-        return {"type": "ReferenceBatch", "references": [part.describe() for part in self.references]}

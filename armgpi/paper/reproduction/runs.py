@@ -28,7 +28,8 @@ from armgpi.plants.loads import Sine, paper_disturbances
 from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Differentiated, Encoder
-from armgpi.references.reference import Reference, ReferenceBatch
+from armgpi.references.batch import ReferenceBatch
+from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.robot import Robot

@@ -1,0 +1,121 @@
+"""One reference per rollout: thousands of one kind are followed as one with arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, as_times, is_listing
+from armgpi.errors import ArrayError, ParameterError
+from armgpi.references.bezier import Bezier
+from armgpi.references.recorded import Recorded
+from armgpi.references.reference import Hold, Reference, Target
+from armgpi.references.waypoints import Waypoints
+
+
+class ReferenceBatch(Reference):
+    """One reference per rollout, each for a single arm.
+
+    References of one kind (:class:`Hold`, :class:`Bezier`, :class:`Waypoints` with as many points,
+    :class:`Recorded` at the same times) are evaluated together and cost what one with arrays does. Others
+    are evaluated one by one.
+
+    Attributes:
+        references: the references.
+    """
+
+    def __init__(self, references: Sequence[Reference]) -> None:
+        """Stack references: the i-th is followed by rollout i.
+
+        Raises:
+            ParameterError: when there are none.
+            ArrayError: when one is for several rollouts, or for another number of joints.
+        """
+        listed = is_listing(references) and len(references) > 0
+        if not listed or not all(isinstance(part, Reference) for part in references):
+            raise ParameterError("references", references, "a sequence of at least one Reference")
+        shapes = [reference.at(0.0).q.shape for reference in references]
+        if len(shapes[0]) != 1 or len(set(shapes)) > 1:
+            raise ArrayError(
+                "references", f"expected one configuration of the same joints each, got {shapes}"
+            )
+        self.references = tuple(references)
+        self._n = shapes[0][0]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the references: what is made of them is made anew."""
+        return {"references": self.references, "_n": self._n}
+
+    @cached_property
+    def _stacks(self) -> _Stacks:
+        return _stack(self.references)
+
+    def as_arrays(self) -> Reference:
+        """Return one reference with arrays that is the same, where there is one; itself otherwise."""
+        parts, _, rows = self._stacks
+        same = len(parts) == 1 and np.array_equal(rows, np.arange(len(rows)))
+        return parts[0] if same and parts[0].at(0.0).q.shape == (len(rows), self._n) else self
+
+    def at(self, t: float | Array) -> Target:
+        """Return the targets at `t` [s], (batch, n) or (k, batch, n); see :meth:`Reference.at`."""
+        parts, counts, rows = self._stacks
+        times = as_times(t)
+        found: list[list[Array]] = [[], [], []]
+        for part, count in zip(parts, counts, strict=True):
+            for column, x in zip(found, part.at(times), strict=True):
+                column.append(np.reshape(x, (*np.shape(times), count, self._n)))
+        return Target(*(np.concatenate(column, axis=-2)[..., rows, :] for column in found))
+
+    def describe(self) -> dict[str, Any]:
+        """Return the references as plain data."""
+        return {"type": "ReferenceBatch", "references": [part.describe() for part in self.references]}
+
+
+class _Stacks(NamedTuple):
+    """References that together follow all of a batch.
+
+    Attributes:
+        parts: each for one or several rollouts, m: its targets are (n,), (m, n) or (m n).
+        counts: the m of each.
+        rows: which of their rollouts each rollout of the batch is, shape (batch,).
+    """
+
+    parts: list[Reference]
+    counts: list[int]
+    rows: Array
+
+
+def _stack(references: Sequence[Reference]) -> _Stacks:
+    """Return as few references as follow all of these; what several rollouts follow is there once."""
+    kinds: dict[Any, dict[int, Reference]] = {}
+    for reference in references:
+        kinds.setdefault(_kind(reference), {})[id(reference)] = reference
+    parts: list[Reference] = []
+    rows: dict[int, int] = {}
+    for alike in kinds.values():
+        parts.append(_join(list(alike.values())) if len(alike) > 1 else next(iter(alike.values())))
+        rows.update({each: len(rows) + i for i, each in enumerate(alike)})
+    counts = [len(alike) for alike in kinds.values()]
+    return _Stacks(parts, counts, np.array([rows[id(reference)] for reference in references]))
+
+
+def _kind(reference: Reference) -> Any:
+    """Return what is equal for references that :func:`_join` joins; a subclass is a kind of its own."""
+    if type(reference) in (Hold, Bezier, Waypoints):
+        return type(reference), *reference.variables()
+    if type(reference) is Recorded:
+        return Recorded, reference.times.tobytes()
+    return id(reference)
+
+
+def _join(references: list[Any]) -> Any:
+    """Return one reference for the rollouts of several of one kind."""
+    first = references[0]
+    if isinstance(first, Recorded):
+        return first.widened(references[1:])
+    given = [reference.variables() for reference in references]
+    columns = {name: np.array([values[name] for values in given], dtype=float) for name in given[0]}
+    return first.with_values(**{name: x if x.ndim == 2 else x[:, None] for name, x in columns.items()})
