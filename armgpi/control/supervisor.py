@@ -963,7 +963,7 @@ def _bounds(law: Controller, given: Supervisor) -> Bounds:
         for share in (given.jump, given.reference_jump)
     )
     if given.reference_jump and given.reference_step:
-        steps = np.minimum(steps, given.reference_step * dt * _acceleration(law) + 2.0 * count)
+        steps = np.minimum(steps, given.reference_step * dt * least_acceleration(law) + 2.0 * count)
     known = np.minimum(speed, LARGEST)
     least, most = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
     shape = np.broadcast_shapes(count.shape, least.shape, np.shape(steps))
@@ -1025,7 +1025,7 @@ def _turning(law: Controller) -> tuple[Array, Array]:
     return np.max(pushed, axis=0), np.max(driven, axis=0)
 
 
-def _acceleration(law: Controller) -> Array:
+def least_acceleration(law: Controller) -> Array:
     """Return each joint's least acceleration by all its torque, the others held [rad/s^2 or m/s^2]."""
     most = np.max([np.diagonal(inertia, axis1=-2, axis2=-1) for inertia in _inertias(law)], axis=0)
     return np.asarray(np.minimum(law.effort, LARGEST) / most)

@@ -10,14 +10,24 @@ import numpy as np
 
 from armgpi import __version__
 from armgpi.control.controller import FullState, Measurement
-from armgpi.control.supervisor import FARTHEST, Reason, State, Supervised
+from armgpi.control.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
 from armgpi.errors import ParameterError, Remedy
 from armgpi.export.code import ABI, Code, template
 from armgpi.export.names import plain
 from armgpi.references.reference import Target
 
 #: Files of every export.
-_PACKAGE = ("CMakeLists.txt", "armgpi_controller.hpp", "armgpi_controller.py")
+_PACKAGE = (
+    *("CMakeLists.txt", "armgpi_controller.hpp", "armgpi_controller.py"),
+    *("armgpi_move.h", "armgpi_move.c"),
+)
+#: What C++ and Python of a target give to the arguments of a step.
+_WIRED = {"q_measured": "q", "q_ref": "to.q", "v_ref": "to.v", "a_ref": "to.a"}
+#: Moves take at most these shares: of the velocity limits, of what the motors can, of the deceleration of a
+#: stop, and of the torque's rate; so that the law has the rest for what the model does not know.
+_MOVE_VELOCITY, _MOVE_EFFORT, _MOVE_STOP, _MOVE_RATE = 0.8, 0.25, 0.5, 0.25
+#: Where no limit says how fast: rad/s or m/s; and the time in which an acceleration builds up at least [s].
+_MOVE_UNLIMITED, _MOVE_ONSET = 1.0, 0.05
 #: Target -> its own files.
 TARGETS: dict[str, tuple[str, ...]] = {
     "bare": (),
@@ -80,21 +90,24 @@ def check_target(target: str, controller: Supervised) -> None:
     robot: Any = controller.robot
     if target not in COMPENSATING and target != "ros2_control":
         return
-    if controller.measurement_type is FullState or any(controller._uses):
-        raise ParameterError(
-            "target",
-            target,
-            "bare for a law that needs more than positions and their reference, as one with velocities or a "
-            "feedforward (feedforward: none) does",
-        )
-    if target == "ros2_control":
+    if controller.measurement_type is FullState:
+        raise ParameterError("target", target, "bare for a law that needs measured velocities")
+    if target == "fci" and getattr(controller.law, "friction_feedforward", False):
+        raise ParameterError("target", target, "one for a law without the friction that its robot adds")
+    if target in COMPENSATING:
+        _check_arm(target, controller)
+    else:
         for name in robot.joint_names:
             if plain(name) != name:
                 expected = (
                     f"bare for names that C does not have as they are: ROS would not find joint {name!r}"
                 )
                 raise ParameterError("target", target, expected)
-        return
+
+
+def _check_arm(target: str, controller: Supervised) -> None:
+    """Refuse an arm, a sample time or a rate that is not that of the target's robot."""
+    robot: Any = controller.robot
     if not compensated(robot):
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"
         raise ParameterError("target", target, expected)
@@ -133,6 +146,9 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "state_bytes": str(state_bytes),
         "state_words": str(-(-state_bytes // 8)),
         "n": str(law.n),
+        "wired": ", ".join(_WIRED.get(name, name) for name in names),
+        "missed": str(law.controller.supervisor.missed),
+        **_move(law.controller, "F" if real == "float" else ""),
         "rest_motion": repr(_REST_MOTION),
         "rest_samples": str(max(1, round(_REST_TIME / law.controller.dt))),
         "dt_double": repr(float(law.controller.dt)),
@@ -157,6 +173,26 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
     if target == "ros2_control":
         texts["CMakeLists.txt"] += template("CMakeLists.ros2.txt")
     return texts
+
+
+def _move(controller: Supervised, suffix: str) -> dict[str, str]:
+    """Return the limits of moves: of velocity, acceleration and jerk, and the range of goals."""
+    bounds, dt, robot = controller.bounds, controller.dt, controller.robot
+    lower, upper, velocity, _ = robot.limits
+    most = np.where(velocity > 0.0, velocity, _MOVE_UNLIMITED)
+    speed = _MOVE_VELOCITY * np.where(np.isfinite(most), most, _MOVE_UNLIMITED)
+    # What all the torque of a joint, and what its rate, gives at least.
+    able = least_acceleration(controller.law)
+    effort = np.minimum(controller.effort, FARTHEST)
+    acceleration = np.minimum(_MOVE_EFFORT * able, _MOVE_STOP * bounds.slowing / dt**2)
+    jerk = np.minimum(acceleration / _MOVE_ONSET, _MOVE_RATE * able * bounds.rate / dt / effort)
+    rows = [
+        "    {" + ", ".join(f"{x!r}{suffix}" for x in np.broadcast_to(row, robot.n).tolist()) + "}"
+        for row in (speed, acceleration, jerk)
+    ]
+    ends = (np.maximum(lower, -FARTHEST), np.minimum(upper, FARTHEST))
+    ranges = ["    {" + ", ".join(map(repr, row.tolist())) + "}" for row in ends]
+    return {"move_limits": ",\n".join(rows), "move_range": ",\n".join(ranges)}
 
 
 def _tests(controller: Supervised) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import shutil
 import subprocess
@@ -21,6 +22,30 @@ from armgpi.export.targets import _tests
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 ARM = Robot.load("anthropomorphic3")
 ZERO = (0.0, 0.0, 0.0)
+#: Of a move of that arm, and a program that prints it.
+ENDS = [[0.1, 0.2, -0.3], [0.6, 0.7, -0.6]]
+MOVE = """#include <math.h>
+#include <stdio.h>
+#include "armgpi_move.h"
+int main(void)
+{
+    armgpi_move_t move;
+    const armgpi_real_t from[3] = BEGIN;
+    const armgpi_real_t to[3] = END;
+    const armgpi_real_t bad[3] = {(armgpi_real_t)0, (armgpi_real_t)NAN, (armgpi_real_t)0};
+    armgpi_real_t x[3][3];
+    uint32_t moving = 1U;
+    armgpi_move_hold(&move, from);
+    if (armgpi_move_to(&move, bad, 1.0) + armgpi_move_to(&move, to, 0.0) != 0U) { return 1; }
+    if (armgpi_move_to(&move, to, 1.0) == 0U || armgpi_move_to(&move, from, 1.0) != 0U) { return 2; }
+    while (moving != 0U) {
+        moving = armgpi_move_next(&move, 1U, x[0], x[1], x[2]);
+        for (int k = 0; k < 9; ++k) { (void)printf("%.17g ", (double)x[k / 3][k % 3]); }
+        (void)printf("\\n");
+    }
+    return 0;
+}
+"""
 #: Declarations of public headers; tools/headers.py compares them with those.
 STUBS = Path(__file__).parent / "stubs"
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
@@ -35,7 +60,12 @@ int main() {
   robot.q = {%s};
   armgpi_controller::Vector start{};
   for (std::size_t i = 0; i < start.size(); ++i) start[i] = robot.q[i];
-  const armgpi_controller::Fci mine([&](double t) { auto r = start; if (t > 0.1) r[3] = NAN; return r; });
+  const armgpi_controller::Fci mine([&](double t) {
+    armgpi_controller::Reference r;
+    r.q = start;
+    if (t > 0.1) r.q[3] = NAN;
+    return r;
+  });
   std::function<franka::Torques(const franka::RobotState&, franka::Duration)> callback = mine;
   for (std::uint64_t k = 0; k < 900; ++k) {
     if (k < 200) robot.q[0] += 2e-5;
@@ -56,6 +86,14 @@ def panda() -> Robot:
         pytest.skip("the robots extra is not installed")
     robot = Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
     return robot.with_gravity(ZERO)
+
+
+def ur5() -> Robot:
+    import armgpi
+
+    if "ur5" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    return Robot.load("ur5").with_gravity(ZERO)
 
 
 def with_jaw(joints: int) -> Robot:
@@ -137,42 +175,77 @@ def test_another_project_finds_the_package(tmp_path: Path) -> None:
     run(other / "b" / "other", folder=tmp_path)
 
 
-#: Runs a loop in Python beside stubs of the two packages: an arm at rest, one of whose encoders breaks at
-#: sample 50, at once for good (ur) or for one sample (fci). Their calls are those of pylibfranka 0.21.3 and
-#: ur_rtde 1.6.5.
+#: Runs a loop in Python beside stubs of the two packages, whose arm is a simulated one. Arguments: which, the
+#: goal, and the sample from which an encoder is broken: at once for good (ur) or for one sample (fci). Their
+#: calls are those of pylibfranka 0.21.3 and ur_rtde 1.6.5; of RTDE the request for the controller's version.
 LOOP = """
-import runpy, sys
+import io, runpy, socket, struct, sys
 from types import SimpleNamespace as Made
 
-KIND, START, COUNT = %r, %r, [-1]
+import numpy as np
+
+import armgpi
+
+kind, goal, broken, version = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:]
+lock = ["panda_finger_joint1", "panda_finger_joint2"] if kind == "fci" else []
+robot = armgpi.Robot.load({"fci": "panda", "ur": "ur5"}[kind], lock=lock).with_gravity((0, 0, 0))
+plant, dt = armgpi.RigidBodyPlant(robot), {"fci": 0.001, "ur": 0.002}[kind]
+state, last, rate, count = plant.init(robot.middle(), np.zeros(robot.n)), np.zeros(robot.n), 0.0, 0
 
 
 def measured():
-    COUNT[0] += 1
-    broken = COUNT[0] >= 50 if KIND == "ur" else COUNT[0] == 50
-    return [float("nan") if broken and j == 1 else x for j, x in enumerate(START)]
+    q = plant.measure(state).q.tolist()
+    if broken and (count == broken if kind == "fci" else count >= broken):
+        q[1] = float("nan")
+    return q
+
+
+def applied(tau):
+    global state, last, rate, count
+    rate = max(rate, float(np.abs(np.array(tau) - last).max()) / dt)
+    last, state, count = np.array(tau), plant.step(np.array(tau), state, dt), count + 1
+    assert count < 10_000
 
 
 class Arm:
     def __init__(self, *given): pass
     def start_torque_control(self): return self
-    def readOnce(self): return Made(q=measured()), Made(to_sec=lambda: 0.001 if COUNT[0] else 0.0)
-    def writeOnce(self, command): assert len(command.tau) == 7
-    def stop(self): print('stopped')
+    def readOnce(self):
+        return Made(q=measured(), tau_J_d=last.tolist()), Made(to_sec=lambda: 0.001 if count else 0.0)
+    def writeOnce(self, command): applied(command.tau)
+    def stop(self): print("stopped")
     def getActualQ(self): return measured()
-    def getTimestamp(self): return 0.002 * COUNT[0]
+    def getTimestamp(self): return 0.002 * (count - (count % 50 == 40))  # some packets come twice
     def initPeriod(self): return None
-    def directTorque(self, tau, viscous_scale, coulomb_scale): return len(tau) == 6
+    def directTorque(self, tau, viscous_scale, coulomb_scale):
+        applied(tau)
+        return len(viscous_scale) == len(coulomb_scale) == 6
     def waitPeriod(self, begun): pass
     def stopScript(self): print("stopped")
+
+
+class Wire(io.BytesIO):
+    def sendall(self, data): assert struct.unpack(">HB", data) == (3, 118)
+    def makefile(self, mode): return self
 
 
 sys.modules["pylibfranka"] = Made(Robot=Arm, Torques=lambda tau: Made(tau=tau, motion_finished=False))
 sys.modules["rtde_control"] = Made(RTDEControlInterface=Arm)
 sys.modules["rtde_receive"] = Made(RTDEReceiveInterface=Arm)
-sys.argv = [KIND, "127.0.0.1"]
-runpy.run_path(KIND + ".py", run_name="__main__")
+said = struct.pack(">HB4I", 19, 118, *map(int, version or ("5", "23")), 0, 0)
+socket.create_connection = lambda address, timeout: Wire(said)
+sys.argv = [kind, "127.0.0.1", *([goal] if goal != "-" else [])]
+runpy.run_path(kind + ".py", run_name="__main__")
+truth = plant.true_state(state)
+away = np.abs(truth.q - np.array([float(x) for x in goal.split(",")])).max() if goal != "-" else 0.0
+print("away", away, "speed", np.abs(truth.v).max(), "rate", rate)
 """
+
+
+def figures(said: str) -> dict[str, float]:
+    """The figures in the last line of a loop."""
+    words = said.splitlines()[-1].split()
+    return {name: float(value) for name, value in zip(words[::2], words[1::2], strict=True)}
 
 
 @compiled
@@ -182,13 +255,86 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
     export_controller(controller, tmp_path, measure=False, target="fci")
     assert "without gravity" in (tmp_path / "README.md").read_text().splitlines()[2]
     (tmp_path / "motion.cpp").write_text(MOTION % ", ".join(map(repr, robot.middle().tolist())))
-    run("cc", "-std=c99", "-c", "armgpi_controller.c", folder=tmp_path)
+    run("cc", "-std=c99", "-c", "armgpi_controller.c", "armgpi_move.c", folder=tmp_path)
     flags = ["-std=c++17", *WARNINGS, "-I.", f"-I{STUBS}"]
-    run(need("g++"), *flags, "motion.cpp", "armgpi_controller.o", "-o", "motion", folder=tmp_path)
+    objects = ("armgpi_controller.o", "armgpi_move.o")
+    run(need("g++"), *flags, "motion.cpp", *objects, "-o", "motion", folder=tmp_path)
     run("./motion", folder=tmp_path)
-    (tmp_path / "loop.py").write_text(LOOP % ("fci", robot.middle().tolist()))
-    said = run(sys.executable, "loop.py", folder=tmp_path)
+    (tmp_path / "loop.py").write_text(LOOP)
+    said = run(sys.executable, "loop.py", "fci", "-", 50, folder=tmp_path)
     assert said.startswith("hold not_finite panda_joint2")
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_path: Path) -> None:
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    law = GPI.untuned(robot, dt, bits=18)
+    assert law.feedforward != "none"
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    export_controller(Supervised(law, rate), tmp_path, measure=False, target=target)
+    (tmp_path / "loop.py").write_text(LOOP)
+    goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
+    said = run(sys.executable, "loop.py", target, goal, 0, folder=tmp_path)
+    assert said.startswith("run none")
+    found = figures(said)
+    assert found["away"] < 1e-3
+    assert found["speed"] < 0.01
+    if target == "fci":
+        assert found["rate"] <= 1000.0 * (1.0 + 1e-9)
+
+
+@compiled
+def test_a_ur_controller_without_direct_torque_is_refused(tmp_path: Path) -> None:
+    export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
+    (tmp_path / "loop.py").write_text(LOOP)
+    for old in (("5", "22"), ("3", "15"), ("10", "9")):
+        done = subprocess.run(
+            [sys.executable, "loop.py", "ur", "-", "0", *old],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 1
+        assert "has no direct torque" in done.stderr
+
+
+@compiled
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_a_move_is_a_smooth_curve_within_its_limits(real: str, compiler: str, tmp_path: Path) -> None:
+    robot = ARM
+    export_controller(GPI(robot, 1e-3), tmp_path, real=real, measure=False)
+    begin, end = ("{" + ", ".join(f"(armgpi_real_t){x!r}" for x in row) + "}" for row in ENDS)
+    (tmp_path / "print.c").write_text(MOVE.replace("BEGIN", begin).replace("END", end))
+    flags = ["-std=c99", *WARNINGS, "-Wdouble-promotion", "print.c", "armgpi_move.c", "-lm", "-o", "print"]
+    run(need(compiler), *flags, folder=tmp_path)
+    rows = np.array([line.split() for line in run("./print", folder=tmp_path).splitlines()], dtype=float)
+    dt, (begin, end) = 1e-3, np.array(ENDS)
+    # Of degree 5, at rest at both ends: by the six conditions.
+    total, t = len(rows) * dt, dt * np.arange(1, len(rows) + 1)
+    powers = np.arange(6.0)
+
+    def derivatives(at: np.ndarray) -> list[np.ndarray]:
+        x = np.asarray(at, dtype=float)[..., None]
+        with np.errstate(all="ignore"):
+            first = np.nan_to_num(powers * x ** (powers - 1.0))
+            second = np.nan_to_num(powers * (powers - 1.0) * x ** (powers - 2.0))
+        return [x**powers, first, second]
+
+    ends = np.concatenate([derivatives(np.array([0.0, total]))[k] for k in range(3)])
+    factors = np.linalg.solve(ends, np.concatenate([[begin, end], np.zeros((4, 3))]))
+    curve = [matrix @ factors for matrix in derivatives(t)]
+    scale = 1e-9 if real == "double" else 3e-7
+    for found, wanted in zip(np.split(rows, 3, axis=1), curve, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=scale * (1.0 + np.abs(wanted).max()))
+    text = (tmp_path / "armgpi_move.c").read_text().partition("[3][ARMGPI_N] = {")[2].partition("};")[0]
+    limits = np.array([float(x) for x in re.findall(r"[\d.e+-]+", text.replace("F", ""))]).reshape(3, 3)
+    jerk = np.diff(rows[:, 6:], axis=0) / dt
+    for found, limit in zip((rows[:, 3:6], rows[:, 6:], jerk), limits, strict=True):
+        assert (np.abs(found) <= limit * (1.0 + 1e-5)).all()
+    assert max((np.abs(rows[:, 3:6]) / limits[0]).max(), (np.abs(rows[:, 6:]) / limits[1]).max()) > 0.9
 
 
 @compiled
@@ -232,14 +378,9 @@ def test_stubs_are_compared_word_by_word(tmp_path: Path) -> None:
 
 @compiled
 def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
-    import armgpi
-
-    if "ur5" not in armgpi.robots.names():
-        pytest.skip("the robots extra is not installed")
-    robot = Robot.load("ur5").with_gravity(ZERO)
-    export_controller(GPI(robot, 2e-3), tmp_path, measure=False, target="ur")
-    (tmp_path / "loop.py").write_text(LOOP % ("ur", robot.middle().tolist()))
-    said = run(sys.executable, "loop.py", folder=tmp_path)
+    export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
+    (tmp_path / "loop.py").write_text(LOOP)
+    said = run(sys.executable, "loop.py", "ur", "-", 50, folder=tmp_path)
     assert said.startswith("fault not_finite shoulder_lift_joint")
 
 
@@ -249,7 +390,11 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
         (lambda: GPI(ARM, 1e-3), "fci", "without gravity"),
         (lambda: GPI(ARM, 1e-3), "ur", "without gravity"),
         (lambda: GPI(ARM.with_gravity(ZERO), 1e-3), "ur", "for 6 joints; this arm has 3"),
-        (lambda: PIDInversion(ARM.with_gravity(ZERO), 1e-3), "ros2_control", "bare for a law"),
+        (
+            lambda: PIDInversion(ARM.with_gravity(ZERO), 1e-3),
+            "ros2_control",
+            "bare for a law that needs measured velocities",
+        ),
         (lambda: GPI(panda(), 1e-3), "fci", "a torque_rate of at most 1000 N m/s"),
         (
             lambda: GPI(panda(), 2e-3),
