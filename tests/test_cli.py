@@ -23,7 +23,7 @@ from rich.cells import cell_len
 from typer.main import get_command
 
 import armgpi
-from armgpi import Status, load, metrics
+from armgpi import Status, config, load, metrics
 from armgpi.cli import app
 from armgpi.cli.commands import ENTRIES
 from armgpi.robot.robots import names
@@ -171,7 +171,13 @@ def test_help_names_every_command_and_option_and_fits_80_columns(
     assert listed.code == 0
     assert {"run", "compare", "robots"} <= set(listed.out.split())
     for name, own in (("run", "--controller"), ("compare", "--controllers")):
-        helped = cli(name, "--help")
+        short = cli(name, "--help")
+        assert short.code == 0
+        assert all(
+            option in short.out for option in ("--config", "--to", "--set", "--out", "--help-all", own)
+        )
+        assert len(re.findall(r"^  -", short.out, re.M)) <= 15  # a dozen that a beginner needs
+        helped = cli(name, "--help-all")
         assert helped.code == 0
         for option in (
             *("--config", "--to", "--from", "--duration", "--omega", "--lock", "--keep", "--effort", "--out"),
@@ -182,6 +188,43 @@ def test_help_names_every_command_and_option_and_fits_80_columns(
         # Units stand in brackets, which a markup language would have eaten.
         assert "[rad/s]" in helped.out
         assert max(map(len, helped.out.splitlines())) <= 80
+
+
+def test_any_key_of_an_experiment_is_set(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    given = (
+        "plant.delay=2",
+        "plant.payload.mass=0.1",
+        "controller.omega=q1=20,q2=25,q3=30",
+        "plant.engine=armgpi",
+    )
+    words = [word for each in given for word in ("--set", each)]
+    done = cli(
+        "compare", "anthropomorphic3", "--t-final", "0.01", "--controllers", "gpi,gpi", *words, "-o", str(out)
+    )
+    assert done.code == 0, done.err
+    found = config.read(out / "experiment.yaml").config
+    assert found.plant.model_dump()["delay"] == 2
+    assert found.plant.model_dump()["payload"]["mass"] == 0.1
+    wanted = {"q1": 20.0, "q2": 25.0, "q3": 30.0}
+    assert [each.omega for each in found.controllers] == [wanted] * 2
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("plant.dely=2", "--set plant.dely: there is no key named 'dely'; did you mean 'delay'"),
+        ("plant.delay=-1", "--set plant.delay: expected 0 or more, got -1"),
+        ("plant.delay", "--set: expected KEY=VALUE"),
+        ("controller.omega.3=2", "omega"),
+        ("sample_time.0=2", "--set: the experiment has no 'sample_time.0'"),
+    ],
+)
+def test_a_key_that_cannot_be_set_is_named(cli: Callable[..., Answer], word: str, said: str) -> None:
+    done = cli("run", "anthropomorphic3", "--dt", "0.001", "--set", word)
+    assert done.code == 2
+    assert said in done.err
+    assert "Traceback" not in done.err
 
 
 def test_without_a_command_the_help_is_shown(cli: Callable[..., Answer]) -> None:

@@ -174,7 +174,7 @@ def test_the_recipes_have_the_style_of_the_house(tmp_path: Path) -> None:
 
 
 def test_the_controller_is_in_files_help_tables_reports_and_c(run: Run, folder: Path) -> None:
-    helped = run("run", "--help")
+    helped = run("run", "--help-all")
     assert all(word in helped for word in ("gravity_pd", "--stiffness", "--damping", "[1/s^2]"))
     said = shown(run, "gravity_pd.yaml")
     assert "gravity_pd: finished; measures positions and velocities" in said["compare"]
@@ -191,7 +191,7 @@ def test_the_controller_is_in_files_help_tables_reports_and_c(run: Run, folder: 
 
 
 def test_the_sensor_is_in_files_help_provenance_and_c(run: Run, folder: Path) -> None:
-    assert "--position-lag" in run("run", "--help")
+    assert "--position-lag" in run("run", "--help-all")
     shown(run, "low_pass.yaml")
     written = (folder / "lagging" / "experiment.yaml").read_text(encoding="utf-8")
     assert "position_lag: 0.002" in written
@@ -201,7 +201,7 @@ def test_the_sensor_is_in_files_help_provenance_and_c(run: Run, folder: Path) ->
 
 
 def test_the_plant_is_in_files_help_sweeps_provenance_and_c(run: Run, folder: Path) -> None:
-    helped = run("run", "--help")
+    helped = run("run", "--help-all")
     assert all(word in helped for word in ("springs", "--gear-stiffness", "--rotor "))
     said = shown(run, "springs.yaml")
     written = (folder / "sprung" / "experiment.yaml").read_text(encoding="utf-8")

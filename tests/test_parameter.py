@@ -249,7 +249,7 @@ def test_a_plugin_is_known_to_files_options_help_and_provenance(tmp_path: Path) 
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    helped = run("run", "--help")
+    helped = run("run", "--help-all")
     assert "--stiffness" in helped
     assert "--bias" in helped
     out = tmp_path / "out"

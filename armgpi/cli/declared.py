@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import typer
 
 from armgpi import registry
-from armgpi.cli.layout import Command
+from armgpi.cli.layout import EVERYTHING, Command
 from armgpi.cli.parsing import per_joint, refusal
 
 #: Where a context keeps the options that were given.
@@ -84,7 +84,7 @@ class Option(NamedTuple):
             if not isinstance(numbers, list) or len(numbers) != len(members):
                 raise refusal(self.flag, f"expected {self.metavar} such as '0,0.5', got {text!r}")
             return dict(zip(members, numbers, strict=True))
-        return _whole(numbers) if kind == "integer" else numbers
+        return whole(numbers) if kind == "integer" else numbers
 
 
 class DeclaredCommand(Command):
@@ -92,6 +92,8 @@ class DeclaredCommand(Command):
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         """Read the command line; declared options are looked for where a word is one, or is to become one."""
+        ctx.meta[EVERYTHING] = "--help-all" in args
+        args = ["--help" if word == "--help-all" else word for word in args]
         own = {flag for each in self.params for flag in (*each.opts, *each.secondary_opts)}
         typed = {word.partition("=")[0] for word in args if word.startswith("--")}
         ctx.meta[_WANTED] = ctx.resilient_parsing or not typed <= own  # the former for completion
@@ -293,10 +295,10 @@ def _keep(context: typer.Context, parameter: typer.CallbackParam, value: str | N
         context.meta.setdefault(_META, {})[parameter.opts[0]] = value
 
 
-def _whole(value: Any) -> Any:
+def whole(value: Any) -> Any:
     """Return numbers as ints where they are whole."""
     if isinstance(value, dict):
-        return {key: _whole(number) for key, number in value.items()}
+        return {key: whole(number) for key, number in value.items()}
     if isinstance(value, list):
-        return [_whole(number) for number in value]
+        return [whole(number) for number in value]
     return int(value) if float(value).is_integer() else value

@@ -25,6 +25,22 @@ _OPTIONS = {
         *("--title", "--frame", "--port", "--open", "--backend"),
     ),
 }
+#: What --help shows of a command that has all of these options and more, which are in --help-all.
+_FIRST = (
+    *(
+        "--config",
+        "--to",
+        "--path",
+        "--controller",
+        "--controllers",
+        "--payload",
+        "--encoder-bits",
+        "--delay",
+    ),
+    *("--t-final", "--set", "--out", "--report", "--view", "--help"),
+)
+#: Where a context keeps whether --help-all was asked for; a command without that shows all at once.
+EVERYTHING = "armgpi.everything"
 _GROUP_OF = {flag: group for group, flags in _OPTIONS.items() for flag in flags}
 _OTHERS = "Options"
 #: Widest help: longer lines are hard to read.
@@ -43,14 +59,25 @@ class Command(TyperCommand):
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments, then a section for every group of options."""
         groups: dict[str, list[tuple[str, str]]] = {}
-        for each in self.get_params(ctx):
+        short = not ctx.meta.get(EVERYTHING, True)
+        params = self.get_params(ctx)
+        shown = [each for each in params if not short or _is_first(each)]
+        for each in shown:
             row = each.get_help_record(ctx)
             if row is not None:
                 groups.setdefault(_group(each), []).append(row)
+        if short:
+            more = f"Show all {len(params)} arguments and options and exit."
+            groups.setdefault(_OTHERS, []).append(("--help-all", more))
         order = ["Arguments", *_OPTIONS]
         for name in [*filter(groups.__contains__, order), *(name for name in groups if name not in order)]:
             with formatter.section(name):
                 formatter.write_dl(groups[name])
+
+
+def _is_first(parameter: Any) -> bool:
+    """Tell whether a beginner needs an argument or option."""
+    return parameter.param_type_name == "argument" or any(flag in _FIRST for flag in parameter.opts)
 
 
 def _group(parameter: Any) -> str:

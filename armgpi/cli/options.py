@@ -311,6 +311,16 @@ Port = Annotated[
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Any key of an experiment file, such as plant.delay=2 or controller.omega=25; may be repeated.",
+    ),
+]
+
+
 def experiment(
     config: ConfigFile = None,
     to: To = None,
@@ -336,6 +346,7 @@ def experiment(
     seed: Seed = None,
     supervised: SupervisedFlag = False,
     gravity: Gravity = None,
+    settings: Settings = None,
 ) -> None:
     """List the options that describe an experiment, for :func:`shared`."""
 

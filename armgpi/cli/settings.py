@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from armgpi import config as configuration
-from armgpi.cli.declared import Option
+from armgpi.cli.declared import Option, whole
 from armgpi.cli.options import drives_given
 from armgpi.cli.parsing import locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin
+from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
 
 
@@ -74,6 +75,8 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     for option, value in options["declared"]:
         _declared(over, option, value)
     _reference(over)
+    for text in options.get("settings") or ():
+        _set(over, text)
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
     return Loaded(configuration.check(data, origin), origin)
@@ -144,6 +147,32 @@ def _reference(over: _Overlay) -> None:
     elif over.given("start"):
         raise refusal("--from", "requires --to")
     over.take("duration", "reference", "durations")
+
+
+def _set(over: _Overlay, text: str) -> None:
+    """Put the value of any key, KEY=VALUE; `controller` means every controller."""
+    name, equals, value = (part.strip() for part in text.partition("="))
+    part, *steps = name.split(".")
+    if not (equals and name and value):
+        raise refusal("--set", f"expected KEY=VALUE such as plant.delay=2, got {text!r}")
+    count = len(over.data["controllers"])
+    tops = [("controllers", i) for i in range(count)] if part == "controller" else [(part,)]
+    for top in tops:
+        path = (*top, *(int(step) if step.isdigit() else step for step in steps))
+        try:
+            over.put(f"--set {name}", _value(value), *path)
+        except (AttributeError, IndexError, KeyError, TypeError):
+            raise refusal("--set", f"the experiment has no {name!r}") from None
+
+
+def _value(text: str) -> Any:
+    """Return what was typed as an experiment file has it: numbers, a word, true, false or null."""
+    if text in (words := {"true": True, "false": False, "null": None}):
+        return words[text]
+    try:
+        return whole(per_joint(text, "--set"))
+    except ConfigError:
+        return text
 
 
 def _file(path: Path) -> Path:
