@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import binom
 
 from armgpi import files
 from armgpi.cli import main
@@ -19,6 +20,7 @@ from armgpi.codegen import build
 from armgpi.config import build as build_experiment
 from armgpi.config import experiment as experiments
 from armgpi.config import parse, read
+from armgpi.config.identity import IDENTITY
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
@@ -89,9 +91,9 @@ def test_a_sweep_that_was_stopped_goes_on_to_the_same_bytes(done: Path, tmp_path
     first = made()
     study.save(first, tmp_path)
     study.run_chunk(tmp_path, 2, 8)
-    (tmp_path / study.CHUNKS / ".000001-16.npy.abc").write_bytes(b"half")
+    (tmp_path / study.CHUNKS / ".000001-16.chunk.abc").write_bytes(b"half")
     run(tmp_path)
-    (tmp_path / study.CHUNKS / ".000001-16.npy.abc").unlink()
+    (tmp_path / study.CHUNKS / ".000001-16.chunk.abc").unlink()
     assert contents(tmp_path) == contents(done)
 
 
@@ -183,7 +185,7 @@ def test_a_worker_of_dask_that_is_killed_loses_nothing(
     monkeypatch.setattr(study, "_MOST", 4096)  # as in the worker, which is another process
     for name in ("here", "there", "broken"):
         study.save(made(), tmp_path / name)
-    (tmp_path / "broken" / study.SETTINGS).unlink()
+    (tmp_path / "broken" / IDENTITY).unlink()
     options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
     with distributed.LocalCluster(n_workers=1, **options) as local:
         with distributed.Client(local) as client:
@@ -215,10 +217,26 @@ def tail(beta: float) -> rare.Margin:
 
 def climbed(margin: rare.Margin, dimensions: int, count: int, seed: int) -> rare.Rare:
     random = np.random.default_rng(seed)
-    levels = [rare.first(margin, dimensions, count, random)]
-    while rare._bound(levels[-1])[0] < 1.0:
-        levels.append(rare.following(margin, levels[-1], random))
-    return rare.estimate(levels)
+    return rare.estimate(rare.climb(margin, dimensions, count, lambda place, level: level(random)))
+
+
+def test_where_margins_tie_a_level_begins_with_all_of_them_alike() -> None:
+    # Whole steps: the tenth of a level that is nearest is not the tenth that argsort gives.
+    true = 0.5 * math.erfc(3.5 / math.sqrt(2.0))
+    found = [
+        climbed(lambda points, seeds: np.floor(2.0 * points[:, 0]) / 6.9, 2, 500, seed) for seed in range(40)
+    ]
+    mean = np.mean([each.probability.value for each in found])
+    assert abs(mean / true - 1.0) < 3.0 * np.mean([each.deviation for each in found]) / math.sqrt(40)
+    held = sum(each.probability.lower <= true <= each.probability.upper for each in found)
+    assert held >= 36  # 95 % of 40, less a standard deviation and a half
+
+
+def test_a_level_that_cannot_rise_is_the_last() -> None:
+    random = np.random.default_rng(0)
+    levels = rare.climb(lambda x, seeds: 0.25 * np.sign(x[:, 0]), 1, 500, lambda place, level: level(random))
+    assert len(levels) == 2
+    assert rare.bounds_of(levels)[-1] == (0.25, 1.0)
 
 
 @pytest.mark.parametrize(("beta", "dimensions"), [(3.0, 2), (4.7534243088, 10)])
@@ -241,7 +259,7 @@ RARE = TEXT.replace("peak_error: 0.01}", "peak_error: 0.4}")
 def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) -> None:
     found = made(RARE)
     study.save(found, tmp_path)
-    once, last = rare.simulate(found, tmp_path, 300)
+    once, last, check = rare.simulate(found, tmp_path, 300)
     drawn = np.vstack([found.numbers(i, 16) for i in range(128)])
     failed = found.failed(found.table(drawn, np.arange(len(drawn))))
     plain = clopper_pearson(int(failed.sum()), len(failed))
@@ -249,11 +267,13 @@ def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) ->
     assert 1e-3 < plain.value < 0.1
     # Killed after a level, it ends with the same; the worst run as they did.
     for level in (tmp_path / "rare").iterdir():
-        if level.name != "300-00.npy":
+        if level.name != "300-00.chunk":
             level.unlink()
-    again, same = rare.simulate(found, tmp_path, 300)
+    again, same, _ = rare.simulate(found, tmp_path, 300)
     assert again == once
     np.testing.assert_array_equal(same, last)
+    said = rare.summary(found, once, last, check)["plain check"]
+    assert said["lower"] <= said["by the levels"] <= said["upper"]
     worst = rare.worst(found, last)[0]
     run = experiments.run(build_experiment(worst), "gpi", progress=False, backend="compiled")
     assert float(metrics.peak_error(run).max()) / 0.4 == pytest.approx(last[:, -1].max(), rel=1e-9)
@@ -313,7 +333,7 @@ def test_a_chunk_is_a_function_of_study_and_number() -> None:
 
 @pytest.mark.parametrize("sampling", ["random", "sobol"])
 def test_points_fill_the_unit_cube(sampling: str) -> None:
-    points = np.vstack([shares(sampling, 12345, i, 256, 3) for i in range(8)])
+    points = np.vstack([shares(sampling, 12345, 256 * i, 256, ("a", "b", "c")) for i in range(8)])
     assert ((points > 0.0) & (points < 1.0)).all()
     # The standard deviation of a mean of 2048 uniform numbers is 0.0064.
     np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=0.03)
@@ -354,6 +374,23 @@ def test_intervals_hold_at_both_ends() -> None:
         exact += found.lower <= 0.1 <= found.upper
     # 0.95 less three standard deviations of 400 trials.
     assert min(held, exact) >= 400 * 0.917
+
+
+def test_quantiles_are_between_order_statistics_and_open_where_there_is_none() -> None:
+    values = np.random.default_rng(1).permutation(np.arange(1.0, 101.0))
+    # Of 100 values the 40th and the 61st hold the median with 95 % (Conover 1999, section 3.2).
+    assert quantile(values, 0.5) == (50.0, 40.0, 61.0)
+    # No value is above the 99 % quantile with a probability of 0.37.
+    assert quantile(values, 0.99)[1:] == (97.0, math.inf)
+    assert quantile(values, 0.01)[1:] == (-math.inf, 4.0)
+    for n, share in ((20, 0.5), (50, 0.9), (200, 0.9)):
+        _, low, high = quantile(np.arange(1.0, n + 1.0), share)
+        # Whoever is below the quantile is binomial: no tail has more than 2.5 %, and a narrower one would.
+        above = binom.cdf(np.arange(-1, n + 1), n, share)
+        if math.isfinite(low):
+            assert above[int(low)] <= 0.025 < above[int(low) + 1]
+        if math.isfinite(high):
+            assert 1.0 - above[int(high)] <= 0.025 < 1.0 - above[int(high) - 1]
 
 
 BAD: dict[str, tuple[str, str]] = {
@@ -408,10 +445,10 @@ def test_a_folder_of_another_study_is_refused(done: Path) -> None:
         with pytest.raises(RolloutError, match="something else"):
             study.save(made(), done / "other")
         (done / "other" / name).unlink()
-    damaged = done / study.CHUNKS / "000000-16.npy"
+    damaged = done / study.CHUNKS / "000000-16.chunk"
     before = damaged.read_bytes()
     damaged.write_bytes(b"x")
-    with pytest.raises(RolloutError, match=r"000000-16.npy: is damaged"):
+    with pytest.raises(RolloutError, match=r"000000-16.chunk: is damaged"):
         results.collect(made(), done, 40)
     damaged.write_bytes(before)
 
@@ -446,8 +483,8 @@ def test_a_disk_that_fills_up_ends_the_sweep_and_loses_nothing(
         assert called("sweep", str(file), "--rollouts", "40", "--out", str(out)) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "000001-16.npy: cannot be written: No space left" in said
-    assert [path.name for path in (out / study.CHUNKS).iterdir()] == ["000000-16.npy"]
+    assert "000001-16.chunk: cannot be written: No space left" in said
+    assert [path.name for path in (out / study.CHUNKS).iterdir()] == ["000000-16.chunk"]
     assert not called("sweep", str(file), "--rollouts", "40", "--out", str(out))
 
 

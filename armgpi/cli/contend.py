@@ -40,6 +40,7 @@ def contend(
     quick: Annotated[
         bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
     ] = False,
+    accept_code: opt.AcceptCode = False,
     report: opt.ReportPage = None,
     as_json: opt.Json = False,
 ) -> None:
@@ -64,7 +65,7 @@ def contend(
         raise refusal("--seeds", f"must be from 1 to 1000, got {seeds}")
     setting = contests.QUICK if quick else contests.Setting(evaluations, seeds)
     chosen = laws or list(contests.CONTENDERS)
-    entries = contests.run(out, names, chosen, setting, lambda text: say(text, err=True))
+    entries = contests.run(out, names, chosen, setting, lambda text: say(text, err=True), accept_code)
     tables = [contests.markdown(entries), contests.verdict(entries)]
     tables.append(contests.untuned_table([contests.untuned(out, name, setting) for name in names]))
     if found := contests.transferred(entries, setting):

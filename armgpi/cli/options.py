@@ -255,6 +255,10 @@ Backend = Annotated[
         metavar="NAME", help="What computes: 'numpy', 'compiled' (generated C), or 'auto': the faster one."
     ),
 ]
+AcceptCode = Annotated[
+    bool,
+    typer.Option("--accept-code", metavar=FLAG, help="Go on with what other code has begun; it is marked."),
+]
 Json = Annotated[bool, typer.Option("--json", metavar=FLAG, help="Print JSON instead of tables.")]
 
 Table = Annotated[

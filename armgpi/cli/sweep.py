@@ -61,6 +61,7 @@ def sweep(
             show_default=False,
         ),
     ] = None,
+    accept_code: opt.AcceptCode = False,
     as_json: opt.Json = False,
 ) -> None:
     """Run an experiment many times with drawn numbers and say how often it fails, with intervals.
@@ -77,7 +78,7 @@ def sweep(
 
     count = _count(rollouts)
     study = Study.of(*read(file), sampling)
-    save(study, out)
+    save(study, out, accept_code)
     if rare:
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
         for option in (name for name, given in others.items() if given):
@@ -124,8 +125,10 @@ def _rare(study: Study, out: Path, count: int, as_json: bool) -> None:
     from armgpi.sweep import rare
     from armgpi.sweep.results import write_worst
 
-    found, last = rare.simulate(study, out, count, lambda rows: say(f"a level of {rows} rollouts", err=True))
-    said = rare.summary(study, found, last)
+    found, last, check = rare.simulate(
+        study, out, count, lambda rows: say(f"a level of {rows} rollouts", err=True)
+    )
+    said = rare.summary(study, found, last, check)
     for sentence in [json.dumps(json_data(said))] if as_json else rare.sentences(said):
         say(sentence)
     written = [files.write(out / "rare.json", json.dumps(said, indent=2) + "\n")]
@@ -187,11 +190,16 @@ def _percent(part: dict[str, Any]) -> str:
 
 
 def _short(estimate: dict[str, float | None]) -> str:
-    """Return an estimate with its interval."""
-    low, value, high = (
-        "inf" if estimate[k] is None else f"{estimate[k]:.3g}" for k in ("lower", "value", "upper")
-    )
-    return f"{value} ({low} to {high})"
+    """Return an estimate with its interval; an end that is open has no number."""
+    low, value, high = estimate["lower"], estimate["value"], estimate["upper"]
+    ends = f"{_number(low)} to {_number(high)}"
+    if low is None or high is None:
+        ends = f"below {_number(high)}" if low is None else f"above {_number(low)}"
+    return f"{_number(value)} ({ends if low is not None or high is not None else 'open'})"
+
+
+def _number(value: float | None) -> str:
+    return "inf" if value is None else f"{value:.3g}"
 
 
 @contextmanager

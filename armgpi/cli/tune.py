@@ -37,6 +37,7 @@ def tune(
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="NUMBER", help="Of the search; the file's.")] = None,
     backend: Annotated[str, typer.Option(metavar="NAME", help="numpy, compiled or auto.")] = "compiled",
+    accept_code: opt.AcceptCode = False,
     report: opt.ReportPage = None,
     as_json: opt.Json = False,
 ) -> None:
@@ -55,12 +56,12 @@ def tune(
     wanted = setup.read(file, changes, known_backend(backend))
     if resume and not (out / results.STUDY).exists():
         raise refusal("--resume", f"{out} holds no study")
-    kept = results.begin(out, wanted, resume)
+    kept = results.begin(out, wanted, resume, accept_code)
     study = Study(wanted.problem)
     begun = time.monotonic()
 
     def told(study: Study) -> None:
-        results.keep(out, study)
+        results.keep(out, wanted, study)
         _progress(study, time.monotonic() - begun, len(kept))
 
     study.run(told, kept)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armgpi import files
-from armgpi.config import Experiment, dump
+from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
@@ -203,7 +203,7 @@ def save(
         RolloutError: when the folder or a file cannot be written.
     """
     prepare(folder)
-    config, copied = portable(experiment)
+    config, copied = portable(experiment.config)
     contents: dict[str, str | bytes] = {
         "rollout.nc": rollout.netcdf(result),
         "experiment.yaml": config,
@@ -217,19 +217,18 @@ def is_another(experiment: Experiment, folder: Path) -> bool:
     beside = folder / "experiment.yaml"
     try:
         if beside.is_file():
-            return beside.read_bytes() != portable(experiment)[0].encode()
+            return beside.read_bytes() != portable(experiment.config)[0].encode()
         return (folder / "rollout.nc").exists()
     except OSError:
         return True
 
 
-def portable(experiment: Experiment) -> tuple[str, dict[str, bytes]]:
+def portable(config: ExperimentConfig) -> tuple[str, dict[str, bytes]]:
     """Return the configuration as YAML, with robot and trajectory found beside it, and these files.
 
     Raises:
         RolloutError: when one of them cannot be read any more.
     """
-    config = experiment.config
     copied: dict[str, bytes] = {}
     if config.robot.name not in robots.names():
         name, content = _copied(robots.locate(config.robot.name)[0])

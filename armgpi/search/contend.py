@@ -7,6 +7,7 @@ those that measure and know the same.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,15 +18,17 @@ import numpy as np
 
 from armgpi import config, files
 from armgpi.config import experiment as experiments
+from armgpi.config.identity import Identity, claim, code, seal, unseal
 from armgpi.errors import NameNotFound, RolloutError
 from armgpi.health.reality import known as described
 from armgpi.health.zoo import fingers
 from armgpi.plants.reality import Draw, Reality, scales
+from armgpi.robot import robots
 from armgpi.robot.robot import Robot
 from armgpi.search.evaluation import Evaluator
 from armgpi.search.objective import Objective
 from armgpi.search.space import Range, Space
-from armgpi.search.study import KEPT, Problem, Study, rows_of
+from armgpi.search.study import KEPT, Problem, Study, kept_rows
 
 #: Arms of the contest, and what torque variation is allowed [N m]; small arms get a share of it.
 ARMS = ("ur5", "panda", "kinova", "anthropomorphic3")
@@ -191,24 +194,21 @@ def run(
     laws: Sequence[str],
     setting: Setting,
     told: Callable[[str], None] = lambda text: None,
+    accept_code: bool = False,
 ) -> list[Entry]:
     """Run a contest, or go on with the one of a folder, and return its entries.
 
     Raises:
         NameNotFound: for a law that there is not.
-        RolloutError: when the folder holds another contest, or cannot be written to.
+        RolloutError: when the folder holds another contest, one of other code, or cannot be written to.
         ArmgpiError: when an arm cannot be loaded.
     """
     for law in laws:
         if law not in CONTENDERS:
             raise NameNotFound("contender", law, CONTENDERS)
     experiments.prepare(folder)
-    # More seeds may come later.
-    asked = json.dumps(setting._replace(seeds=0)._asdict(), indent=1) + "\n"
-    there = folder / "contest.json"
-    if there.exists() and there.read_text(encoding="utf-8") != asked:
-        raise RolloutError(f"{folder}: holds a contest of another size; choose another folder")
-    files.write(there, asked)
+    # More seeds and arms may come later: each entry has the bytes of its arm in its key.
+    claim(folder, Identity(_asked(setting), code()), "", accept_code)
     return [
         _entry(folder, arm, law, seed, setting, told)
         for seed in range(setting.seeds)
@@ -224,32 +224,44 @@ def _entry(
     name = f"{arm} {law} {seed}".replace(" ", "_").replace(",", "").replace("+", "plus")
     done, table = folder / f"{name}.json", folder / f"{name}.csv"
     if done.exists():
-        return _read(done, Entry)
+        return _read(done, Entry, _key(arm, setting))
     study = Study(problem(arm, law, seed, setting))
-    kept = rows_of(table.read_text(encoding="utf-8"), study.problem) if table.exists() else []
-    study.run(lambda study: _keep(table, study), kept)
+    key = _key(arm, setting)
+    kept = kept_rows(table, study.problem, key)
+    study.run(lambda study: _keep(table, study, key), kept)
     entry = _judged(arm, law, seed, study)
-    files.write(done, json.dumps(entry._asdict(), indent=1) + "\n")
+    files.write(done, seal(entry._asdict(), key))
     best = [each["held_out"] for each in entry.budgets.values()]
     told(f"{arm}, {law}, seed {seed}: {' / '.join(f'{value:.3g}' for value in best) or 'nothing holds'}")
     return entry
 
 
-def _read(path: Path, kind: Callable[..., _Kept]) -> _Kept:
+def _asked(setting: Setting) -> dict[str, Any]:
+    """Return what a contest is, as plain data."""
+    return {"method": "contend", **setting._replace(seeds=0)._asdict()}
+
+
+def _key(arm: str, setting: Setting) -> str:
+    """Return what the entries of an arm are part of: the contest, and the bytes of the arm."""
+    content = robots.locate(arm)[0].read_bytes()
+    return f"{json.dumps(_asked(setting))} {hashlib.sha256(content).hexdigest()}"
+
+
+def _read(path: Path, kind: Callable[..., _Kept], key: str) -> _Kept:
     """Return what was kept in a file.
 
     Raises:
         RolloutError: when it cannot be read.
     """
     try:
-        return kind(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
+        return kind(**unseal(path, key))
+    except TypeError as error:
         raise RolloutError(f"{path}: cannot be read: {error}; remove it") from None
 
 
-def _keep(table: Path, study: Study) -> None:
+def _keep(table: Path, study: Study, key: str) -> None:
     """Keep all candidates so far."""
-    files.write(table, study.table())
+    files.write(table, study.table(key))
 
 
 def problem(arm: str, law: str, seed: int, setting: Setting) -> Problem:
@@ -296,7 +308,7 @@ def untuned(folder: Path, arm: str, setting: Setting) -> Untuned:
     """
     done = folder / f"{arm}_untuned_{setting.seeds}.json"
     if done.exists():
-        return _read(done, Untuned)
+        return _read(done, Untuned, _key(arm, setting))
     robot = Robot.load(arm, fingers(arm))
     section = {"type": "untuned"}
     spent, judged = (
@@ -307,7 +319,7 @@ def untuned(folder: Path, arm: str, setting: Setting) -> Untuned:
     rivals = {law: _rival(arm, law, setting, budget) for law in RIVALS}
     objective, variation = (float(judged.values[name].mean()) for name in ("itae", "total_variation"))
     found = Untuned(arm, objective, variation, rivals)
-    files.write(done, json.dumps(found._asdict(), indent=1) + "\n")
+    files.write(done, seal(found._asdict(), _key(arm, setting)))
     return found
 
 

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,56 +15,34 @@ import yaml
 
 from armgpi import files
 from armgpi.config import experiment as experiments
+from armgpi.config.identity import claim
 from armgpi.errors import RolloutError
 from armgpi.search.setup import Wanted, best_file
-from armgpi.search.study import Row, Study, Validated, rows_of
+from armgpi.search.study import Row, Study, Validated, kept_rows
 
 STUDY, EVALUATIONS = "study.yaml", "evaluations.csv"
 
 
-def asked(wanted: Wanted) -> tuple[str, dict[str, bytes]]:
-    """Return what a study is, as YAML, and the files that belong beside it."""
-    text, copied = experiments.portable(wanted.experiment)
-    tune = yaml.safe_dump({"tune": wanted.tune.model_dump()}, sort_keys=False, allow_unicode=True)
-    return text + tune, copied
-
-
-def begin(folder: Path, wanted: Wanted, resume: bool) -> list[Row]:
+def begin(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False) -> list[Row]:
     """Make or enter a study's folder, and return the candidates that it has.
 
     Raises:
-        RolloutError: when it holds another study, holds this one and is not to be resumed, or cannot be
-            written to.
+        RolloutError: when it holds another study, one of other code, this one and is not to be resumed, or
+            cannot be written to.
     """
     experiments.prepare(folder)
-    text, copied = asked(wanted)
-    there = folder / STUDY
-    if there.exists():
-        if _read(there) != text:
-            raise RolloutError(f"{folder}: holds another study; choose another folder, or remove it")
-        if not resume:
-            raise RolloutError(f"{folder}: holds this study already; resume it, or choose another folder")
-        evaluations = folder / EVALUATIONS
-        return rows_of(_read(evaluations), wanted.problem) if evaluations.exists() else []
-    if (folder / "experiment.yaml").exists():
-        raise RolloutError(f"{folder}: holds an experiment; choose another folder")
-    for name, content in copied.items():
-        files.write(folder / name, content)
-    files.write(there, text)
-    return []
+    tune = yaml.safe_dump({"tune": wanted.tune.model_dump()}, sort_keys=False, allow_unicode=True)
+    asked = wanted.identity
+    if not claim(folder, replace(asked, text=asked.text + tune), STUDY, accept_code):
+        return []
+    if not resume:
+        raise RolloutError(f"{folder}: holds this study already; resume it, or choose another folder")
+    return kept_rows(folder / EVALUATIONS, wanted.problem, asked.digest)
 
 
-def _read(path: Path) -> str:
-    """Return the text of a file of the folder."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise RolloutError(f"{path}: cannot be read: {error}") from None
-
-
-def keep(folder: Path, study: Study) -> None:
+def keep(folder: Path, wanted: Wanted, study: Study) -> None:
     """Write all candidates so far."""
-    files.write(folder / EVALUATIONS, study.table())
+    files.write(folder / EVALUATIONS, study.table(wanted.identity.digest))
 
 
 def finish(folder: Path, wanted: Wanted, study: Study, found: Sequence[Validated], given: Row) -> list[Path]:
@@ -81,7 +60,7 @@ def finish(folder: Path, wanted: Wanted, study: Study, found: Sequence[Validated
     for each in found:
         name = "best.yaml" if math.isinf(each.budget) else f"best-{each.budget:g}.yaml"
         loaded = best_file(wanted, each.row.x)
-        text, copied = experiments.portable(wanted.experiment._replace(config=loaded.config))
+        text, copied = experiments.portable(loaded.config)
         contents |= {name: text, **copied}
     if found and not math.isinf(found[0].budget):
         contents["best.yaml"] = contents[f"best-{_middle(found).budget:g}.yaml"]

@@ -12,6 +12,7 @@ import numpy as np
 
 from armgpi import config
 from armgpi.config import Experiment, Origin
+from armgpi.config.identity import Identity, identify
 from armgpi.config.reading import beside, checked, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
 from armgpi.parameter import parameters
@@ -38,6 +39,7 @@ class Wanted(NamedTuple):
         section: of the controller, plain data.
         problem: what is searched.
         data: the file as plain data, without `tune`.
+        identity: all of this, with the bytes of every file that it names and the code that runs it.
     """
 
     experiment: Experiment
@@ -46,6 +48,7 @@ class Wanted(NamedTuple):
     section: dict[str, Any]
     problem: Problem
     data: dict[str, Any]
+    identity: Identity
 
 
 def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "compiled") -> Wanted:
@@ -76,7 +79,8 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     section = {**data["controllers"][index]}
     section.pop("label", None)
     problem = _problem(experiment, label, section, tune, origin, backend)
-    return Wanted(experiment, label, tune, section, problem, data)
+    asked = {"method": "tune", "tune": tune.model_dump(), "backend": backend}
+    return Wanted(experiment, label, tune, section, problem, data, identify(given, asked))
 
 
 def _chosen(tune: TuneSection, experiment: Experiment, origin: Origin) -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -97,6 +99,11 @@ class Problem(NamedTuple):
     def names(self) -> list[str]:
         """Metrics that are worked out."""
         return sorted({*self.objective.names, self.against, *KEPT})
+
+    @property
+    def width(self) -> int:
+        """How many numbers a candidate has."""
+        return len(self.space.names)
 
 
 class Study:
@@ -245,31 +252,67 @@ class Study:
         """Return what the section as it was given is on the held-out scenarios."""
         return self.judged(self.problem.held_out, [self.problem.space.start])[0]
 
-    def table(self) -> str:
-        """Return all candidates as CSV, exact: what :func:`rows_of` reads."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
+    def table(self, key: str = "") -> str:
+        """Return all candidates as CSV, exact: what :func:`rows_of` reads.
+
+        Args:
+            key: of what they are part of. Each row ends with a hash of the key and of all up to it: no row of
+                another study, and none that was changed, passes for one of this.
+        """
         names = self.problem.names
         places = [f"x {name}" for name in self.problem.space.names]
         head = ("generation", "search", "objective", "failed", "violation")
-        writer.writerow([*head, *names, *self.problem.space.names, *places])
+        lines: list[list[Any]] = [[*head, *names, *self.problem.space.names, *places]]
         for row in self.rows:
             numbers = (row.objective, row.failed, row.violation, *(row.means[name] for name in names))
             values = (*numbers, *self.problem.space.values(row.x), *row.x)
-            writer.writerow([row.generation, row.search, *(repr(float(value)) for value in values)])
+            lines.append([row.generation, row.search, *(repr(float(value)) for value in values)])
+        text = io.StringIO()
+        for line, chained in zip(lines, _chain(lines, key), strict=True):
+            csv.writer(text, lineterminator="\n").writerow([*line, chained])
         return text.getvalue()
 
 
-def rows_of(text: str, problem: Problem) -> list[Row]:
+def _chain(lines: Iterable[Sequence[Any]], key: str) -> Iterator[str]:
+    """Yield the last cell of each line: of the first its name, of others the hash of all until there."""
+    sums = hashlib.sha256(key.encode())
+    for place, line in enumerate(lines):
+        sums.update(",".join(map(str, line)).encode() + b"\n")
+        yield sums.hexdigest()[:16] if place else "hash"
+
+
+def kept_rows(path: Path, problem: Problem, key: str) -> list[Row]:
+    """Return the candidates of a file; none where there is no file.
+
+    Raises:
+        RolloutError: when it is damaged, or of something else.
+    """
+    try:
+        if not path.exists():
+            return []
+        # As many rows of as many cells as there may be: a generation more than asked for.
+        if path.stat().st_size > (problem.evaluations + 100_000) * 32 * (
+            8 + len(problem.names) + 2 * problem.width
+        ):
+            raise RolloutError(f"{path}: is too large for what was asked; remove it")
+        return rows_of(path.read_text(encoding="utf-8"), problem, key)
+    except (OSError, ValueError) as error:
+        raise RolloutError(f"{path}: cannot be read: {error}") from None
+
+
+def rows_of(text: str, problem: Problem, key: str = "") -> list[Row]:
     """Return candidates from :meth:`Study.table`.
 
     Raises:
         RolloutError: when it is no such table.
     """
-    lines = list(csv.reader(io.StringIO(text)))
-    names, d = problem.names, len(problem.space.names)
+    names, d = problem.names, problem.width
     try:
-        head, *body = lines
+        lines = list(csv.reader(io.StringIO(text)))
+        body = [line[:-1] for line in lines]
+        if [line[-1] for line in lines] != list(_chain(body, key)):
+            raise ValueError
+        head, *body = body
         if head[5:] != [*names, *problem.space.names, *(f"x {name}" for name in problem.space.names)]:
             raise ValueError
         found = []
@@ -281,6 +324,6 @@ def rows_of(text: str, problem: Problem) -> list[Row]:
             x = np.array(numbers[len(numbers) - d :])
             objective, failed, violation = numbers[:3]
             found.append(Row(int(line[0]), int(line[1]), x, objective, failed, violation, means))
-    except (ValueError, IndexError):
+    except (ValueError, IndexError, csv.Error):
         raise RolloutError("the folder's evaluations.csv is not that of this search, or is damaged") from None
     return found

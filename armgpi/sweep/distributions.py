@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import warnings
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,35 +108,46 @@ def _check_bounds(name: str, found: Distribution, declared: Parameter) -> None:
         raise ParameterError(name, wrong, f"{declared.bounds}; the distribution reaches {wrong:g}{tails}")
 
 
-def shares(sampling: str, key: int, chunk: int, size: int, dimensions: int) -> Array:
-    """Return the points of a chunk in the unit cube, a pure function of the arguments.
+def shares(sampling: str, seed: int, first: int, rows: int, names: Sequence[str]) -> Array:
+    """Return points in the unit cube for some rollouts, a pure function of the arguments.
+
+    What a number of a rollout is depends on the seed, the rollout and the number's own name: other arms,
+    versions and further numbers that vary meet the same draws. Sobol points belong together: theirs depend
+    on all names.
 
     Args:
         sampling: one of :data:`SAMPLINGS`.
-        key: of the study, at most 128 bits.
-        chunk: number of the chunk.
-        size: rollouts of a whole chunk.
-        dimensions: numbers of a rollout.
+        seed: of the study.
+        first: place of the first rollout among all, a multiple of 4.
+        rows: number of rollouts.
+        names: of the numbers of a rollout.
 
     Returns:
-        Shape (size, dimensions), inside (0, 1).
+        Shape (rows, numbers), inside (0, 1).
 
     Raises:
         ParameterError: when there are no Sobol points of so many dimensions.
     """
-    if not dimensions:
-        return np.empty((size, 0))
+    if not names:
+        return np.empty((rows, 0))
     if sampling == "random":
-        # A counter-based generator: chunk i does not need those before it.
-        generator = np.random.Generator(np.random.Philox(key=key % 2**128, counter=chunk << 128))
-        points = generator.random((size, dimensions))
+        # A counter-based generator, which makes four numbers a count: rollout i does not need those before.
+        generators = (np.random.Philox(key=draw_key(seed, name), counter=first // 4) for name in names)
+        points = np.column_stack([np.random.Generator(each).random(rows) for each in generators])
     else:
-        if dimensions > _MOST_DIMENSIONS:
+        if len(names) > _MOST_DIMENSIONS:
             raise ParameterError(
                 "sampling", sampling, f"random: Sobol points have {_MOST_DIMENSIONS} dimensions"
             )
-        sobol = qmc.Sobol(dimensions, scramble=True, seed=np.random.default_rng(key))
-        if chunk:  # SciPy has no way of going nowhere
-            sobol.fast_forward(chunk * size)
-        points = sobol.random(size)
+        sobol = qmc.Sobol(len(names), scramble=True, seed=np.random.default_rng(draw_key(seed, *names)))
+        if first:  # SciPy has no way of going nowhere
+            sobol.fast_forward(first)
+        with warnings.catch_warnings():  # that a part of 2^k points is less even: it is a part of them
+            warnings.simplefilter("ignore", UserWarning)
+            points = sobol.random(rows)
     return np.asarray(np.clip(points, 2.0**-53, 1.0 - 2.0**-53))
+
+
+def draw_key(seed: int, *names: str) -> int:
+    """Return the key of random numbers with some names, 128 bits."""
+    return int(hashlib.sha256("\0".join([str(seed), *names]).encode()).hexdigest()[:32], 16)

@@ -56,13 +56,14 @@ def wilson(k: int, n: int, level: float = LEVEL) -> Estimate:
 def quantile(values: Array, share: float, level: float = LEVEL) -> Estimate:
     """Return a quantile with an interval between two of the values, whatever they are distributed like.
 
-    The number of values below the true quantile is binomial. Infinite values are the largest ones; where
-    there are too few values for an end, it is the lowest or the largest.
+    The number of values below the true quantile is binomial. Infinite values are the largest ones. Where
+    there are too few values for an end, it is open: no value is known to be beyond the quantile.
     """
     ordered = np.sort(values)
     n, tail = len(ordered), 0.5 * (1.0 - level)
     low = int(binom.ppf(tail, n, share)) - 1
     high = int(binom.ppf(1.0 - tail, n, share))
-    middle = min(n - 1, int(np.ceil(share * n)) - 1)
-    places = (max(0, middle), max(0, low), min(n - 1, high))
-    return Estimate(*(float(ordered[i]) for i in places))
+    middle = ordered[max(0, min(n - 1, int(np.ceil(share * n)) - 1))]
+    lower = ordered[low] if low >= 0 else -np.inf
+    upper = ordered[high] if high < n else np.inf
+    return Estimate(float(middle), float(lower), float(upper))

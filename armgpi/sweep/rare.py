@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,16 +21,22 @@ from scipy.stats import norm as normal
 from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import ExperimentConfig
-from armgpi.errors import ConfigError, ParameterError, RolloutError
-from armgpi.sweep.intervals import LEVEL, Estimate
+from armgpi.config.identity import write_chunk
+from armgpi.errors import ConfigError, ParameterError
+from armgpi.sweep.distributions import draw_key
+from armgpi.sweep.intervals import LEVEL, Estimate, clopper_pearson
 from armgpi.sweep.results import WORST
-from armgpi.sweep.study import Study, write_array
+from armgpi.sweep.study import Study, known_chunk
 
 #: Share of a level from which the next one starts, and so one over the length of a chain.
 _SHARE = 0.1
 _LENGTH = 10
+#: Share of right levels that the plain check finds right: it says something of those alone that are far off.
+_CHECKED = 0.99
 #: Levels at most: what is rarer than 1e-16 is not told from what never happens.
 _LEVELS = 16
+#: Part of the chains that other points must begin at least.
+_FEW = 0.1
 #: Share of accepted moves that the steps adapt to, and the first step.
 _ACCEPTED, _STEP = 0.44, 0.6
 #: Seeds of random sensors are drawn below this.
@@ -72,20 +78,24 @@ def first(margin: Margin, dimensions: int, count: int, random: np.random.Generat
     return _table(margin, points, random.integers(_SEEDS, size=count))
 
 
-def following(margin: Margin, level: Array, random: np.random.Generator) -> Array:
+def following(margin: Margin, level: Array, random: np.random.Generator, before: float = -np.inf) -> Array:
     """Return the level after one: chains from the tenth that is nearest to a failure.
 
     Args:
         margin: of points.
         level: from :func:`first` or this function.
-        random: draws the moves.
+        random: draws who begins a chain, and the moves.
+        before: bound of the level before it.
 
     Returns:
         The same form as `level`; rows of a chain are a tenth of the rows apart.
     """
-    bound, _ = _bound(level)
+    bound, _ = _bound(level, before)
     chains = round(_SHARE * len(level))
-    now = level[np.argsort(-level[:, -1], kind="stable")[:chains]]
+    # Drawn among all that reach the bound: where margins tie these are more than a tenth, and the largest of
+    # them are no fair sample. Fewer begin several chains each.
+    reached = np.flatnonzero(level[:, -1] >= bound)
+    now = level[random.choice(reached, chains, replace=len(reached) < chains)]
     spread = np.clip(now[:, :-2].std(axis=0), 1e-6, None)
     rows, step = [now], _STEP
     for move in range(1, _LENGTH):
@@ -103,7 +113,7 @@ def following(margin: Margin, level: Array, random: np.random.Generator) -> Arra
 
 def estimate(levels: list[Array]) -> Rare:
     """Return what levels say, the last of which reaches failures."""
-    bounds, shares = zip(*map(_bound, levels), strict=True)
+    bounds, shares = zip(*bounds_of(levels), strict=True)
     deviations: list[float] = []
     accepted: list[float] = []
     for place, (level, bound, share) in enumerate(zip(levels, bounds, shares, strict=True)):
@@ -115,9 +125,9 @@ def estimate(levels: list[Array]) -> Rare:
             moves = level[:, :-2].reshape(_LENGTH, chains.shape[1], -1)
             accepted.append(float((np.diff(moves, axis=0) != 0.0).any(axis=-1).mean()))
         deviations.append(math.sqrt((1.0 - share) / (share * len(level)) * (1.0 + related)))
-    # Levels begin with points of the one before. With neighbours as wholly correlated the interval of a
-    # Gaussian tail holds in 95 to 99 % of runs; with levels as independent, in 86 %.
-    spread = sum(x * x for x in deviations) + 2.0 * sum(a * b for a, b in pairwise(deviations))
+    # Levels begin with points of the one before: taken as wholly correlated, which is the widest there is.
+    # How often the interval holds is measured by tools/coverage.py.
+    spread = sum(deviations) ** 2
     p, width = math.prod(shares), math.sqrt(math.log1p(spread))
     factor = math.exp(float(normal.ppf(0.5 + 0.5 * LEVEL)) * width)
     found = Estimate(p, p / factor, min(1.0, p * factor))
@@ -127,17 +137,37 @@ def estimate(levels: list[Array]) -> Rare:
 def _table(margin: Margin, points: Array, seeds: Any) -> Array:
     """Return points with their seeds and margins."""
     found = margin(points, seeds)
+    found = np.where(found == 1.0, np.nextafter(1.0, 0.0), found)  # 1 is the bound of failure, not a margin
     return np.column_stack([points, seeds, np.where(np.isnan(found), np.inf, found)])
 
 
-def _bound(level: Array) -> tuple[float, float]:
-    """Return the bound that a tenth of a level reaches, 1 where as many fail, and what share reaches it."""
+def bounds_of(levels: list[Array]) -> list[tuple[float, float]]:
+    """Return bound and share of every level; a bound that does not rise is the last."""
+    found: list[tuple[float, float]] = []
+    for level in levels:
+        found.append(_bound(level, found[-1][0] if found else -np.inf))
+    return found
+
+
+def _bound(level: Array, before: float = -np.inf) -> tuple[float, float]:
+    """Return the bound that a tenth of a level reaches, 1 where as many fail, and what share reaches it.
+
+    Where so many tie that it would be the bound before, it is the next value that enough points have; there
+    is none where the level cannot rise.
+    """
     margins = -np.sort(-level[:, -1])
     chains = round(_SHARE * len(level))
     if margins[chains - 1] > 1.0:
-        return 1.0, float((level[:, -1] > 1.0).mean())
+        return 1.0, float((margins > 1.0).mean())
     bound = 0.5 * float(margins[chains - 1] + margins[chains])
-    return bound, float((level[:, -1] >= bound).mean())
+    if bound <= before:
+        higher = margins[margins > before]
+        if len(higher) < _FEW * chains:
+            return before, 1.0
+        if higher[-1] > 1.0:
+            return 1.0, float((margins > 1.0).mean())
+        bound = float(higher[-1])
+    return bound, float((margins >= bound).mean())
 
 
 def _related(chains: Array, share: float) -> float:
@@ -154,7 +184,7 @@ def _related(chains: Array, share: float) -> float:
 
 def simulate(
     study: Study, folder: Path, count: int, told: Callable[[int], None] = lambda rows: None
-) -> tuple[Rare, Array]:
+) -> tuple[Rare, Array, Array]:
     """Run subset simulation of a study, level by level; levels that are in the folder are not run again.
 
     Args:
@@ -164,7 +194,7 @@ def simulate(
         told: is given the points of each level.
 
     Returns:
-        What was found, and the last level.
+        What was found, the last level, and as many points drawn at random, which belong to no level.
 
     Raises:
         ConfigError: when the study draws from a reality, or a bound of failure is not above 0.
@@ -179,32 +209,58 @@ def simulate(
     if count < FEWEST:
         raise ParameterError("rollouts", count, f"at least {FEWEST} in each level")
     count = -(-count // _LENGTH) * _LENGTH
-    levels: list[Array] = []
     margin = _margin(study)
-    while not levels or _bound(levels[-1])[0] < 1.0:
-        if len(levels) == _LEVELS:
-            near = f"the nearest comes to {_bound(levels[-1])[0]:.3g} of one"
-            raise ParameterError("failure", dict(study.failure), f"bounds that can be reached: {near}")
-        place = folder / "rare" / f"{count}-{len(levels):02d}.npy"
-        random = np.random.Generator(np.random.Philox(key=_key(study, count), counter=len(levels) << 192))
-        level = _kept(place, count, study)
-        if level is None:
-            if not levels:
-                level = first(margin, study.width, count, random)
-            else:
-                level = following(margin, levels[-1], random)
-            write_array(files.make_folder(place.parent) / place.name, level)
-        levels.append(level)
+
+    def kept(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
+        file = folder / "rare" / f"{count}-{place:02d}.chunk"
+        if file.is_file():
+            return known_chunk(study, folder, file, (count, study.width + 2))
+        random = np.random.Generator(np.random.Philox(key=_key(study, count), counter=place << 192))
+        found = level(random)
+        write_chunk(files.make_folder(file.parent) / file.name, found, study.identity, file.name)
+        return found
+
+    levels = climb(margin, study.width, count, kept, told)
+    bound = bounds_of(levels)[-1][0]
+    if bound < 1.0:
+        near = f"bounds that can be reached: the nearest comes to {bound:.3g} of one"
+        stuck = "bounds that what is drawn comes nearer to: the levels do not rise"
+        raise ParameterError("failure", dict(study.failure), near if len(levels) == _LEVELS else stuck)
+    check = kept(_LEVELS, partial(first, margin, study.width, count))
+    told(count)
+    return estimate(levels), levels[-1], check
+
+
+def climb(
+    margin: Margin,
+    dimensions: int,
+    count: int,
+    kept: Callable[[int, Callable[[np.random.Generator], Array]], Array],
+    told: Callable[[int], None] = lambda rows: None,
+) -> list[Array]:
+    """Return the levels up to failures, or up to one that cannot rise.
+
+    Args:
+        margin: of points.
+        dimensions: of a point.
+        count: points of a level, a multiple of 10.
+        kept: gives the level of a number: what was kept, or what the function makes with random numbers.
+        told: is given the points of each level.
+    """
+    levels = [kept(0, partial(first, margin, dimensions, count))]
+    bounds = [-np.inf]
+    while True:
         told(count)
-        if len(levels) > 1 and not _bound(level)[0] > _bound(levels[-2])[0]:
-            said = "bounds that what is drawn comes nearer to"
-            raise ParameterError("failure", dict(study.failure), f"{said}: the levels do not rise")
-    return estimate(levels), levels[-1]
+        bounds.append(_bound(levels[-1], bounds[-1])[0])
+        if bounds[-1] == 1.0 or bounds[-1] <= bounds[-2] or len(levels) == _LEVELS:
+            return levels
+        level, before = levels[-1], bounds[-2]
+        levels.append(kept(len(levels), lambda random: following(margin, level, random, before)))  # noqa: B023
 
 
 def _key(study: Study, count: int) -> int:
     """Return the key of a study's random numbers: others than those of its chunks."""
-    return (int(study.digest, 16) + study.config.seed + (count << 64)) % 2**128
+    return draw_key(study.config.seed, *study.streams, f"rare {count}")
 
 
 def _margin(study: Study) -> Margin:
@@ -220,21 +276,15 @@ def _margin(study: Study) -> Margin:
     return margin
 
 
-def _kept(place: Path, count: int, study: Study) -> Array | None:
-    """Return a level that was written, None where there is none."""
-    if not place.is_file():
-        return None
-    try:
-        level = np.load(place)
-    except (OSError, ValueError):
-        level = np.empty((0, 0))
-    if level.shape != (count, study.width + 2):
-        raise RolloutError(f"{place}: is damaged; remove it, and run the sweep again")
-    return np.asarray(level)
+def summary(study: Study, found: Rare, last: Array, check: Array) -> dict[str, Any]:
+    """Return what was found as plain data, with where failures are: quantiles of what was drawn.
 
-
-def summary(study: Study, found: Rare, last: Array) -> dict[str, Any]:
-    """Return what was found as plain data, with where failures are: quantiles of what was drawn."""
+    `check` is points drawn at random, of which so many reach the bound of the second level as the levels say,
+    unless the chains went astray.
+    """
+    second = min(1, len(found.bounds) - 1)
+    margins, bound = check[:, -1], found.bounds[second]
+    reached = int((margins > 1.0 if bound == 1.0 else margins >= bound).sum())
     failed = last[last[:, -1] > 1.0]
     drawn = study.drawn_at(ndtr(failed[:, :-2]))
     shares = (0.05, 0.5, 0.95)
@@ -249,6 +299,13 @@ def summary(study: Study, found: Rare, last: Array) -> dict[str, Any]:
             {"bound": bound, "share": share} for bound, share in zip(found.bounds, found.shares, strict=True)
         ],
         "accepted": found.accepted,
+        "plain check": {
+            "rollouts": len(check),
+            "bound": bound,
+            "by the levels": math.prod(found.shares[: second + 1]),
+            **clopper_pearson(reached, len(check), _CHECKED)._asdict(),
+        },
+        "unseen is more probable than": 3.0 / (len(check) + len(last)),
         "failures are at": {
             name: dict(zip(map(str, shares), np.quantile(column, shares).tolist(), strict=True))
             for name, column in zip(study.drawn, drawn.T, strict=True)
@@ -262,12 +319,25 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
     lines = [
         f"fails with a probability of {p['value']:.3g} ({p['lower']:.3g} to {p['upper']:.3g}, 95 %): "
         f"{said['rollouts']} rollouts in {len(levels)} levels",
+        _checked(said["plain check"]),
+        f"failures with nothing near them are seen where they are more probable than "
+        f"{said['unseen is more probable than']:.2g}: a second way to fail, rarer than that, is missed",
     ]
     for name, at in said["failures are at"].items():
         lines.append(
             f"{name} in failures: {at['0.5']:.3g} ({at['0.05']:.3g} to {at['0.95']:.3g}, 90 % of them)"
         )
     return lines
+
+
+def _checked(check: Mapping[str, Any]) -> str:
+    """Return in words whether random rollouts reach the second level as often as the levels say."""
+    holds = check["lower"] <= check["by the levels"] <= check["upper"]
+    return (
+        f"{check['value']:.2g} of {check['rollouts']} other random rollouts reach the second level "
+        f"({check['lower']:.2g} to {check['upper']:.2g}, 99 %), {check['by the levels']:.2g} by the levels"
+        + ("" if holds else ": THE LEVELS ARE WRONG, more points a level may help")
+    )
 
 
 def worst(study: Study, last: Array, count: int = WORST) -> list[ExperimentConfig]:

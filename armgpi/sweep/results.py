@@ -16,14 +16,15 @@ from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import Array
-from armgpi.config import ExperimentConfig, dump
+from armgpi.config import ExperimentConfig
+from armgpi.config import experiment as experiments
 from armgpi.control.supervisor import Reason
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
 from armgpi.loop import metrics
 from armgpi.loop.rollout import FAULTS, Status
 from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
-from armgpi.sweep.study import Study, chunk_file
+from armgpi.sweep.study import Study, chunk_file, known_chunk
 
 #: Quantiles that are told of every metric.
 QUANTILES = (0.5, 0.9, 0.99)
@@ -47,13 +48,7 @@ def collect(study: Study, folder: Path, rollouts: int) -> xr.Dataset:
         place = chunk_file(folder, chunk, rows)
         if not place.is_file():
             continue
-        try:
-            table = np.load(place)
-        except (OSError, ValueError):
-            raise RolloutError(f"{place}: is damaged; remove it, and run the sweep again") from None
-        if table.shape != (rows, len(study.columns)):
-            raise RolloutError(f"{place}: is damaged; remove it, and run the sweep again")
-        tables.append(table)
+        tables.append(known_chunk(study, folder, place, (rows, len(study.columns))))
         places.append(np.arange(rows) + chunk * study.size)
     if not tables:
         raise RolloutError(f"{folder}: there is no rollout")
@@ -86,7 +81,8 @@ def _dataset(study: Study, table: Array, places: Any) -> xr.Dataset:
         attrs={
             "title": f"armgpi sweep of {robot.name}",
             "study": study.digest,
-            "experiment": dump(study.config),
+            "experiment": study.identity.text,
+            "code": study.identity.code_digest,
             "sampling": study.sampling,
         },
     )
@@ -220,11 +216,13 @@ def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]
     Raises:
         RolloutError: when they cannot be written.
     """
-    files.make_folder(folder / "worst")
-    return [
-        files.write(folder / "worst" / f"{place:02d}.yaml", dump(config))
-        for place, config in enumerate(configs, start=1)
-    ]
+    where = files.make_folder(folder / "worst")
+    written = []
+    for place, config in enumerate(configs, start=1):
+        text, copied = experiments.portable(config)
+        contents = {f"{place:02d}.yaml": text.encode(), **copied}
+        written += [files.write(where / name, content) for name, content in contents.items()]
+    return sorted(set(written))
 
 
 def _netcdf(found: xr.Dataset) -> bytes:

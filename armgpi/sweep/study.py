@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 import math
 import warnings
 from collections.abc import Mapping
@@ -17,12 +14,13 @@ import numpy as np
 
 from armgpi import files
 from armgpi.arrays import Array
-from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, dump, read
+from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, read
+from armgpi.config.identity import Identity, claim, identify, kept, read_chunk, write_chunk
 from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError, RolloutError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
-from armgpi.loop.variables import RENAMED, Variable, current
+from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.reality import Draw, Reality, batches, together
@@ -36,7 +34,7 @@ _FEWEST, _MOST, _MOST_DRAWS = 16, 4096, 256
 #: A rollout has failed that diverges or exceeds one of these, where the file does not say.
 FAILURE: Mapping[str, float] = {"peak_error": 0.5, "final_error": 0.1}
 #: The files of a study in its folder.
-EXPERIMENT, SETTINGS, CHUNKS = "experiment.yaml", "study.json", "chunks"
+EXPERIMENT, CHUNKS = "experiment.yaml", "chunks"
 #: What is told of a draw of a reality.
 _DRAWN = (
     "sample_time",
@@ -62,7 +60,7 @@ class Study:
         failure: metric -> largest value of any joint in a rollout that has not failed.
         sampling: "random" or "sobol".
         size: rollouts of a chunk.
-        digest: a name for all of this: another study has another one.
+        identity: all of this, with the bytes of every file that it names and the code that runs it.
     """
 
     config: ExperimentConfig
@@ -72,7 +70,7 @@ class Study:
     failure: Mapping[str, float]
     sampling: str
     size: int
-    digest: str
+    identity: Identity
 
     @classmethod
     def of(cls, config: ExperimentConfig, origin: Origin | None = None, sampling: str = "random") -> Study:
@@ -84,9 +82,6 @@ class Study:
         if sampling not in SAMPLINGS:
             raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
         renamed = {current(name): each for name, each in config.vary.items()}
-        # The digest, and so the draws, are those of the names as they were.
-        olds = {new: old for old, new in RENAMED.items()}
-        named = config.model_copy(update={"vary": {olds.get(n, n): each for n, each in renamed.items()}})
         config = config.model_copy(update={"vary": renamed})
         experiment = build(config, origin)
         label = next(iter(experiment.controllers))
@@ -107,19 +102,8 @@ class Study:
         size = (
             min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
         )
-        contents = [dump(named), dict(failure), label, sampling, size]
-        contents += [] if experiment.supervisor is None else [*FAULTS]
-        content = json.dumps(contents, sort_keys=True)
-        found = cls(
-            config,
-            experiment,
-            label,
-            {},
-            failure,
-            sampling,
-            size,
-            hashlib.sha256(content.encode()).hexdigest()[:16],
-        )
+        asked = {"method": "sweep", "sampling": sampling, "size": size, "failure": failure}
+        found = cls(config, experiment, label, {}, failure, sampling, size, identify(config, asked))
         if config.reality is not None:
             return found
         loop, varied = found._loop(), {}
@@ -133,6 +117,11 @@ class Study:
                 raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
         object.__setattr__(found, "varied", varied)
         return found
+
+    @property
+    def digest(self) -> str:
+        """A name for what the study is: another one has another."""
+        return self.identity.digest
 
     @property
     def robot(self) -> Any:
@@ -174,8 +163,12 @@ class Study:
 
     def numbers(self, chunk: int, rows: int) -> Array:
         """Return what is drawn for the first rollouts of a chunk, shape (rows, numbers)."""
-        key = int(self.digest, 16) + self.config.seed
-        return self.drawn_at(shares(self.sampling, key, chunk, self.size, self.width)[:rows])
+        return self.drawn_at(shares(self.sampling, self.config.seed, chunk * self.size, rows, self.streams))
+
+    @property
+    def streams(self) -> list[str]:
+        """Names that the draws of each number depend on: those of other arms have the same."""
+        return [f"{name}[{j}]" for name, each in self.varied.items() for j in range(each.joints)]
 
     def drawn_at(self, u: Array) -> Array:
         """Return what is drawn at points of the unit cube, both (rows, width)."""
@@ -327,37 +320,14 @@ class NoRoom(RolloutError):
 _loops: dict[str, PreparedLoop] = {}
 
 
-def save(study: Study, folder: Path) -> None:
+def save(study: Study, folder: Path, accept_code: bool = False) -> None:
     """Write a study into its folder, or find it there.
 
     Raises:
-        RolloutError: when the folder holds another one, or cannot be written to.
+        RolloutError: when the folder holds another one, or one of other code, or cannot be written to.
     """
-    settings = {"digest": study.digest, "sampling": study.sampling, "size": study.size}
-    place = folder / SETTINGS
-    if place.is_file():
-        try:
-            known = json.loads(place.read_text(encoding="utf-8")).get("digest")
-        except (OSError, ValueError, AttributeError):
-            known = None
-        if known != study.digest:
-            raise RolloutError(f"{folder}: holds another study; choose another folder")
-        return
-    text = dump(study.config)
-    # Of a run, of a search; that of a sweep which was killed between its two files goes on.
-    if _other(folder / "study.yaml", "") or _other(folder / EXPERIMENT, text):
-        raise RolloutError(f"{folder}: holds something else; choose another folder")
+    claim(folder, study.identity, EXPERIMENT, accept_code)
     files.make_folder(folder / CHUNKS)
-    files.write(folder / EXPERIMENT, text)
-    files.write(place, json.dumps(settings, indent=2) + "\n")
-
-
-def _other(place: Path, text: str) -> bool:
-    """Tell whether there is a file with another text."""
-    try:
-        return place.exists() and place.read_text(encoding="utf-8") != text
-    except (OSError, ValueError):
-        return True
 
 
 @lru_cache(maxsize=4)
@@ -365,22 +335,18 @@ def load(folder: Path) -> Study:
     """Return the study of a folder.
 
     Raises:
-        RolloutError: when there is none.
+        RolloutError: when there is none, or other code has to run it.
         ConfigError: when its experiment is damaged.
     """
-    try:
-        settings = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
-        study = Study.of(*read(folder / EXPERIMENT), settings["sampling"])
-    except (OSError, ValueError, KeyError, TypeError):
-        raise RolloutError(f"{folder}: holds no study") from None
-    if study.digest != settings.get("digest"):
-        raise RolloutError(f"{folder}: is a study of another version of armgpi")
+    sampling = kept(folder)["what"].get("sampling")
+    study = Study.of(*read(folder / EXPERIMENT), sampling)
+    claim(folder, study.identity, EXPERIMENT)
     return study
 
 
 def chunk_file(folder: Path, chunk: int, rows: int) -> Path:
     """Return the file of a chunk with so many rollouts."""
-    return folder / CHUNKS / f"{chunk:06d}-{rows}.npy"
+    return folder / CHUNKS / f"{chunk:06d}-{rows}.chunk"
 
 
 def run_chunk(folder: Path, chunk: int, rows: int) -> Path:
@@ -393,22 +359,21 @@ def run_chunk(folder: Path, chunk: int, rows: int) -> Path:
     place = chunk_file(folder, chunk, rows)
     if place.is_file():
         return place
-    found = load(folder).run(chunk, rows)
+    study = load(folder.resolve())
+    found = study.run(chunk, rows)
     try:
-        return write_array(place, found)
+        return write_chunk(place, found, study.identity, place.name)
     except RolloutError as error:
         raise NoRoom(str(error)) from None
 
 
-def write_array(place: Path, array: Array) -> Path:
-    """Write an array whole, as ``np.load`` reads it.
+def known_chunk(study: Study, folder: Path, place: Path, shape: tuple[int, ...]) -> Array:
+    """Return the numbers of a chunk that was written.
 
     Raises:
-        RolloutError: when it cannot be written.
+        RolloutError: when it is damaged, or of another study or other code.
     """
-    content = io.BytesIO()
-    np.save(content, array)
-    return files.write(place, content.getvalue())
+    return read_chunk(place, shape, study.digest, kept(folder)["codes"], place.name)
 
 
 def with_value(study: Study, name: str, value: Any) -> None:

@@ -47,6 +47,7 @@ def run(
     except ImportError:
         raise MissingPackage("dask", "cluster") from None
     broken: dict[int, str] = {}
+    folder = folder.resolve()  # workers stand elsewhere
     with _client(distributed, workers, cluster) as client:
         rows = {}
         for chunk, count in chunks:

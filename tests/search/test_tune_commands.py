@@ -16,6 +16,7 @@ from commands import Answer
 
 from armgpi import files
 from armgpi.cli import main
+from armgpi.config.identity import IDENTITY
 from armgpi.errors import ArmgpiWarning
 from armgpi.search import contend, setup
 from armgpi.search.study import Study
@@ -96,7 +97,7 @@ def test_a_killed_study_ends_with_the_same_bytes(
     # As a kill leaves it: the first generations, and no result.
     kept = [line for line in lines if line.startswith(("generation", "0,", "1,"))]
     for path in folder.iterdir():
-        if path.name != "study.yaml":
+        if path.name not in ("study.yaml", IDENTITY):
             path.unlink()
     (folder / "evaluations.csv").write_text("".join(kept))
     assert cli("tune", *NUMPY, whole / "study.yaml", "--out", folder, "--resume").code == 0

@@ -1,0 +1,248 @@
+"""Studies: results of two arms or versions are never mixed, and any end leaves what is whole."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_sweep import RARE, TEXT, called, contents
+
+from armgpi.config import build, identity, parse, read
+from armgpi.config import experiment as experiments
+from armgpi.errors import ArmgpiError, RolloutError
+from armgpi.robot import robots
+from armgpi.sweep import results, study
+from armgpi.sweep.study import Study
+
+SMALL = TEXT.replace("anthropomorphic3", "arm.urdf")
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "_MOST", 16)
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> Path:
+    """A study of an arm in a file."""
+    shutil.copy(robots.locate("anthropomorphic3")[0], tmp_path / "arm.urdf")
+    (tmp_path / "study.yaml").write_text(SMALL)
+    return tmp_path / "study.yaml"
+
+
+def sweep(file: Path, out: Path, *more: str) -> Any:
+    return called("sweep", str(file), "--rollouts", "40", "--out", str(out), *more)
+
+
+def test_another_arm_under_the_same_name_is_another_study(
+    asked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not sweep(asked, tmp_path / "out")
+    before = contents(tmp_path / "out")
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(arm.read_text().replace('<mass value="', '<mass value="3'))
+    capsys.readouterr()
+    assert sweep(asked, tmp_path / "out") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "holds another study" in said
+    assert "the bytes of arm-" in said
+    assert contents(tmp_path / "out") == before
+    # A chunk of one is not taken for one of the other.
+    assert not sweep(asked, tmp_path / "heavy")
+    place = Path("chunks", "000001-16.chunk")
+    shutil.copy(tmp_path / "out" / place, tmp_path / "heavy" / place)
+    assert sweep(asked, tmp_path / "heavy") == 2
+    assert "is part of another study" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("delay: 1\n", "delay: 2\n"), "plant.delay: 1 there, 2 here"),
+        (("peak_error: 0.01", "peak_error: 0.02"), "peak_error: 0.01 there, 0.02 here"),
+        (("t_final: 0.25", "t_final: 0.25\nseed: 4"), "seed: 0 there, 4 here"),
+    ],
+)
+def test_what_differs_is_said(asked: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    study.save(Study.of(*read(asked)), tmp_path / "out")
+    asked.write_text(SMALL.replace(*change))
+    with pytest.raises(RolloutError, match=said):
+        study.save(Study.of(*read(asked)), tmp_path / "out")
+
+
+def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert not called("sweep", str(asked), "--rollouts", "16", "--out", str(out))
+    other = {**identity.code(), "numpy": "1.0.0"}
+    monkeypatch.setattr(identity, "code", lambda: other)
+    study.load.cache_clear()
+    capsys.readouterr()
+    assert sweep(asked, out) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "1.0.0 here" in said
+    assert "--accept-code" in said
+    assert not sweep(asked, out, "--accept-code")
+    heads = [json.loads(path.read_bytes().split(b"\n")[0]) for path in sorted((out / "chunks").iterdir())]
+    assert len({head["code"] for head in heads}) == 2
+    assert len({head["study"] for head in heads}) == 1
+    assert not sweep(asked, out)
+    study.load.cache_clear()
+
+
+def test_draws_depend_on_seed_rollout_and_name_alone() -> None:
+    whole = Study.of(*parse(TEXT, "study.yaml"))
+    other = TEXT.replace("omega: 20", "omega: 25").replace("  plant.delay: {choices: [0, 1, 2]}\n", "")
+    fewer = Study.of(*parse(other, "study.yaml"))
+    a = dict(zip(whole.drawn, whole.numbers(2, 16).T, strict=True))
+    b = dict(zip(fewer.drawn, fewer.numbers(2, 16).T, strict=True))
+    for name, values in b.items():
+        np.testing.assert_array_equal(values, a[name], err_msg=name)
+    # Neither on how rollouts are cut into chunks.
+    object.__setattr__(fewer, "size", 32)
+    np.testing.assert_array_equal(fewer.numbers(1, 16), np.column_stack(list(b.values())))
+    again = Study.of(*parse(TEXT.replace("t_final", "seed: 1\nt_final"), "study.yaml"))
+    assert not np.array_equal(again.numbers(2, 16), whole.numbers(2, 16))
+
+
+@pytest.mark.parametrize("more", [(), ("--rare", "--rollouts", "100")])
+def test_a_folder_runs_anywhere(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
+) -> None:
+    if more:
+        asked.write_text(RARE.replace("anthropomorphic3", "arm.urdf").replace("error: 0.4", "error: 0.1"))
+    monkeypatch.chdir(tmp_path)
+    assert not sweep(Path("study.yaml"), Path("out"), *more)
+    there = tmp_path / "far" / "away"
+    shutil.move(tmp_path / "out", there)
+    (tmp_path / "arm.urdf").unlink()
+    monkeypatch.chdir(there)
+    worst = there / "rare" / "worst" if more else there / "worst"
+    experiment = build(*read(worst / "01.yaml"))
+    assert experiments.run(experiment, "gpi", progress=False).sizes["time"]
+    before = contents(there)
+    assert not sweep(Path("experiment.yaml"), there, *more)
+    assert contents(there) == before
+
+
+def spoiled(content: bytes, random: np.random.Generator) -> bytes:
+    """Return a file that was damaged, cut, filled, or written by somebody else."""
+    data = bytearray(content)
+    kind, place = random.integers(6), int(random.integers(len(data)))
+    if kind == 0:
+        data[place] ^= 1 << int(random.integers(8))
+    elif kind == 1:
+        del data[place:]
+    elif kind == 2:
+        data[place : place + 1] = bytes(random.integers(256, size=8, dtype=np.uint8))
+    elif kind == 3:
+        head = data.split(b"\n")[0]
+        data[len(head) + 1 :] = bytes(len(data) - len(head) - 1)
+    elif kind == 4:
+        data = bytearray(b"[" * int(random.integers(1, 5000)))
+    else:
+        data[place:place] = b'{"shape": [1e30, NaN], "sha256": null}\n'
+    return bytes(data)
+
+
+def damaged(folder: Path, count: int) -> int:
+    """Return how many damaged files were refused; none may pass for whole."""
+    found = Study.of(*parse(TEXT, "study.yaml"))
+    study.save(found, folder)
+    study.run_chunk(folder, 0, 16)
+    random, refused = np.random.default_rng(0), 0
+    for place in (study.chunk_file(folder, 0, 16), folder / identity.IDENTITY):
+        whole = place.read_bytes()
+        right = results.collect(found, folder, 16)
+        for _ in range(count):
+            place.write_bytes(spoiled(whole, random))
+            try:
+                again = results.collect(found, folder, 16)
+            except ArmgpiError:
+                refused += 1
+            else:
+                assert again.identical(right)
+        place.write_bytes(whole)
+    return refused
+
+
+def test_a_damaged_file_of_a_study_is_refused(tmp_path: Path) -> None:
+    assert damaged(tmp_path, 60) > 100
+
+
+@pytest.mark.search
+def test_any_damaged_file_of_a_study_is_refused(tmp_path: Path) -> None:
+    assert damaged(tmp_path, 5000) > 9000
+
+
+@contextmanager
+def interrupting(seconds: float, number: int) -> Iterator[list[int]]:
+    """Send this process a signal after a time, and give what was sent."""
+    sent: list[int] = []
+
+    def stop(*_: object) -> None:
+        if number == signal.SIGINT:
+            sent.append(number)
+            raise KeyboardInterrupt
+        if callable(signal.getsignal(number)):
+            sent.append(number)
+            signal.raise_signal(number)
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield sent
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def interrupted(asked: Path, folder: Path, wanted: int, *more: str) -> None:
+    """Interrupt a sweep at random moments until so many signals were sent; each ends with the same bytes."""
+    assert not sweep(asked, folder / "whole", *more)
+    begun = time.perf_counter()
+    assert not sweep(asked, folder / "timed", *more)
+    long = time.perf_counter() - begun
+    whole, random, count, place = contents(folder / "whole"), np.random.default_rng(0), 0, 0
+    while count < wanted:
+        number = (signal.SIGINT, signal.SIGTERM)[count % 2]
+        code = None
+        try:
+            with interrupting(max(1e-4, long * random.uniform()), number) as sent:
+                code = sweep(asked, folder / str(place), *more)
+        except KeyboardInterrupt:  # before or after the command
+            assert sent
+        count += len(sent)
+        assert code in (None, 0, *((130,) if number == signal.SIGINT else (143,))), code
+        if code == 0:
+            assert contents(folder / str(place)) == whole
+            place += 1
+    assert not sweep(asked, folder / str(place), *more)
+    assert contents(folder / str(place)) == whole
+
+
+# What is interrupted in a destructor cannot be raised, and Python says so.
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("more", [(), ("--rare", "--rollouts", "100")])
+def test_a_sweep_that_is_interrupted_ends_with_the_same_bytes(
+    asked: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    if more:
+        asked.write_text(RARE.replace("anthropomorphic3", "arm.urdf").replace("error: 0.4", "error: 0.1"))
+    interrupted(asked, tmp_path, 12, *more)
+
+
+@pytest.mark.search
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_hundred_signals(asked: Path, tmp_path: Path) -> None:
+    interrupted(asked, tmp_path, 100)
