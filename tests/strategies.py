@@ -30,6 +30,21 @@ class State(NamedTuple):
     a: Array
 
 
+#: An elbow that follows its shoulder three times as far.
+FOLLOWS = """<robot name="geared">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="50" velocity="2"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.5 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="6"/>
+<mimic joint="shoulder" multiplier="3"/></joint>
+</robot>"""
+
+
 def decimals(lowest: float, highest: float, digits: int = 2) -> st.SearchStrategy[float]:
     """Numbers of a few decimals, which shrink towards zero or the bound nearest to it."""
     scale = 10**digits

@@ -7,10 +7,10 @@ Usage:
 
 For each arm the first of the loads and bandwidths that is certified is taken: `--loads` in their order, each
 at the default bandwidth and then at others. The numbers are searched; the time is that of one certificate.
-`ratio` is certified over worst found in the frozen arm, joint by joint. `gain`, `stated` and `jump` are the
-worst of random and adversarial rollouts of the whole arm over what is certified, and never above 1: under the
-largest torque certified, under a share of it that was stated for each joint, and after a jump of the load by
-the largest of some that is certified.
+`ratio` is certified over worst found in the frozen arm, joint by joint. The columns after it are the worst of
+random and adversarial rollouts of the whole arm over what is certified, and never above 1: under the largest
+torque certified, under a share of it that was stated for each joint while the reference moves, from a start
+with the torque of another load, and after a jump of the load by the largest of some that is certified.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from armgpi.robot import robots
 #: Bandwidths that are tried after the default one [rad/s].
 OMEGAS = (None, 20.0, 45.0, 15.0)
 HEAD = ("arm", "rotor inertia added", "load", "speed", "omega", "largest delta", "certified", "ratio", "time")
-OBSERVED = ("gain", "stated", "jump")
+OBSERVED = ("gain", "stated", "start", "jump")
 #: Other loads that may jump [kg], how far the arm may be off then [rad or m], and the share of the torque.
-JUMPS, RADIUS, SHARE = (0.02,), 0.05, 0.5
+JUMPS, RADIUS, SHARE = (0.02, 0.005), 0.05, 0.5
 
 
 class Attempt(NamedTuple):
@@ -54,7 +54,7 @@ def attempt(robot: Robot, loads: list[float], speed: float) -> Attempt | str:
     """Return the first certificate of some loads and bandwidths, or what is in the way of the last load."""
     said = ""
     for load in loads:
-        options: dict[str, Any] = {"payload": (0.0, load), "speed": speed}
+        options: dict[str, Any] = {"payload": (0.0, load), "speed": speed, "start": "held"}
         found, spent = None, 0.0
         for omega in OMEGAS:
             begin = time.perf_counter()
@@ -99,10 +99,10 @@ def row(name: str, inertia: float, given: argparse.Namespace) -> tuple[list[str]
         return cells, 0
     seen = observe(asked, made, given.rollouts, claims=OBSERVED[:1])
     if given.gain_alone:
-        return [*cells, f"{seen.gain.max():.3f}", "-", "-"], seen.rollouts
+        return [*cells, f"{seen.gain.max():.3f}", "-", "-", "-"], seen.rollouts
     stated, found = disturbed(asked, made)
     more = observe(stated, found, given.rollouts, claims=OBSERVED[1:])
-    for ratio in (seen.gain.max(), more.stated.max(), more.jump.max()):
+    for ratio in (seen.gain.max(), more.stated.max(), more.start.max(), more.jump.max()):
         cells.append("-" if np.isnan(ratio) else f"{ratio:.3f}")
     if "jump" in found.data["solutions"]:
         cells[-1] += f" ({stated.loads[1]:g} kg)"
@@ -114,10 +114,11 @@ def disturbed(asked: Asked, made: Certificate) -> tuple[Asked, Certificate]:
     size = SHARE * float(made.data["inputs"]["gain"]["torque"])
     torque = size / asked.robot.n / np.sqrt([float(x) for x in made.data["numbers"]["inverse"]])
     options: dict[str, Any] = {"speed": asked.setting.speed, "gains": made.gains, "radius": RADIUS}
+    options["acceleration"] = asked.setting.speed
     for load in (asked.loads[1], *(x for x in JUMPS if x < asked.loads[1])):
         stated = ask(asked.robot, 1e-3, payload=(0.0, load), torque=torque, jump=True, **options)
         found = certificate(stated, searched(stated.setting))
-        if "jump" in found.data["solutions"]:
+        if {"jump", "start"} <= set(found.data["solutions"]):
             break
     return stated, found
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_whole, not_negative, positive, quantity
+from armgpi.arrays import Array, check_choice, check_whole, not_negative, positive, quantity
 from armgpi.certification.box import Box, box_of
-from armgpi.certification.law import coefficients
 from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains
@@ -19,7 +19,10 @@ from armgpi.errors import ParameterError
 from armgpi.robot.robot import Robot
 
 #: Nothing disturbs.
-NOTHING = {"torque": "0", "shift": "0", "count": "0", "reference": "0", "spread": "0"}
+NOTHING = dict.fromkeys(("torque", "shift", "count", "reference", "zone", "spread"), "0")
+#: How a run may start: "held" as the loop has held the arm so far; "exact" at rest with the torque that holds
+#: its true load; "wrong-load" with the torque that holds another load of the range, as the controller does.
+STARTS = ("wrong-load", "held", "exact")
 
 
 class Asked(NamedTuple):
@@ -35,6 +38,7 @@ class Asked(NamedTuple):
         friction: whether the joints have the friction of the robot.
         jump: whether the load may jump from one end of its range to the other.
         bits: of the encoders; None for exact measurements.
+        start: one of :data:`STARTS`.
     """
 
     robot: Robot
@@ -46,6 +50,7 @@ class Asked(NamedTuple):
     friction: bool
     jump: bool
     bits: int | None
+    start: str
 
     @property
     def loads(self) -> tuple[float, float]:
@@ -68,12 +73,14 @@ def ask(
     jump: bool = False,
     bits: int | None = None,
     delay: int = 0,
+    start: str = STARTS[0],
     **options: Any,
 ) -> Asked:
     """Return what :func:`armgpi.certify` is asked for, checked; it has the same arguments."""
     if not isinstance(robot, Robot):
         raise ParameterError("robot", robot, "a single Robot")
     check_whole(delay, "delay", 0, 20)
+    check_choice(start, "start", STARTS)
     if bits is not None:
         check_whole(bits, "bits", 1, 32)
     controller = GPI(robot, dt, delay=delay * dt, payload=payload, **options)
@@ -91,19 +98,18 @@ def ask(
         arms = (robot.with_payload(loads.frame, loads.lightest, loads.com), loads.nominal)
     where, fastest, away = box_of(robot, box), each(speed, "speed", True), each(radius, "radius", True)
     # A gradient is taken between configurations that are a few samples of motion apart as well.
-    near = away + (delay + 1) * controller.dt * fastest
+    count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
+    near = away + (delay + 1) * controller.dt * fastest + count
     nominal = arms[-1]  # the controller's
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
-    viscous, coulomb = robot.friction
-    rubbed = viscous * fastest + coulomb if friction else 0.0 * fastest
-    count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
-    ahead = controller.feedforward
-    setting = Setting(
-        arms, nominal, *where, near, fastest, ahead, each(torque, "torque"), rubbed, *moves, count
-    )
-    return Asked(robot, controller, where, setting, away, delay, friction, jump, bits)
+    viscous, coulomb = (float(friction) * x for x in robot.friction)
+    known: Any = controller.bias_robot
+    ahead, zone = controller.feedforward, controller.rest_dead_zone
+    inputs = each(torque, "torque"), viscous * moves[0] + coulomb, *moves, count, viscous, zone
+    setting = Setting(arms, nominal, known, *where, near, fastest, ahead, *inputs)
+    return Asked(robot, controller, where, setting, away, delay, friction, jump, bits, start)
 
 
 def law_of(asked: Asked) -> dict[str, Any]:
@@ -122,7 +128,7 @@ def law_of(asked: Asked) -> dict[str, Any]:
     omega, zeta, p = (_common(x, name) for x, name in zip(tuning, ("omega", "zeta", "p"), strict=True))
     second = 1.0 if controller.second_ratio is None else _common(controller.second_ratio, "second_ratio")
     damping = zeta if controller.second_zeta is None else _common(controller.second_zeta, "second_zeta")
-    law = {
+    return {
         "integrators": controller.integrators,
         "rolloff": controller.rolloff,
         "delay": asked.delay,
@@ -135,7 +141,6 @@ def law_of(asked: Asked) -> dict[str, Any]:
         "second_ratio": repr(second),
         "second_zeta": repr(damping),
     }
-    return {**law, "coefficients": coefficients(law)}
 
 
 def member_of(law: Mapping[str, Any]) -> Member:
@@ -152,25 +157,32 @@ def numbers_of(asked: Asked, found: Numbers) -> dict[str, Any]:
         joints = name in PER_JOINT
         numbers[name] = [_text(each.value) for each in value] if joints else _text(value.value)
     numbers["count_time"] = _text(float(np.max(asked.setting.encoder / asked.setting.speed)))
+    if asked.setting.feedforward == "model":  # what it gives to move is torque as well
+        push = found.kappa_v.value * found.velocity.value + found.acceleration.value
+        both = zip(found.hold, found.reach, strict=True)
+        numbers["hold"] = [_text(x.value + y.value * push) for x, y in both]
     return numbers
 
 
 def shares_of(asked: Asked, found: Numbers) -> dict[str, float]:
     """Return the bounded torques that disturb, in the metric of D, by what they come from."""
-    # With the model's feedforward its Coriolis torque is too much at worst, the arm's too little.
-    known = 1.0 + found.delta_high.value if asked.setting.feedforward == "model" else 1.0
+    # At worst the model's torque is too much and the arm's too little: it is that of the reference, where D
+    # may be another one, and of up to a sample ago, since when the reference may accelerate otherwise.
+    grown = found.sigma.value * float(np.max(asked.setting.radius / asked.setting.speed))
+    known = math.sqrt(found.delta_high.value * math.exp(grown))
+    known = 1.0 + known if asked.setting.feedforward == "model" else 1.0
     return {
         "disturbance": found.torque.value,
         "friction": found.friction.value,
         "velocity of the reference": known * found.kappa_v.value * found.velocity.value,
-        "acceleration of the reference": found.acceleration.value,
+        "acceleration of the reference": known * found.acceleration.value,
     }
 
 
 def inputs_of(asked: Asked, found: Numbers) -> dict[str, str]:
     """Return the sizes of all that disturbs, in the metric of D, as texts."""
     torque = sum(shares_of(asked, found).values())
-    sizes = {"shift": found.shift, "reference": found.velocity, "count": found.encoder}
+    sizes = {"shift": found.shift, "reference": found.velocity, "count": found.encoder, "zone": found.zone}
     return {"torque": _text(torque), **{name: _text(x.value) for name, x in sizes.items()}}
 
 
@@ -184,9 +196,8 @@ def _check_linear(controller: GPI) -> None:
     if controller.feedforward == "computed":
         expected = "none, gravity or model where there is to be a certificate: it is taken at the reference"
         raise ParameterError("feedforward", controller.feedforward, expected)
-    for name in ("rest_dead_zone", "rest_leak"):
-        if getattr(controller, name).any():
-            raise ParameterError(name, getattr(controller, name), "0 where there is to be a certificate")
+    if controller.rest_leak.any():
+        raise ParameterError("rest_leak", controller.rest_leak, "0 where there is to be a certificate")
 
 
 def _common(value: Any, name: str) -> float:

@@ -36,7 +36,7 @@ class Box(NamedTuple):
 
 
 def box_of(robot: Robot, given: Any) -> Box:
-    """Return a box of configurations; what is not given is the joint's range, of a turn at most.
+    """Return a box of configurations; what is not given is the joint's range, a turn at most.
 
     Args:
         robot: the arm.
@@ -49,9 +49,8 @@ def box_of(robot: Robot, given: Any) -> Box:
         NameNotFound: for a joint that there is not.
     """
     middle = robot.middle()
-    whole = Box(
-        np.maximum(robot.limits.lower, middle - math.pi), np.minimum(robot.limits.upper, middle + math.pi)
-    )
+    most = np.where(robot.prismatic, math.inf, math.pi)
+    whole = Box(np.maximum(robot.limits.lower, middle - most), np.minimum(robot.limits.upper, middle + most))
     if given is None:
         return whole
     wanted = dict(given) if isinstance(given, Mapping) else {"by": given}
@@ -71,6 +70,10 @@ def box_of(robot: Robot, given: Any) -> Box:
     else:
         found = Box(values("lower", whole.lower), values("upper", whole.upper))
     for name, low, high in zip(robot.joint_names, *found, strict=True):
+        if not math.isfinite(high - low):
+            raise ParameterError(
+                "box", [low, high], f"two ends for joint {name!r}, which slides without limit"
+            )
         if not low <= high:
             raise ParameterError("box", [low, high], f"a lower end below the upper one for joint {name!r}")
     return found

@@ -33,7 +33,7 @@ from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 
-FORMAT = "armgpi certificate 1"
+FORMAT = check_certificate.FORMAT
 #: By how much claims are rounded up, so that they are short.
 _ROUNDED = 1e-6
 #: Speed of the error for which a torque's claim is made: by how much it raises sigma or kappa_v, and what it
@@ -89,6 +89,11 @@ class Certificate:
     def error(self) -> Array:
         """Error under everything that was stated [rad or m], shape (n,)."""
         return self._claims("stated", "errors")
+
+    @property
+    def from_start(self) -> Array:
+        """Error from a start with the torque that holds another load of the range [rad or m], shape (n,)."""
+        return self._claims("start", "errors")
 
     @property
     def after_jump(self) -> Array:
@@ -230,7 +235,9 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
     if known.solutions:
         if any(float(x) for x in stated.values()):
             known.close("stated", "what was stated", stated)
-        if asked.jump and float(numbers["jump"]):
+        if float(numbers["jump"]) and asked.start == "wrong-load":
+            known.close("start", "a start with the torque of another load", stated)
+        if float(numbers["jump"]) and asked.jump:
             known.close("jump", "a jump of the load", stated)
     data: dict[str, Any] = {
         "format": FORMAT,
@@ -310,7 +317,7 @@ class _Known:
             solution = solve(self.law, self.numbers, inputs if disturbed else {**inputs, "torque": "1"})
             if solution is None:
                 break
-            found = self.bounds(solution, inputs, name == "jump")
+            found = self.bounds(solution, inputs, name)
             if float(found["speed"][0]) <= spread:
                 break
             spread = _LARGER * float(found["speed"][0])
@@ -319,10 +326,10 @@ class _Known:
         else:
             self._claim(name, solution, inputs)
 
-    def bounds(self, solution: Solution, inputs: Any, jump: bool = False) -> Any:
+    def bounds(self, solution: Solution, inputs: Any, claim: str = "") -> Any:
         """Return what a solution bounds."""
         facts = merged(self.limits, self.law, self.numbers, inputs)
-        return checker.bounds(facts, checker.exact(solution._asdict()), jump)
+        return checker.bounds(facts, checker.exact(solution._asdict()), claim)
 
     def allowed(self, inputs: Any) -> dict[str, Any]:
         """Return what bounds must stay within: what the numbers were taken over, and what the motors give."""
@@ -340,7 +347,7 @@ class _Known:
 
     def _claim(self, name: str, solution: Solution, inputs: Any) -> None:
         """Add a claim."""
-        found = self.bounds(solution, inputs, name == "jump")
+        found = self.bounds(solution, inputs, name)
         claims = {
             what: [f"{float(x) * (1.0 + _ROUNDED):.9g}" for x in values] for what, values in found.items()
         }
@@ -373,6 +380,8 @@ def _robot(asked: Asked) -> dict[str, Any]:
         "friction": asked.friction,
         "jump": asked.jump,
         "bits": asked.bits,
+        "start": asked.start,
+        "dead_zone": [repr(float(x)) for x in asked.setting.zone],
     }
 
 
@@ -407,8 +416,9 @@ def _assumptions(asked: Asked) -> list[str]:
         f"has the heaviest load, {moves}, and its arithmetic is exact.",
         "The reference stays in the box, within its speed and acceleration. That the arm stays within radius "
         "of it, that the error is no faster than spread and that no torque is cut follows from the claims.",
-        "The claims hold as soon as V is at most what the inputs keep it at, and for ever after; from any "
-        "other start V decays to that at the rate alpha omega.",
+        "The claims gain and stated hold from a start at rest with the torque that holds the arm, or as soon "
+        "as V is at most what the inputs keep it at, and for ever after; the claim start holds from a start "
+        "with the torque of another load of the range. Starts are at rest, where the reference rests.",
         "The claim for a jump holds at any time after a jump between the two loads; a load that is picked up "
         "has the velocity of the frame that picks it up.",
         "Numbers that are searched are the largest that a search found, and 3 % more: that is no proof.",

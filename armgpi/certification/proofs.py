@@ -30,6 +30,7 @@ from armgpi.certification.quantities import (
     Numbers,
     Progress,
     Setting,
+    between_ends,
     corners,
     norms,
     searched,
@@ -49,12 +50,12 @@ _EVEN = 1e-6
 
 
 class Model(NamedTuple):
-    """D and G of a true arm and of the nominal model."""
+    """D and G of a true arm, D of the nominal model and G of that of the feedforward."""
 
     D: Polynomial
     G: Polynomial
     D_nominal: Polynomial
-    G_nominal: Polynomial
+    G_known: Polynomial
 
 
 class Bounds(NamedTuple):
@@ -114,7 +115,7 @@ def proved(
     """
     made = searched(setting, progress=progress)
     prover = _Prover(setting, tolerance, budget, progress)
-    found = made._replace(**prover.of_motion(made))
+    found = between_ends(setting, made._replace(**prover.of_motion(made)))
     return found._replace(**prover.of_torques(found), **prover.of_inputs(found))
 
 
@@ -129,8 +130,8 @@ class _Prover:
         self.star = (setting.upper - setting.lower) / 2
         self.around = self.star + setting.radius
         center = (setting.lower + setting.upper) / 2
-        *arms, nominal = polynomials_of([*setting.arms, setting.nominal], center)
-        self.models = [Model(*arm, *nominal) for arm in arms]
+        *arms, nominal, known = polynomials_of([*setting.arms, setting.nominal, setting.known], center)
+        self.models = [Model(*arm, nominal[0], known[1]) for arm in arms]
 
     def each(
         self,
@@ -179,11 +180,23 @@ class _Prover:
             "sigma": sigma,
             "kappa_v": self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), v)),
             "kappa_e": self.stiffness(made.kappa_e, sigma, lambda m: m.G),
+            "kappa_f": self.rubbing(made.kappa_f),
             "kappa_g": self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)))),
             "inverse": tuple(x._replace(value=x.value**2) for x in lengths),
             "sigma_error": self.number(made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D)), _LOOSE),
             "kappa_error": self.number(made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D)), _LOOSE),
         }
+
+    def rubbing(self, found: Number) -> Number:
+        """Return a bound on what viscous friction adds."""
+        if not self.setting.viscous.any():
+            return found
+        F = np.diag(self.setting.viscous)[None]
+        return self.number(found, lambda m: Norm(m.D, _constant(m.D, F)))
+
+    def grown(self, sigma: Number) -> float:
+        """Return by what factor D grows at most between the arm and its reference."""
+        return math.exp(float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
 
     def stiffness(self, found: Number, sigma: Number, torque: Callable[[Model], Polynomial]) -> Number:
         """Return a bound on the stiffness of a torque beside that of what v* makes."""
@@ -218,7 +231,10 @@ class _Prover:
             [Sizes(diagonal, np.eye(n), together=False)],
         )
         jumps = self.setting.arms[0] is not self.setting.arms[-1]
-        jumped = _from(jump.value / math.sqrt(low.value), jump, low) if jumps else found.jump
+        size = jump.value * math.sqrt(
+            self.grown(found.sigma) / low.value
+        )  # D of the arm, D^ of the reference
+        jumped = _from(size, jump, low, found.sigma) if jumps else found.jump
         return {
             "jump": jumped,
             "hold": tuple(
@@ -230,7 +246,7 @@ class _Prover:
 
     def of_inputs(self, found: Numbers) -> dict[str, Any]:
         """Return how large what disturbs is."""
-        setting, low, high = self.setting, found.delta_low, found.delta_high
+        setting, low = self.setting, found.delta_low
         made = {}
         for name in ("torque", "friction"):
             if (bound := getattr(setting, name)).any():
@@ -239,7 +255,7 @@ class _Prover:
                     getattr(found, name),
                     lambda m, v=ends: Lengths(m.D, _constant(m.D, v)),  # type: ignore[misc]
                 )
-        for name in ("velocity", "acceleration", "encoder"):
+        for name in ("velocity", "acceleration", "encoder", "zone"):
             if (bound := getattr(setting, name)).any():
                 ends = corners(bound)
                 squares = (ends[:, :, None] * ends[:, None]).reshape(len(ends), -1)
@@ -254,24 +270,15 @@ class _Prover:
             if setting.feedforward != "none":
                 stiffness = self.stiffness(found.kappa_e, found.sigma, self._held)
             moved = made["velocity"]
-            made["shift"] = _from(stiffness.value * moved.value / low.value, stiffness, moved, low)
-        if setting.acceleration.any() and setting.feedforward == "model":
-            # D(q) - D^(q) at the arm, and by how much D^ changes between there and the reference.
-            v, far = (
-                corners(setting.radius),
-                Number(float(np.max(setting.radius / setting.speed)) * found.sigma.value),
-            )
-            rate = self.number(far, lambda m: Norm(m.D, _slopes(m.D_nominal), v))
-            share = max(high.value - 1.0, 1.0 - low.value) + high.value * math.expm1(rate.value / low.value)
-            moved = made["acceleration"]
-            made["acceleration"] = _from(share * moved.value, moved, low, high, rate)
+            size = stiffness.value * moved.value * self.grown(found.sigma) / low.value
+            made["shift"] = _from(size, stiffness, moved, low, found.sigma)
         return made
 
     def _held(self, model: Model) -> Polynomial:
         """Return D^ v*: what the feedforward holds, v* does not."""
         if self.setting.feedforward == "none":
             return model.G
-        return model.G._replace(coefficients=model.G.coefficients - model.G_nominal.coefficients)
+        return model.G._replace(coefficients=model.G.coefficients - model.G_known.coefficients)
 
 
 def _inverted(number: Number) -> Number:

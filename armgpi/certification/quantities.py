@@ -2,8 +2,8 @@
 
 In the metric of D(q) the matrix D^-1 D^ is self-adjoint, so one joint's loop with a gain delta in an interval
 stands for all joints. What motion and gravity add to it are norms in the same metric. Each number belongs to
-a box of configurations, to loads and to speeds (:class:`Setting`). The maxima over loads are at the two
-ends: every quantity below is a ratio of expressions that are linear in the load.
+a box of configurations, to loads and to speeds (:class:`Setting`). Where the maximum over loads is at one
+of the two ends, and what is done where it is not, is in docs/proof.md.
 
 A search finds values that are too small at most, so :func:`searched` adds a share to what it found. What
 proves numbers takes a :class:`Setting` too, and returns :class:`Numbers` whose status is "proved".
@@ -12,6 +12,7 @@ proves numbers takes a :class:`Setting` too, and returns :class:`Numbers` whose 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -25,8 +26,10 @@ from armgpi.robot.robot import Robot
 _DRAWN, _BEST, _NEAR, _ROUNDS = 600, 8, 10, 6
 #: Share that is added to what a search found.
 MARGIN = 0.03
-#: Directions of motion that are tried: all corners of the speeds up to so many.
-_CORNERS = 64
+#: Joints up to which all corners of a box of vectors are taken, and how many of more.
+MOST_CORNERS, _CORNERS = 12, 64
+#: Numbers that are looked at together: corners times matrices.
+_TOGETHER = 4_000_000
 #: How often each of three vectors is chosen for the others.
 _TURNS = 4
 #: Step of the derivatives [rad or m].
@@ -43,6 +46,7 @@ class Setting(NamedTuple):
     Attributes:
         arms: the true arm with the lightest and with the heaviest load; one where they are the same.
         nominal: the controller's model.
+        known: the model of its feedforward.
         lower: lower end of the reference's configurations [rad or m], shape (n,).
         upper: upper end [rad or m], shape (n,).
         radius: how far the arm is from its reference at most [rad or m], shape (n,).
@@ -53,10 +57,13 @@ class Setting(NamedTuple):
         velocity: bound on the speed of a reference that moves [rad/s or m/s], shape (n,).
         acceleration: bound on its acceleration [rad/s^2 or m/s^2], shape (n,).
         encoder: half an encoder count [rad or m], shape (n,).
+        viscous: viscous friction [N m s/rad or N s/m], shape (n,).
+        zone: error that is not integrated [rad or m], shape (n,).
     """
 
     arms: tuple[Robot, ...]
     nominal: Robot
+    known: Robot
     lower: Array
     upper: Array
     radius: Array
@@ -67,6 +74,8 @@ class Setting(NamedTuple):
     velocity: Array = _NONE
     acceleration: Array = _NONE
     encoder: Array = _NONE
+    viscous: Array = _NONE
+    zone: Array = _NONE
 
 
 class Number(NamedTuple):
@@ -91,6 +100,7 @@ class Numbers(NamedTuple):
         kappa_v: largest norm of D^-1/2 C D^-1/2 [1/s].
         kappa_e: largest norm of D^-1/2 d(G - D^ v*)/dq D^-1/2, the stiffness of gravity [1/s^2].
         kappa_g: the same of dG/dq alone, for the time between two samples [1/s^2].
+        kappa_f: largest eigenvalue of D^-1 F, with the coefficients F of viscous friction [1/s].
         inverse: largest diagonal elements of D^-1, one for each joint [1/(kg m^2) or 1/kg].
         sigma_error: what sigma grows by for a unit of the error's speed, a length in the metric of D [1/s].
         kappa_error: what kappa_v grows by for it [1/s].
@@ -100,9 +110,10 @@ class Numbers(NamedTuple):
         torque: largest length of the disturbance torque in the metric of D^-1.
         friction: that of the torque of friction.
         velocity: largest length of the reference's velocity in the metric of D.
-        acceleration: largest length of what its acceleration takes beyond the feedforward.
+        acceleration: that of its acceleration.
         shift: largest length of dv*/dt along the reference.
         encoder: largest length of half an encoder count.
+        zone: largest length of the error that is not integrated.
     """
 
     delta_low: Number
@@ -111,6 +122,7 @@ class Numbers(NamedTuple):
     kappa_v: Number
     kappa_e: Number
     kappa_g: Number
+    kappa_f: Number
     inverse: tuple[Number, ...]
     sigma_error: Number
     kappa_error: Number
@@ -123,6 +135,7 @@ class Numbers(NamedTuple):
     acceleration: Number
     shift: Number
     encoder: Number
+    zone: Number
 
 
 class Points(NamedTuple):
@@ -164,7 +177,24 @@ def searched(setting: Setting, seed: int = 0, progress: Progress = lambda _: Non
     for name in Numbers._fields[2:]:
         joints = [f"{name}.{j}" for j in range(setting.nominal.n)] if name in PER_JOINT else []
         made[name] = tuple(map(number, joints)) if joints else number(name)
-    return Numbers(**made)
+    return between_ends(setting, Numbers(**made))
+
+
+def between_ends(setting: Setting, found: Numbers) -> Numbers:
+    """Return numbers that hold for loads between the ends as well.
+
+    Velocities of length 1 in the metric of a load between are at most as long as the root of delta in that of
+    the heaviest one: what is linear in them is larger there at most by that.
+    """
+    if setting.arms[0] is setting.arms[-1]:
+        return found
+    longer = math.sqrt(found.delta_high.value)
+    proven = found.delta_high.status == "proved"
+    changed: dict[str, Any] = {}
+    for name in ("sigma_error", "kappa_error"):
+        each = getattr(found, name)
+        changed[name] = Number(longer * each.value, each.status if proven else "searched")
+    return found._replace(**changed)
 
 
 def functions(setting: Setting) -> dict[str, _Function]:
@@ -183,9 +213,10 @@ def functions(setting: Setting) -> dict[str, _Function]:
         every.update({f"{name}.{j}": per_joint(j) for j in range(setting.nominal.n)})
     if setting.arms[0] is not setting.arms[-1]:
         every["jump"] = _jump
-    accelerated = _mismatch if setting.feedforward == "model" else _length
-    vectors = {"torque": _force, "friction": _force, "velocity": _length, "acceleration": accelerated}
-    for name, value in {**vectors, "encoder": _length}.items():
+    if setting.viscous.any():
+        every["kappa_f"] = _rubbing
+    lengths = dict.fromkeys(("velocity", "acceleration", "encoder", "zone"), _length)
+    for name, value in {"torque": _force, "friction": _force, **lengths}.items():
         if (bound := getattr(setting, name)).any():
             every[name] = _largest_of(bound, value)
     if setting.velocity.any():
@@ -206,8 +237,9 @@ def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
     low, width = ranges(setting)
 
     def values(z: Array) -> Array:
-        at = points(setting, z)
-        return np.asarray(np.max([function(setting, arm, at) for arm in setting.arms], axis=0))
+        parts = np.array_split(z, -(-len(z) * n * n * 2 ** min(n, MOST_CORNERS) // _TOGETHER))
+        found = [[function(setting, arm, points(setting, x)) for x in parts] for arm in setting.arms]
+        return np.asarray(np.max([np.concatenate(each) for each in found], axis=0))
 
     z = low + width * rng.random((_DRAWN, 3 * n))
     # Extremes are often at the ends of the box and of the distance to the reference.
@@ -236,7 +268,7 @@ def motion(robot: Robot, count: int = 64) -> dict[str, float]:
         `sigma`, `kappa_v` and `kappa_e` of :class:`Numbers`, the largest there.
     """
     q, rest = random_configurations(robot, count, seed=0), np.zeros(robot.n)
-    setting = Setting((robot,), robot, rest, rest, rest, rest + 1.0, "none")
+    setting = Setting((robot,), robot, robot, rest, rest, rest, rest + 1.0, "none")
     at, every = Points(q, q, q), functions(setting)
     return {name: float(every[name](setting, robot, at).max()) for name in ("sigma", "kappa_v", "kappa_e")}
 
@@ -273,7 +305,7 @@ def roots(D: Array) -> Array:
 def corners(bound: Array) -> Array:
     """Return the corners of a box of vectors, one of each pair of opposites; some of very many."""
     n = len(bound)
-    if n <= 8:
+    if n <= MOST_CORNERS:
         signs = np.array([(1.0, *rest) for rest in itertools.product((1.0, -1.0), repeat=n - 1)])
     else:
         signs = np.sign(np.random.default_rng(0).standard_normal((2 * _CORNERS, n)))
@@ -284,7 +316,7 @@ def resting(setting: Setting, arm: Robot, star: Array) -> Array:
     """Return v* [rad/s^2], which the controller asks for where the arm rests at q*; shape (k, n)."""
     held = arm.gravity(star)
     if setting.feedforward != "none":
-        held = held - setting.nominal.gravity(star)
+        held = held - setting.known.gravity(star)
     return np.asarray(setting.nominal.inertia_solve(star, held))
 
 
@@ -372,6 +404,12 @@ def _gravity(setting: Setting, arm: Robot, at: Points) -> Array:
     return norms(_in_metric(arm, at.q, slopes(arm.gravity, at.between).swapaxes(1, 2)))
 
 
+def _rubbing(setting: Setting, arm: Robot, at: Points) -> Array:
+    """Return the largest eigenvalue of D^-1 F."""
+    F = np.broadcast_to(np.diag(setting.viscous), (len(at.q), arm.n, arm.n))
+    return np.asarray(np.linalg.eigvalsh(_in_metric(arm, at.q, F))[:, -1])
+
+
 def _inverse(joint: int) -> _Function:
     """Return the function that gives an element of the diagonal of D^-1."""
     return lambda setting, arm, at: np.asarray(np.linalg.inv(arm.mass_matrix(at.q))[:, joint, joint], float)
@@ -383,7 +421,7 @@ def _hold(joint: int) -> _Function:
     def torque(setting: Setting, arm: Robot, at: Points) -> Array:
         held = setting.nominal.inertia_times(at.q, resting(setting, arm, at.star))
         if setting.feedforward != "none":
-            held = held + setting.nominal.gravity(at.star)
+            held = held + setting.known.gravity(at.star)
         return np.abs(held[:, joint])
 
     return torque
@@ -423,14 +461,12 @@ def _force(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
     return np.asarray(np.sqrt((along * x).sum(axis=-1)))
 
 
-def _mismatch(setting: Setting, arm: Robot, at: Points, a: Array) -> Array:
-    """Return the lengths of what accelerations take beyond what the model says at the reference."""
-    return _force(setting, arm, at, a @ (arm.mass_matrix(at.q) - setting.nominal.mass_matrix(at.star)))
-
-
 def _shift(setting: Setting, arm: Robot, at: Points, v: Array) -> Array:
-    """Return how fast v* changes along the reference, in the metric of D."""
-    return _length(setting, arm, at, v @ slopes(lambda q: resting(setting, arm, q), at.star))
+    """Return how fast v* changes along the reference, in the metric of the heaviest load.
+
+    With both linear in the load its length is of third degree, and not largest at an end.
+    """
+    return _length(setting, setting.arms[-1], at, v @ slopes(lambda q: resting(setting, arm, q), at.star))
 
 
 #: Numbers that each joint has one of.

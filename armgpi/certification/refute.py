@@ -39,7 +39,7 @@ def refute(certificate: Certificate, robot: Robot, count: int = 20_000, seed: in
     Args:
         certificate: made or loaded.
         robot: the arm that it is for, without load, with the same rotor inertia, repairs and locks.
-        count: of configurations, for each load.
+        count: of configurations, for both ends of the loads and their middle.
         seed: of the draws.
 
     Raises:
@@ -48,13 +48,17 @@ def refute(certificate: Certificate, robot: Robot, count: int = 20_000, seed: in
     asked, rng = again(certificate, robot), np.random.default_rng(seed)
     setting, n = asked.setting, robot.n
     low, width = ranges(setting)
+    arms, loads = setting.arms, asked.controller.payload
+    if loads is not None:
+        middle = 0.5 * (loads.lightest + loads.heaviest)
+        arms = (*arms, robot.with_payload(loads.frame, middle, loads.com))
     worst: dict[str, tuple[float, list[float]]] = {}
     for _ in range(-(-count // _TOGETHER)):
         # An end of the box and of the distance to the reference is as likely as what is between.
         share = np.clip(rng.uniform(-0.3, 1.3, (_TOGETHER, 3 * n)), 0.0, 1.0)
         at = points(setting, low + width * share)
         for name, function in functions(setting).items():
-            for arm in setting.arms:
+            for arm in arms:
                 values = function(setting, arm, at)
                 i = int(np.argmax(values))
                 if name not in worst or values[i] > worst[name][0]:
@@ -107,6 +111,8 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
         friction=known["friction"],
         jump=known["jump"],
         bits=known["bits"],
+        start=known["start"],
+        rest_dead_zone=np.array([float(x) for x in known["dead_zone"]]),
         delay=law["delay"],
         gains=certificate.gains,
         feedforward=known["feedforward"],
@@ -129,8 +135,10 @@ def _claimed(certificate: Certificate, name: str) -> float | None:
         "friction": "friction",
         "acceleration": "acceleration of the reference",
     }
+    if certificate.data["robot"]["feedforward"] == "model":  # its share has the model's as well
+        del shares["acceleration"]
     if group in shares:
         return float(certificate.data["shares"][shares[group]])
-    sizes = {"velocity": "reference", "shift": "shift", "encoder": "count"}
+    sizes = {"velocity": "reference", "shift": "shift", "encoder": "count", "zone": "zone"}
     stated = certificate.data["inputs"].get("stated")
-    return None if stated is None else float(stated[sizes[group]])
+    return None if stated is None or group not in sizes else float(stated[sizes[group]])

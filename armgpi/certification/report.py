@@ -60,7 +60,7 @@ def _claims(asked: Asked, made: Certificate) -> str:
         for name, (gain, *others), certified, case in told
     ]
     head = ["joint", "error per torque,\ncertified", "worst found", "ratio", "for torques\nup to"]
-    head += ["error under\nall stated", "after a jump\nof the load", "torque\nneeded"]
+    head += ["error under\nall stated", "from a start", "after a jump\nof the load", "torque\nneeded"]
     inputs = shares(made)
     said = (
         "The worst found is that of a torque which switches at the worst times, at 40 configurations and "

@@ -112,12 +112,13 @@ class _Problem:
     def made(cls, facts: Any) -> _Problem | None:
         """Return the problem; None where a sample adds too much for any solution."""
         known = checker.sample(facts)
-        f, rest, ends, gains, sizes, *_ = known
-        if not (f >= 1.0 and 0.0 < rest <= 1.0):
+        (f, wide), rest, ends, gains, sizes, *_ = known
+        if not (f >= 1.0 and wide >= 1.0 and 0.0 < rest <= 1.0):
             return None
         omegas, h = facts["omega"], facts["sample_time"]
         n = len(checker.loop(facts, omegas[0])[1])
-        used = _Used([i for i, gain in enumerate(gains) if gain] + [4], [i for i, x in enumerate(sizes) if x])
+        sources = [i for i, gain in enumerate(gains) if gain] + [4] + [5] * bool(facts["kappa_f"])
+        used = _Used(sources, [i for i, x in enumerate(sizes) if x])
         steps = []
         last = len(omegas) - 1
         for i in sorted({0, min(1, last), last // 2, max(last - 1, 0), last}):
@@ -236,7 +237,7 @@ class _Problem:
 
 def _split(x: Array, n: int, used: _Used) -> tuple[Array, Array, Array]:
     """Return P, t and a of the unknowns."""
-    P, t, a = np.zeros((n, n)), np.zeros(5), np.zeros(4)
+    P, t, a = np.zeros((n, n)), np.zeros(6), np.zeros(5)
     lower, end = n * (n + 1) // 2, len(x) - len(used.a)
     P[np.tril_indices(n)] = x[:lower]
     P = P + np.tril(P, -1).T

@@ -36,12 +36,14 @@ class Observed(NamedTuple):
         rollouts: how many there were.
         gain: largest error over that certified for the same torque with the reference at rest, (n,).
         stated: largest error over that certified for all that was stated, (n,); NaN where nothing was.
-        jump: the same after a jump of the load, (n,); NaN where that is not claimed.
+        start: the same from a start with the torque that holds another load, (n,); NaN likewise.
+        jump: the same after a jump of the load, (n,); NaN likewise.
     """
 
     rollouts: int
     gain: Array
     stated: Array
+    start: Array
     jump: Array
 
 
@@ -116,8 +118,9 @@ class _Batch:
         if asked.delay:
             plant = Delayed(plant, asked.delay)
         controller = asked.controller
-        if asked.setting.feedforward == "none":
-            controller = controller.with_values(bias_robot=arm)  # it starts with what holds the true arm
+        if asked.setting.feedforward == "none":  # it starts with what holds the true arm, or the other one
+            other = light if arm is heavy else heavy
+            controller = controller.with_values(bias_robot=other if claim == "start" else arm)
         reference = Hold(self.q) if claim == "gain" else self._moving()
         run = prepare(plant, controller, reference, h * _SAMPLES, record="metrics", backend="compiled")
         return np.asarray(np.abs(run.run(**start)["peak_error"].values).reshape(-1, arm.n).max(axis=0))

@@ -16,6 +16,7 @@ NUMBERS = {
     "kappa_v": ("Coriolis matrix along the reference", "1/s"),
     "kappa_e": ("stiffness of gravity", "1/s^2"),
     "kappa_g": ("stiffness of gravity between samples", "1/s^2"),
+    "kappa_f": ("viscous friction", "1/s"),
     "sigma_error": ("sigma for a unit of the error's speed", "1/s"),
     "kappa_error": ("kappa_v for a unit of the error's speed", "1/s"),
 }
@@ -39,12 +40,14 @@ def table(made: Any) -> list[str]:
     data = made.data
     robot, law, limits = data["robot"], data["law"], data["limits"]
     light, heavy = (float(x) for x in robot["loads"])
-    slow, fast = (f"{end(float(x) for x in limits['speed']):g}" for end in (min, max))
+    moves = any(float(x) for x in limits["velocity"])
+    course = "moves" if moves else "at rest (with --acceleration: moving)"
     lines = [
-        f"{robot['name']}: loads {light:g} to {heavy:g} kg, reference up to {fast} rad/s or m/s"
-        f"{'' if slow == fast else f' (slowest {slow})'}, omega {_omega(law)} rad/s, "
+        f"{robot['name']}, taken as rigid: loads {light:g} to {heavy:g} kg, omega {_omega(law)} rad/s, "
         f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
-        f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late"
+        f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late",
+        f"  reference {course}, up to {_joined(limits['speed'])} rad/s or m/s; start {robot['start']}",
+        f"  box [rad or m]: {', '.join(_ends(limits))}",
     ]
     lines += [
         f"  {name:<12} {float(data['numbers'][name]):<10.4g} {unit:<6} {data['status'][name]:<9} {text}"
@@ -60,24 +63,22 @@ def verdict(made: Any) -> str:
     if not made.certified:
         return "not certified"
     if made.numbers_proved:
-        return (
-            "certified, every number is proved; but the inequality leaves out terms of a moving reference "
-            "and of the error's own friction (docs/certify.md)"
-        )
+        return "guaranteed by docs/proof.md for an arm that is rigid: every number is proved"
     return "certified for searched numbers: the largest that a search found, and 3 % more"
 
 
 def claims(made: Any) -> list[list[str]]:
     """Return what is claimed of each joint: error per torque, up to which torque, and the bounds of all else.
 
-    Those are the error under all that was stated, that after a jump of the load, and the torque needed.
+    Those are the error under all that was stated, that from the start, that after a jump of the load, and the
+    torque needed.
     """
     most, sliding = float(made.data["inputs"]["gain"]["torque"]), made.data["robot"]["prismatic"]
     inverse = [float(x) for x in made.data["numbers"]["inverse"]]
     rows = []
     for j, slides in enumerate(sliding):
         p, t = POSITION.symbol(slides), TORQUE.symbol(slides)
-        bounds = ((made.error[j], p), (made.after_jump[j], p), (made.torque[j], t))
+        bounds = ((made.error[j], p), (made.from_start[j], p), (made.after_jump[j], p), (made.torque[j], t))
         rows.append(
             [
                 f"{made.per_torque[j]:.3g} {p}/({t})",
@@ -94,7 +95,7 @@ def shares(made: Any) -> str:
     if "stated" not in data["solutions"]:
         return ""
     known = merged(data["limits"], data["law"], data["numbers"], data["inputs"]["stated"])
-    growth, *_, whole, _ = checker.sample(known)
+    (growth, _), *_, whole, _ = checker.sample(known)
     if not whole:
         return ""
     parts = {name: growth * x / whole for name, x in data["shares"].items()}
@@ -103,6 +104,18 @@ def shares(made: Any) -> str:
     parts["velocity of the reference"] += 1 - sum(parts.values())
     found = sorted(((float(x), name) for name, x in parts.items()), reverse=True)
     return ", ".join(f"{name} {100.0 * x:.2g} %" for x, name in found if x > _SMALL)
+
+
+def _joined(values: Any) -> str:
+    """Return numbers for the joints, one where they are the same."""
+    texts = [f"{float(x):g}" for x in values]
+    return ", ".join(texts) if len(set(texts)) > 1 else texts[0]
+
+
+def _ends(limits: Any) -> list[str]:
+    """Return the range of each joint."""
+    ends = zip(limits["lower"], limits["upper"], strict=True)
+    return [f"{float(low):.4g} to {float(high):.4g}" for low, high in ends]
 
 
 def _omega(law: Any) -> str:
@@ -115,13 +128,12 @@ def _omega(law: Any) -> str:
 
 def _joints(made: Any) -> list[str]:
     """Return a line for each joint."""
-    width = max(len(name) for name in made.joint_names)
-    lines = [f"  {'joint':<{width}}  error per torque      up to        under all     after a jump  torque"]
-    sizes = (20, 11, 12, 12, 10)
-    for name, cells in zip(made.joint_names, claims(made), strict=True):
-        lines.append(
-            f"  {name:<{width}}  " + "  ".join(f"{x:<{w}}" for x, w in zip(cells, sizes, strict=True))
-        )
+    width = max(len(name) for name in ["joint", *made.joint_names])
+    head = ["error per torque", "up to", "under all", "from a start", "after a jump", "torque"]
+    sizes, lines = (20, 11, 12, 12, 12, 10), []
+    for name, cells in zip(["joint", *made.joint_names], [head, *claims(made)], strict=True):
+        padded = (f"{x:<{w}}" for x, w in zip(cells, sizes, strict=True))
+        lines.append(f"  {name:<{width}}  " + "  ".join(padded))
     told = shares(made)
     lines += [f"  of what disturbs: {told}"] if told else []
     lines.append(f"  what disturbed is forgotten at {made.decay:.3g} 1/s")

@@ -78,6 +78,14 @@ _Jump = Annotated[
         "--jump", metavar=opt.FLAG, help="The load may jump from one end of its range to the other."
     ),
 ]
+_Start = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="How a run starts: wrong-load, with the torque of another load of the range, as GPI does; held, "
+        "as the loop has held the arm so far; or exact, with the torque that holds its load.",
+    ),
+]
 _Prove = Annotated[
     bool,
     typer.Option("--prove", metavar=opt.FLAG, help="Prove the numbers of the arm, as far as --budget does."),
@@ -121,6 +129,7 @@ def certify(
     encoder_bits: opt.Bits = None,
     friction: _Friction = False,
     jump: _Jump = False,
+    start: _Start = "wrong-load",
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
@@ -140,7 +149,7 @@ def certify(
 
     \b
     armgpi certify ur5 --payload 0:3 --speed 0.2
-    armgpi certify ur5 --payload 0:3 --speed 0.5 --box task.yaml --out ur5.json
+    armgpi certify ur5 --payload 0:3 --start held --box task.yaml --out ur5.json
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.box import read_box
     from armgpi.certification.certificate import certify as certified
@@ -158,7 +167,7 @@ def certify(
     stated = {"feedforward": feedforward, "bits": encoder_bits, "friction": friction, "jump": jump}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     proof |= {"payload": _loads(payload), "box": None if box is None else read_box(box)}
-    options = {**vectors, **law, **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
+    options = {**vectors, **law, **stated, **proof, "start": start, "gains": _gains(omega, zeta, pole, rate)}
     with progress() as told:
         found = certified(arm, 1e-3 if dt is None else dt, progress=told, **options)
     sys.exit(_told(found, arm, out, report, as_json))
@@ -271,6 +280,7 @@ def _plain(found: Certificate) -> dict[str, Any]:
         "joints": found.joint_names,
         "per_torque": found.per_torque.tolist(),
         "error": found.error.tolist(),
+        "from_start": found.from_start.tolist(),
         "after_jump": found.after_jump.tolist(),
         "torque": found.torque.tolist(),
         "numbers": found.data["numbers"],

@@ -13,8 +13,8 @@ from armgpi.health.zoo import fingers
 
 def test_no_torque_that_switches_at_the_worst_times_leads_beyond_the_certificate() -> None:
     robot = armgpi.Robot.load("anthropomorphic3")
-    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2)
-    asked = ask(robot, 1e-3, payload=(0.0, 0.25), speed=0.2)
+    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, start="held")
+    asked = ask(robot, 1e-3, payload=(0.0, 0.25), speed=0.2, start="held")
     cases = worst(asked, count=40)
     ratios = made.per_torque / [case.error for case in cases]
     assert (ratios >= 1.0).all()

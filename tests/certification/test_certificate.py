@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from decimal import Context, Decimal
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ import pytest
 import armgpi
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
-from armgpi.certification.law import coefficients
 from armgpi.certification.refute import again
 from armgpi.certification.report import html
 from armgpi.certification.solve import merged, solve
@@ -35,6 +35,7 @@ LAW = {
     "rolloff": 0,
     "delay": 0,
     "sample_time": "0.001",
+    "rate": "0",
     "omega": ["30"],
     "zeta": "1",
     "pole_ratio": "1",
@@ -49,6 +50,7 @@ NUMBERS = {
     "kappa_v": "0.5",
     "kappa_e": "50",
     "kappa_g": "50",
+    "kappa_f": "0",
     "sigma_error": "5",
     "kappa_error": "5",
     "inverse": ["1"],
@@ -59,14 +61,14 @@ NUMBERS = {
 }
 #: One joint whose motors and whose distance from the reference have no limit.
 LIMITS = {"velocity": ["0"], "radius": ["1e9"], "effort": ["1e9"]}
-INPUTS = {"torque": "1", "shift": "0", "count": "0", "reference": "0", "spread": "0.01"}
+INPUTS = {"torque": "1", "shift": "0", "count": "0", "reference": "0", "zone": "0", "spread": "0.01"}
 
 
 @pytest.fixture(scope="module")
 def made() -> armgpi.Certificate:
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
     options = {"torque": 0.005, "bits": 20, "feedforward": "gravity", "radius": 0.05, "jump": True}
-    return armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, **options)
+    return armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, start="held", **options)
 
 
 def test_a_certificate_holds_and_its_file_says_so(made: armgpi.Certificate, tmp_path: Path) -> None:
@@ -87,7 +89,7 @@ def test_the_checker_needs_the_standard_library_alone() -> None:
     tree = ast.parse(text)
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert names <= {"fractions", "hashlib", "json", "math", "sys"}
+    assert names <= {*sys.stdlib_module_names}
 
 
 @pytest.mark.parametrize("integrators", [1, 2, 3])
@@ -96,7 +98,6 @@ def test_the_checker_has_the_law_that_runs(integrators: int, rolloff: int) -> No
     theta = 0.03
     law = {**LAW, "integrators": integrators, "rolloff": rolloff, "zeta": "0.8", "pole_ratio": "1.1"}
     law |= {"second_ratio": "1.3", "second_zeta": "0.9"}
-    law["coefficients"] = coefficients(law)
     A, K = (np.array(x, dtype=float) for x in checker.loop(checker.exact(law), Fraction(30))[1:3])
     bumpless = Bumpless(Member(integrators, rolloff, 4.0, 1.3, 0.9))
     c = bumpless.coefficients(Tuning(np.array(1.0), np.array(0.8), np.array(1.1)), theta)
@@ -105,6 +106,11 @@ def test_the_checker_has_the_law_that_runs(integrators: int, rolloff: int) -> No
     v = bumpless.output(x[0], state, c)
     np.testing.assert_allclose(K @ x, v, rtol=1e-12)
     np.testing.assert_allclose((A @ x)[2:], bumpless.update(x[0], v, None, state, c), rtol=1e-12)
+
+
+def decimal(x: Fraction) -> str:
+    """Return a number as a text of at most 50 digits."""
+    return str(Context(prec=50).divide(Decimal(x.numerator), Decimal(x.denominator))).lower()
 
 
 def changed(data: Any, factor: Fraction) -> list[tuple[list[Any], Any]]:
@@ -123,7 +129,7 @@ def changed(data: Any, factor: Fraction) -> list[tuple[list[Any], Any]]:
             inner = other
             for step in path[:-1]:
                 inner = inner[step]
-            inner[path[-1]] = str(Fraction(part) * factor)
+            inner[path[-1]] = decimal(Fraction(part) * factor)
             if Fraction(part):
                 found.append((path, other))
 
@@ -161,7 +167,6 @@ def test_whatever_is_changed_is_refused_or_claims_less(made: armgpi.Certificate,
         if path[0] != "solutions":
             assert checker.check(other) == ["the seal is broken"], path
             continue
-        other["solutions"] = {path[1]: other["solutions"][path[1]]}
         wrong = checker.check(other)
         if path[2] == "claims":
             assert bool(wrong) == (factor < 1), path
@@ -184,7 +189,6 @@ def test_the_last_digit_of_what_is_sealed_or_one_of_a_pair_is_refused(
         if path[0] != "solutions":
             assert checker.check(other) == ["the seal is broken"], path
         elif path[2] == "P" and path[3] != path[4]:
-            other["solutions"] = {path[1]: other["solutions"][path[1]]}
             assert checker.check(other) == [f"{path[1]}: the matrix inequality does not hold"], path
 
 
@@ -193,7 +197,7 @@ def test_worse_numbers_under_a_new_seal_no_longer_imply_the_claims(
     made: armgpi.Certificate, name: str
 ) -> None:
     data = copy.deepcopy(made.data)
-    worse = [str(Fraction(x) * Fraction(101, 100)) for x in np.atleast_1d(data["numbers"][name])]
+    worse = [decimal(Fraction(x) * Fraction(101, 100)) for x in np.atleast_1d(data["numbers"][name])]
     data["numbers"][name] = worse if isinstance(data["numbers"][name], list) else worse[0]
     data["seal"] = seal(data)
     assert checker.check(data)
@@ -227,7 +231,7 @@ def test_a_solution_that_misses_by_1e_8_is_refused(made: armgpi.Certificate) -> 
         for delta in checker.sample(facts)[2]
     )
     assert -1e-8 < worst < 1e-12
-    solution["alpha"] = str(exact["alpha"])
+    solution["alpha"] = decimal(exact["alpha"])
     assert "gain: the matrix inequality does not hold" in checker.check(data)
 
 
@@ -241,8 +245,7 @@ def test_what_the_solver_says_is_not_believed(monkeypatch: pytest.MonkeyPatch) -
         return None if x is None else x * np.where(np.arange(len(x)) == 0, 0.5, 1.0)
 
     monkeypatch.setattr(solving._Problem, "solved", slightly_wrong)
-    law = {**LAW, "coefficients": coefficients(LAW)}
-    assert solve(law, NUMBERS, INPUTS) is None
+    assert solve(LAW, NUMBERS, INPUTS) is None
 
 
 def bound(law: dict[str, Any], numbers: dict[str, Any], inputs: dict[str, str] = INPUTS) -> Any:
@@ -260,7 +263,6 @@ def test_the_bound_is_above_the_exact_worst_case_of_a_frozen_loop(
 ) -> None:
     """The L1 norm of the impulse response, for constant delta and stiffness within what is certified."""
     law = {**LAW, "delay": delay, "integrators": member[0], "rolloff": member[1], "omega": ["15"]}
-    law["coefficients"] = coefficients(law)
     numbers = {
         **NUMBERS,
         "delta_high": "1.2",
@@ -292,7 +294,7 @@ def test_the_bound_is_above_the_exact_worst_case_of_a_frozen_loop(
 
 def test_a_motor_that_is_too_weak_is_the_one_reason_where_nothing_disturbs() -> None:
     robot = armgpi.Robot.load("anthropomorphic3").with_limits(effort={"q3": 0.05})
-    made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2)
+    made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, start="held")
     assert not made.certified
     (reason,) = made.reasons
     assert "where nothing disturbs joint 'q3' may need" in reason
@@ -301,7 +303,7 @@ def test_a_motor_that_is_too_weak_is_the_one_reason_where_nothing_disturbs() -> 
 
 def test_reasons_name_the_number_and_what_would_do() -> None:
     robot = armgpi.Robot.load("anthropomorphic3")
-    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=2.0)
+    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=2.0, start="held")
     assert not made.certified
     assert made.data["solutions"] == {}
     said = "\n".join(made.reasons)
@@ -369,16 +371,16 @@ def test_what_takes_long_says_how_far_it_is_where_somebody_looks(
 
 def test_proved_is_said_where_every_number_is_and_there_alone() -> None:
     robot = armgpi.Robot.load("anthropomorphic3")
-    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, box=0.3, prove=True)
+    made = armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, start="held", box=0.3, prove=True)
     assert made.numbers_proved
     assert set(made.data["status"].values()) == {"proved"}
     assert "every number is proved" in str(made)
-    assert "guaranteed" not in str(made)
+    assert "guaranteed by docs/proof.md" in str(made)
     for name in made.data["status"]:
         other = copy.deepcopy(made.data)
         other["status"][name] = "searched"
         assert not armgpi.Certificate(other).numbers_proved
-        assert "every number is proved" not in str(armgpi.Certificate(other))
+        assert "guaranteed" not in str(armgpi.Certificate(other))
 
 
 @pytest.mark.parametrize("prove", [False, True])
@@ -392,7 +394,7 @@ def test_a_gantry_whose_inertia_is_constant_has_a_certificate(prove: bool) -> No
         for name, axis, parent, mass in axes
     )
     robot = armgpi.Robot.from_xml(f"<robot name='gantry'><link name='b'/>{text}</robot>")
-    made = armgpi.certify(robot, payload=(0.0, 1.0), speed=0.2, prove=prove)
+    made = armgpi.certify(robot, payload=(0.0, 1.0), speed=0.2, start="held", prove=prove)
     assert made.certified, made.reasons
     assert made.check() == []
     assert made.numbers_proved is prove
@@ -436,7 +438,13 @@ def test_bad_options_are_refused_by_name(
 
 
 def test_shares_of_what_disturbs_are_told_and_add_up() -> None:
-    options: dict[str, Any] = {"payload": (0.0, 0.1), "speed": 0.2, "box": 0.2, "radius": 0.2}
+    options: dict[str, Any] = {
+        "payload": (0.0, 0.1),
+        "start": "held",
+        "speed": 0.2,
+        "box": 0.2,
+        "radius": 0.2,
+    }
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
 
     def shares(**stated: Any) -> dict[str, float]:

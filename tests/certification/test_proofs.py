@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import robots
+from strategies import FOLLOWS, robots
 
 from armgpi import Robot
 from armgpi.certification import proofs, quantities
@@ -33,7 +33,7 @@ def setting(
     lower = np.maximum(robot.limits.lower, middle - half)
     upper = np.minimum(robot.limits.upper, middle + half)
     speed = np.linspace(0.2, 0.4, robot.n)
-    return Setting((robot, heavy), heavy, lower, upper, np.full(robot.n, 0.02), speed, feedforward)
+    return Setting((robot, heavy), heavy, heavy, lower, upper, np.full(robot.n, 0.02), speed, feedforward)
 
 
 def everywhere(case: Setting, count: int, seed: int) -> dict[str, float]:
@@ -61,14 +61,16 @@ def bounds(proven: Numbers) -> dict[str, quantities.Number]:
     return found | {"-delta_low": low._replace(value=-low.value)}
 
 
-#: What is put together of other bounds, and so farther above the largest value: by how much at most.
-LOOSE = {"sigma_error": 1.8, "kappa_error": 1.8, "hold": 2.5, "reach": 2.5, "jump": 2.5, "shift": 20.0}
+#: What is put together of other bounds, and so farther above the largest value: by how much at most. Those of
+#: the error's speed have the root of delta, 1.8 here, for loads between the ends.
+LOOSE = {"sigma_error": 3.4, "kappa_error": 3.4, "hold": 2.5, "reach": 2.5, "jump": 3.0, "shift": 30.0}
 
 
 @pytest.mark.parametrize("feedforward", ["none", "gravity", "model"])
 def test_no_configuration_exceeds_what_is_proved_and_some_come_near(arm: Robot, feedforward: str) -> None:
     case = setting(arm, 0.25, 0.4, feedforward)
     vectors = {"torque": 0.1, "friction": 0.2, "velocity": 0.3, "acceleration": 1.0, "encoder": 1e-4}
+    vectors |= {"viscous": 0.3, "zone": 3e-4}
     case = case._replace(**{name: size * np.array([1.0, 0.5, 2.0]) for name, size in vectors.items()})
     proven, seen = bounds(proofs.proved(case, TOLERANCE)), everywhere(case, 4000, 1)
     for name, number in proven.items():
@@ -76,8 +78,6 @@ def test_no_configuration_exceeds_what_is_proved_and_some_come_near(arm: Robot, 
         # Rounding of D^-1 D^, which is the identity where the nominal model is the arm.
         assert seen[name] <= number.value + 1e-12 * abs(number.value), name
         loose = LOOSE.get(name.split(".")[0], 1.0)
-        if feedforward == "model" and name == "acceleration":
-            loose = 5.0
         if name != "-delta_low" and seen[name] > 0.1 * max(seen[x] for x in proven if x[:4] == name[:4]):
             assert number.value <= loose * (1.0 + 2.0 * TOLERANCE) * max(seen[name], 1e-12), name
 
@@ -222,20 +222,6 @@ def test_rounding_is_far_less_than_what_bounds_are_raised_by(arm: Robot) -> None
         exact = np.einsum("fk,kf...->k...", functions[: exact.shape[1]], exact)
     error = np.abs(D.at(q) - exact).max() * np.linalg.norm(np.linalg.inv(D.at(q)), 2, axis=(1, 2)).max()
     assert error < 1e-3 * proofs.OUTWARD
-
-
-FOLLOWS = """<robot name="geared">
-<link name="base"/>
-<link name="upper"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
-<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="fore"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
-<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="50" velocity="2"/></joint>
-<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.5 0 0"/>
-<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="6"/>
-<mimic joint="shoulder" multiplier="3"/></joint>
-</robot>"""
 
 
 def test_what_has_no_such_polynomials_is_refused() -> None:

@@ -15,7 +15,7 @@ def setting(speed: float = 0.5) -> Setting:
     arm = armgpi.Robot.load("anthropomorphic3")
     nominal = arm.with_payload(arm.tip, 0.25)
     return Setting(
-        (arm, nominal), nominal, -np.ones(3), np.ones(3), np.full(3, 0.02), np.full(3, speed), "none"
+        (arm, nominal), nominal, nominal, -np.ones(3), np.ones(3), np.full(3, 0.02), np.full(3, speed), "none"
     )
 
 

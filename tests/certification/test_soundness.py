@@ -28,7 +28,9 @@ from armgpi.certification.soundness import observe
 def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
     """`python tools/certificates.py --rollouts 10000` does it for every arm of the zoo: over 1e6 rollouts."""
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.02)
-    asked = ask(robot, 1e-3, **{"payload": (0.0, 0.25), "speed": 0.2, "radius": 0.05, **options})
+    asked = ask(
+        robot, 1e-3, **{"payload": (0.0, 0.25), "speed": 0.2, "start": "held", "radius": 0.05, **options}
+    )
     made = certificate(asked, searched(asked.setting))
     assert made.certified, made.reasons
     seen = observe(asked, made, 4000)
@@ -45,7 +47,7 @@ def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize(("name", "load", "inertia"), [("anthropomorphic3", 0.25, 0.0), ("ur5", 3.0, 0.0)])
 def test_a_certificate_is_within_a_factor_of_the_worst_found(name: str, load: float, inertia: float) -> None:
     robot = armgpi.Robot.load(name)
-    asked = ask(robot, 1e-3, payload=(0.0, load), speed=0.2)
+    asked = ask(robot, 1e-3, payload=(0.0, load), speed=0.2, start="held")
     made = certificate(asked, searched(asked.setting))
     ratios = made.per_torque / [case.error for case in worst(asked, count=60)]
     assert (ratios >= 1.0).all()
@@ -101,13 +103,13 @@ def test_a_common_omega_that_is_not_defined_is_refused(options: dict[str, Any], 
 def test_the_rate_of_a_common_omega_comes_from_the_certificate() -> None:
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
     given = common(1.0, omega_c=(29.8, 30.0))  # far too fast
-    made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, gains=given, rate="auto")
+    made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, start="held", gains=given, rate="auto")
     assert made.certified, made.reasons
     assert made.check() == []
     found: Any = made.gains
     assert 0.005 < float(found.rate) <= 0.12
     assert len(made.data["law"]["omega"]) > 1
-    asked = ask(robot, 1e-3, payload=(0.0, 0.1), speed=0.2, gains=found)
+    asked = ask(robot, 1e-3, payload=(0.0, 0.1), speed=0.2, start="held", gains=found)
     assert (observe(asked, made, 2000).gain <= 1.0).all()
     fixed: Any = {"gains": armgpi.FixedGains(30.0), "rate": "auto"}
     with pytest.raises(armgpi.errors.ParameterError, match="rate"):

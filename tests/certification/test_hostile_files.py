@@ -1,0 +1,163 @@
+"""Files that are no certificate, or claim what they do not show: one line, exit code 2, in bounded time."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import armgpi
+from armgpi.certification import check_certificate
+from armgpi.certification.certificate import seal
+
+checker: Any = check_certificate
+
+
+@pytest.fixture(scope="module")
+def data() -> Any:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
+    return armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, start="held", torque=0.001).data
+
+
+def put(*path: Any) -> Callable[[Any], None]:
+    """Return what puts the last of a path at the rest of it."""
+
+    def change(data: Any) -> None:
+        *way, key, value = path
+        for step in way:
+            data = data[step]
+        data[key] = value
+
+    return change
+
+
+def drop(*path: Any) -> Callable[[Any], None]:
+    """Return what leaves out a part."""
+
+    def change(data: Any) -> None:
+        *way, key = path
+        for step in way:
+            data = data[step]
+        del data[key]
+
+    return change
+
+
+GAIN = ("solutions", "gain")
+HOSTILE = {
+    "no solutions": put("solutions", {}),
+    "solutions that are a list": put("solutions", []),
+    "a claim of another kind": lambda data: data["solutions"].update(other=data["solutions"]["gain"]),
+    "inputs without a solution": drop("solutions", "stated"),
+    "a solution without inputs": drop("inputs", "stated"),
+    "no claims": put(*GAIN, "claims", {}),
+    "a claim left out": drop(*GAIN, "claims", "torques"),
+    "a surplus claim": put(*GAIN, "claims", "jerk", ["1"]),
+    "empty errors": put(*GAIN, "claims", "errors", []),
+    "a seventh joint": lambda data: data["solutions"]["gain"]["claims"]["errors"].append("1"),
+    "NaN": put(*GAIN, "claims", "errors", 0, "nan"),
+    "infinity": put(*GAIN, "claims", "errors", 0, "inf"),
+    "a float": put(*GAIN, "P", 0, 0, 1.0),
+    "an integer": put(*GAIN, "alpha", 1),
+    "a huge exponent": put(*GAIN, "alpha", "1e9999999999"),
+    "a long number": put(*GAIN, "alpha", "1" * 5000),
+    "a fraction by zero": put(*GAIN, "alpha", "1/0"),
+    "other digits": put(*GAIN, "alpha", "\u0661"),
+    "a number missing": drop("numbers", "kappa_v"),
+    "a number too many": put("numbers", "kappa_x", "0"),
+    "a negative number": put("numbers", "kappa_v", "-1"),
+    "delta's ends the wrong way round": put("numbers", "delta_low", "9"),
+    "no joints": put("robot", "joints", []),
+    "another number of joints": put("limits", "effort", ["1"]),
+    "lower ends above": put("limits", "lower", ["9", "9", "9"]),
+    "another format": put("format", "armgpi certificate 1"),
+    "no format": drop("format"),
+    "no seal": drop("seal"),
+    "a law with coefficients": put("law", "coefficients", [["1"]]),
+    "four integrators": put("law", "integrators", 4),
+    "true integrators": put("law", "integrators", True),
+    "a long delay": put("law", "delay", 10**9),
+    "bandwidths that fall": put("law", "omega", ["30", "20"]),
+    "a million bandwidths": put("law", "omega", [str(x) for x in range(1, 20_000)]),
+    "a section that is a list": put("law", []),
+    "a robot that is none": put("robot", None),
+    "a moving reference that adds nothing": put("limits", "velocity", ["1", "1", "1"]),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("sealed", [False, True])
+def test_what_claims_nothing_or_too_much_is_refused(
+    data: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, sealed: bool
+) -> None:
+    """As it is, and under a new seal, which anybody can make."""
+    other = copy.deepcopy(data)
+    HOSTILE[name](other)
+    if sealed and "seal" in other:
+        other["seal"] = seal(other)
+    path = tmp_path / "other.json"
+    path.write_text(json.dumps(other), encoding="utf-8")
+    assert checker.main([str(path)]) == 2
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    assert checker.check(other)
+
+
+TEXTS = {
+    "nothing": b"",
+    "no JSON": b"{",
+    "a list": b"[]",
+    "a number": b"1",
+    "NaN": b"NaN",
+    "deep": b"[" * 200_000,
+    "a long integer": b"1" * 100_000,
+    "bytes": b"\xff\xfe\x00",
+    "a key twice": b'{"format": 1, "format": 1}',
+    "too large": b" " * (checker.BYTES + 1),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_what_is_no_certificate_ends_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    path = tmp_path / "other.json"
+    path.write_bytes(TEXTS[name])
+    assert checker.main([str(path)]) == 2
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_a_pipe_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for paths in ([pipe], [tmp_path], [tmp_path / "none"], []):
+        program = [sys.executable, "-I", "-S", checker.__file__, *map(str, paths)]
+        run = subprocess.run(program, capture_output=True, text=True, timeout=60)
+        assert run.returncode == 2, run.stderr
+        assert not run.stderr
+
+
+def test_what_holds_is_said(data: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert checker.main([str(path)]) == 0
+    said = capsys.readouterr().out
+    for part in (
+        "anthropomorphic3",
+        data["robot"]["sha256"],
+        "at rest",
+        "held",
+        "rigid",
+        "box",
+        "omega",
+        "'gain'",
+    ):
+        assert part in said
+    assert all(x in said for x in data["solutions"]["stated"]["claims"]["errors"])
+    assert "not checked here" in said
