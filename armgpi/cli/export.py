@@ -166,7 +166,8 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
     """Return what the options describe, without a gripper where the interface has the arm alone."""
     from armgpi import config as configuration
     from armgpi.cli.settings import settings
-    from armgpi.export.targets import COMPENSATING, moving_gripper
+    from armgpi.export.interfaces import COMPENSATING
+    from armgpi.export.targets import moving_gripper
 
     experiment = configuration.build(*settings(options, compare=False))
     fingers = moving_gripper(experiment.robot)
@@ -183,7 +184,8 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
 
 def _target(options: dict[str, Any]) -> str:
     """Return the target, and put what its interface asks for into the options."""
-    from armgpi.export.targets import COMPENSATING, FCI_RATE, TARGETS
+    from armgpi.export.interfaces import COMPENSATING
+    from armgpi.export.targets import TARGETS
 
     target: str = options["target"]
     if target not in TARGETS:
@@ -194,8 +196,8 @@ def _target(options: dict[str, Any]) -> str:
         options["gravity"] = "robot"
         if options["dt"] is None and options["config"] is None:
             options["dt"] = COMPENSATING[target].dt
-    if target == "fci" and options["torque_rate"] is None:
-        options["torque_rate"] = str(FCI_RATE)
+        if options["torque_rate"] is None and COMPENSATING[target].rate is not None:
+            options["torque_rate"] = str(COMPENSATING[target].rate)
     return target
 
 

@@ -516,13 +516,31 @@ class Supervised(Controller):
             bad = np.full_like(watch.bad, min(elapsed - 1.0, COUNTED))
             late = watch._replace(late=one, bad=bad, calm=np.zeros_like(one))
             return self.step(measurement, target, state._replace(supervisor=late))
+        sent = watch.tau
         for i in range(1, elapsed):
             part = i / elapsed
             q = watch.q + part * (measurement.q - watch.q)
             q_ref = watch.r + part * (target.q - watch.r)
             filled = self.step(measurement._replace(q=q), target._replace(q=q_ref), state)
             state = filled.state
+        if elapsed > 1:  # what was filled was sent to no robot
+            state = state._replace(supervisor=state.supervisor._replace(tau=sent))
         return self.step(measurement, target, state)
+
+    def within_rate(self, applied: Array, taken: ControlStep) -> ControlStep:
+        """Return a step whose torque is within its rate of what the robot says it applies.
+
+        A robot that did not get the last torque would see the change of two.
+
+        Args:
+            applied: torque that the robot has [N m or N], (n,) or (batch, n).
+            taken: what a step returned.
+        """
+        rate, tau = self.bounds.rate, taken.tau
+        within = np.minimum(np.maximum(tau, applied - rate), applied + rate)
+        tau = np.where(np.abs(within) <= self.effort, within, tau)
+        watch = taken.state.supervisor._replace(tau=tau)
+        return ControlStep(tau, taken.state._replace(supervisor=watch))
 
     def step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`. Neither is ever NaN."""

@@ -177,9 +177,11 @@ class _Writer:
         self.names = robot.joint_names
         tables = law.tables
         # What the torque is checked against at last, whether the law uses it or not.
-        if not any(table.path == "effort" for table in tables):
-            effort = np.broadcast_to(law.controller.effort, (law.n,))
-            tables = [Table("EFFORT", "effort", (law.n,), [], effort.tolist()), *tables]
+        last = {"bounds.rate": law.controller.bounds.rate, "effort": law.controller.effort}
+        for path, values in last.items():
+            if not any(table.path == path for table in tables):
+                entries = np.broadcast_to(values, (law.n,)).tolist()
+                tables = [Table(path.replace(".", "_").upper(), path, (law.n,), [], entries), *tables]
         self.tables = tables
         self.kernels: dict[str, Kernel] = {}
         self.counts: dict[str, Counts] = {}

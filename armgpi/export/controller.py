@@ -104,13 +104,14 @@ class ExportedController(Controller):
         self._library = build.library(whole, FLAGS)
         try:
             info = _Info.in_dll(self._library, renamed("armgpi_info", name))
-            wanted = ("armgpi_init", "armgpi_reset", "armgpi_step", "armgpi_step_late")
+            wanted = ("armgpi_init", "armgpi_reset", "armgpi_step", "armgpi_step_late", "armgpi_within_rate")
             functions = [getattr(self._library, renamed(function, name)) for function in wanted]
-            self._init, self._reset, self._step, self._late = functions
+            self._init, self._reset, self._step, self._late, self._within = functions
         except (ValueError, AttributeError) as error:
             raise BackendError(f"this is no exported controller: {error}") from None
-        for function in functions:
+        for function in functions[:-1]:
             function.restype = ctypes.c_uint32
+        self._within.restype = None
         # By name and order: another arm with as many joints would run, and break.
         names = [info.joints[j].decode() for j in range(info.n)]
         if names != [plain(name) for name in robot.joint_names]:
@@ -155,6 +156,13 @@ class ExportedController(Controller):
         """Return torque and next state for a sample that comes late; see :meth:`Supervised.advance`."""
         elapsed = check_whole(elapsed, "elapsed", 1, 2**32 - 1)
         return self._stepped(self._late, measurement, target, state, ctypes.c_uint32(elapsed))
+
+    def within_rate(self, applied: npt.ArrayLike, taken: ControlStep) -> ControlStep:
+        """Return a step whose torque is within its rate of that of the robot; see :class:`Supervised`."""
+        after = taken.state.copy()
+        tau, given = (np.array(x, dtype=self._dtype) for x in (taken.tau, applied))
+        self._within(*(ctypes.c_void_p(x.ctypes.data) for x in (after, given, tau)))
+        return ControlStep(tau.astype(np.float64, copy=False), after)
 
     def step(
         self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]

@@ -13,6 +13,7 @@ from armgpi.control.controller import FullState, Measurement
 from armgpi.control.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
 from armgpi.errors import ParameterError, Remedy
 from armgpi.export.code import ABI, Code, template
+from armgpi.export.interfaces import COMPENSATING
 from armgpi.export.names import plain
 from armgpi.references.reference import Target
 
@@ -37,8 +38,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
         *("ros2_control.hpp", "ros2_control.cpp", "ros2_stubs.hpp", "ros2_plugin.xml", "package.xml"),
     ),
 }
-#: Rate of torque that libfranka allows [N m/s].
-FCI_RATE = 1000.0
 _POSITIONS = ("q_measured", "q_ref")
 _VELOCITY = """\
         v_measured[fault->joint] = (armgpi_real_t)((fault->dq + 3.0 * (k2 * fault->dddq)) / ARMGPI_DT);
@@ -52,16 +51,6 @@ _DITHER = 2e-6
 _OFF = "switched off at export"
 #: An arm rests that stays within 1 mrad (or mm) for 0.1 s: 0.01 rad/s, some encoder noise included.
 _REST_MOTION, _REST_TIME = 1e-3, 0.1
-
-
-class Interface(NamedTuple):
-    """A robot that adds gravity itself: number of its joints, and its sample time [s]."""
-
-    joints: int
-    dt: float
-
-
-COMPENSATING = {"fci": Interface(7, 1e-3), "ur": Interface(6, 2e-3)}
 
 
 class _Motion(NamedTuple):
@@ -92,8 +81,6 @@ def check_target(target: str, controller: Supervised) -> None:
         return
     if controller.measurement_type is FullState:
         raise ParameterError("target", target, "bare for a law that needs measured velocities")
-    if target == "fci" and getattr(controller.law, "friction_feedforward", False):
-        raise ParameterError("target", target, "one for a law without the friction that its robot adds")
     if target in COMPENSATING:
         _check_arm(target, controller)
     else:
@@ -111,7 +98,19 @@ def _check_arm(target: str, controller: Supervised) -> None:
     if not compensated(robot):
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"
         raise ParameterError("target", target, expected)
-    joints, dt = COMPENSATING[target]
+    interface = COMPENSATING[target]
+    joints, dt, rate = interface.joints, interface.dt, interface.rate
+    assert joints is not None
+    assert dt is not None
+    if "friction" in interface.adds and getattr(controller.law, "friction_feedforward", False):
+        raise ParameterError("target", target, "one for a law without the friction that its robot adds")
+    rotors = zip(robot.drives.value("rotor_inertia"), robot.drives.sources("rotor_inertia"), strict=True)
+    if any(value == 0.0 and source for value, source in rotors):
+        expected = (
+            "one for a model with rotors, as its robot is geared and would be lost; leave rotor_inertia 0 "
+            "out, or give what the rotors have"
+        )
+        raise ParameterError("target", target, expected)
     fingers = moving_gripper(robot)
     if robot.n != joints or fingers:
         which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
@@ -120,9 +119,9 @@ def _check_arm(target: str, controller: Supervised) -> None:
     if not math.isclose(controller.dt, dt):
         expected = f"for a sample time of {dt:g} s, its robot's; this controller's is {controller.dt:g} s"
         raise ParameterError("target", target, expected)
-    rate = controller.supervisor.torque_rate
-    if target == "fci" and (rate is None or np.any(np.asarray(rate) > FCI_RATE)):
-        raise ParameterError("target", target, f"a torque_rate of at most {FCI_RATE:g} N m/s, as libfranka's")
+    given = controller.supervisor.torque_rate
+    if rate is not None and (given is None or np.any(np.asarray(given) > rate)):
+        raise ParameterError("target", target, f"a torque_rate of at most {rate:g} N m/s, as its robot's")
 
 
 def compensated(robot: Any) -> bool:

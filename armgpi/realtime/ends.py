@@ -62,6 +62,7 @@ class ArmEnd:
         silent: samples in a row without a new torque.
         fired: samples at which the watchdog began to act.
         latched: whether it does not listen any more.
+        applied: torque of the last sample [N m or N], (n,).
     """
 
     def __init__(
@@ -75,12 +76,13 @@ class ArmEnd:
         self.fired: list[int] = []
         self.latched = False
         self.command = np.zeros_like(q)
+        self.applied: Array = np.zeros_like(q)
 
     def sample(self) -> Datagram:
         """Return what is sent at this sample."""
         measured = self.plant.measure(self.state)
         values = np.stack([measured.q, measured.v]) if self.velocity else measured.q
-        return Datagram(SAMPLE, self.k, self.k * self.dt, values)
+        return Datagram(SAMPLE, self.k, self.k * self.dt, values, self.applied)
 
     def advance(self, answer: Datagram | None) -> Array:
         """Take a sample under the newest torque, or what the watchdog does, and return that torque.
@@ -97,6 +99,7 @@ class ArmEnd:
             self.fired.append(self.k)
         tau = self._alone() if self.silent >= self.watchdog.samples else self.command
         self.state = self.plant.step(tau, self.state, self.dt)
+        self.applied = np.asarray(tau)
         self.k += 1
         return tau
 
@@ -155,7 +158,10 @@ class ControllerEnd:
             self.number = sample.number - 1
         elapsed = sample.number - self.number
         self.filled += elapsed - 1
-        tau, self.state = self.controller.advance(measured, target, self.state, elapsed)
+        taken = self.controller.advance(measured, target, self.state, elapsed)
+        if sample.applied is not None:
+            taken = self.controller.within_rate(sample.applied, taken)
+        tau, self.state = taken
         self.number = sample.number
         self._answer = Datagram(TORQUE, sample.number, sample.time, np.asarray(tau))
         return self._answer

@@ -17,6 +17,7 @@ from armgpi import GPI, PIDInversion, Robot, Supervised, Supervisor, export_cont
 from armgpi.errors import ParameterError
 
 pytest.importorskip("casadi", reason="casadi writes the C")
+from armgpi.export.interfaces import table
 from armgpi.export.targets import _tests
 
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -357,6 +358,10 @@ def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path
     assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in update]
 
 
+def test_the_docs_have_the_table_of_interfaces() -> None:
+    assert table() in (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+
+
 def test_the_readme_has_the_deceleration_of_the_supervisor(tmp_path: Path) -> None:
     export_controller(Supervised(GPI(ARM, 1e-3), Supervisor(deceleration=7.0)), tmp_path, measure=False)
     assert "a reference that decelerates at 7 rad/s^2" in (tmp_path / "README.md").read_text()
@@ -401,6 +406,7 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
             "fci",
             "for a sample time of 0.001 s, its robot's",
         ),
+        (lambda: GPI(ur5().with_armature(0.0), 2e-3), "ur", "for a model with rotors"),
         (lambda: GPI(with_jaw(6), 1e-3), "fci", r"this arm has 7, with 'jaw' of its gripper"),
         (lambda: GPI(with_jaw(5), 2e-3), "ur", "for 6 joints; this arm has 6, with 'jaw' of its gripper"),
         (lambda: GPI(named("übergelenk"), 1e-3), "ros2_control", "ROS would not find joint 'übergelenk'"),

@@ -69,6 +69,29 @@ def test_a_datagram_comes_back_as_it_was(shape: tuple[int, ...]) -> None:
     assert got is not None
     assert got[:3] == sent[:3]
     np.testing.assert_array_equal(got.values, sent.values)
+    assert got.applied is None
+    echoed = unpack(sent._replace(applied=np.array([1.0, 2.0, 3.0])).pack(), 3)
+    assert echoed is not None
+    np.testing.assert_array_equal(echoed.applied, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(echoed.values, sent.values)
+
+
+@pytest.mark.parametrize("exported", [False, True])
+@pytest.mark.parametrize("bits", [14, 18])
+def test_the_arm_sees_no_torque_change_faster_than_its_rate(bits: int, exported: bool) -> None:
+    if exported:
+        pytest.importorskip("casadi", reason="casadi writes the C")
+    robot = ARM.with_gravity((0.0, 0.0, 0.0))
+    start, rate = robot.middle(), 50.0
+    plant = Encoder(Saturated(RigidBodyPlant(robot)), bits)
+    move = Bezier(start, start + 0.5, duration=0.5, t_start=0.05)
+    law, lossy = GPI(robot, DT, FixedGains(20.0)), Injected(loss=0.1)
+    given = Supervisor(torque_rate=rate, missed=40)
+    done = run(plant, law, move, 0.6, clock="simulated", injected=lossy, supervisor=given, exported=exported)
+    applied = done.rollout["tau_command"].values
+    assert done.filled > 10
+    assert np.abs(np.diff(applied, axis=0)).max() <= rate * DT * (1.0 + 1e-9)
+    assert np.abs(np.diff(applied, axis=0)).max() > 0.9 * rate * DT
 
 
 @given(st.binary(max_size=120))

@@ -113,6 +113,7 @@ $parameters,
     armgpi_real_t tau_out[ARMGPI_N])
 {
     const uint32_t missed = (elapsed > 0U) ? (elapsed - 1U) : 0U;
+    armgpi_real_t sent[ARMGPI_N];
     armgpi_real_t q_from[ARMGPI_N];
     armgpi_real_t r_from[ARMGPI_N];
     armgpi_real_t q[ARMGPI_N];
@@ -129,6 +130,7 @@ $parameters,
         }
     } else if ((missed > 0U) && (state->layout == ARMGPI_LAYOUT)) {
         for (i = 0U; i < ARMGPI_N; ++i) {
+            sent[i] = state->supervisor_tau[i];
             q_from[i] = state->supervisor_q[i];
             r_from[i] = state->supervisor_r[i];
         }
@@ -141,8 +143,27 @@ $parameters,
             }
             (void)armgpi_step(state, $filled, tau_out);
         }
+        for (i = 0U; i < ARMGPI_N; ++i) {
+            state->supervisor_tau[i] = sent[i]; /* what was filled was sent to no robot */
+        }
     } else {
         /* Nothing was missed. */
     }
     return armgpi_step(state, $arguments, tau_out);
+}
+
+void armgpi_within_rate(armgpi_state_t *state, const armgpi_real_t applied[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])
+{
+    uint32_t i;
+
+    for (i = 0U; i < ARMGPI_N; ++i) {
+        const armgpi_real_t lowest = applied[i] - BOUNDS_RATE[i];
+        const armgpi_real_t highest = applied[i] + BOUNDS_RATE[i];
+        const armgpi_real_t within = (tau[i] < lowest) ? lowest : ((tau[i] > highest) ? highest : tau[i]);
+
+        tau[i] = ((within >= -EFFORT[i]) && (within <= EFFORT[i])) ? within : tau[i];
+        if (state->layout == ARMGPI_LAYOUT) {
+            state->supervisor_tau[i] = tau[i];
+        }
+    }
 }

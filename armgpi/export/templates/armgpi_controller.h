@@ -101,6 +101,12 @@ $parameters,
     armgpi_real_t tau_out[ARMGPI_N]);
 
 /*
+ * Bring a step's torque within its rate of what the robot says it applies, for a robot that says so: one that did not get
+ * the last torque would see the change of two. Elsewhere the rate is that of the torques sent.
+ */
+void armgpi_within_rate(armgpi_state_t *state, const armgpi_real_t applied[ARMGPI_N], armgpi_real_t tau[ARMGPI_N]);
+
+/*
  * Leave STOPPING, HOLD or FAULT, by a decision of the caller: as init, from where the arm is now; the torque goes on
  * from the last one, within its rate.
  */

@@ -95,6 +95,10 @@ class Controller {
   armgpi_status_t step_late(std::uint32_t elapsed, $vectors, Vector& tau) noexcept {
     return armgpi_step_late(&state_, elapsed, $datas, tau.data());
   }
+  // Bring a torque within its rate of what the robot says it applies.
+  void within_rate(const Vector& applied, Vector& tau) noexcept {
+    armgpi_within_rate(&state_, applied.data(), tau.data());
+  }
   [[nodiscard]] armgpi_status_t status() const noexcept { return state_.status; }
   [[nodiscard]] armgpi_reason_t reason() const noexcept { return state_.reason; }
   [[nodiscard]] const char* fault_joint() const noexcept { return armgpi_info.joints[state_.fault_joint]; }

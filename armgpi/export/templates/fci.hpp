@@ -7,7 +7,8 @@
 //   if (arm.controller().reason() != ARMGPI_REASON_NONE) { ... }
 //
 // The torque is without gravity and friction, as franka::Torques has to be, and changes by no more than the exported
-// rate: libfranka's own limit is off here, and its low-pass, which is a delay, too. Packets that were missed are filled.
+// rate against the torque that the robot has (tau_J_d), as libfranka counts. Its own limit is off here, and its low-pass,
+// which is a delay, too. Packets that were missed are filled.
 // libfranka takes a callback by value; copies share one state, so the caller's says why the motion ended. After a stop
 // it ends when the arm is at rest (HOLD), and at once, with the robot's own stop, in FAULT: franka::Robot's
 // automaticErrorRecovery leads back. Never tried on a robot.
@@ -53,6 +54,11 @@ class Fci {
       own.controller.init($wired);
     }
     const armgpi_status_t status = own.controller.step_late(elapsed == 0U ? 1U : elapsed, $wired, tau);
+    Vector applied{};
+    for (std::size_t i = 0; i < applied.size(); ++i) {
+      applied[i] = static_cast<armgpi_real_t>(robot.tau_J_d[i]);
+    }
+    own.controller.within_rate(applied, tau);
     franka::Torques torques{{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}};
     for (std::size_t i = 0; i < tau.size(); ++i) {
       torques.tau_J[i] = static_cast<double>(tau[i]);

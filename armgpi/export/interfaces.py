@@ -1,0 +1,112 @@
+"""The interfaces of robots that a controller is exported for: what each expects, adds itself and echoes.
+
+One table, from which the targets take their numbers and the documentation its rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Interface(NamedTuple):
+    """One interface of one kind of robot.
+
+    Attributes:
+        target: what `--target` calls it.
+        robot: the robots, with the first release of their software.
+        library: what talks to them, with its versions.
+        joints: number of joints; None for any.
+        dt: sample time [s]; None for any.
+        rate: highest rate of torque that it takes [N m/s]; None where none is stated.
+        adds: what the robot adds to the torque by itself, "gravity" or "friction".
+        echo: where it says which torque it applies; "" where it does not.
+        late: how a packet that comes once more is known.
+        tried: what was compiled or simulated here, and against what. None was tried on hardware.
+    """
+
+    target: str
+    robot: str
+    library: str
+    joints: int | None
+    dt: float | None
+    rate: float | None
+    adds: tuple[str, ...]
+    echo: str
+    late: str
+    tried: str
+
+
+#: Versions by the changelogs of libfranka and of UR's client library, and ur_rtde's own page; the rate is
+#: libfranka's kMaxTorqueRate, "without gravity and friction" its franka::Torques.
+INTERFACES = (
+    Interface(
+        target="fci",
+        robot="Franka Research 3, system 5.7.2",
+        library="libfranka 0.15 and later (C++17), pylibfranka 0.16",
+        joints=7,
+        dt=1e-3,
+        rate=1000.0,
+        adds=("gravity", "friction"),
+        echo="tau_J_d",
+        late="period",
+        tried="compiled with libfranka 0.15.0 and 0.21.2; simulated beside stubs",
+    ),
+    Interface(
+        target="fci",
+        robot="Panda (FER), system 4.2.1",
+        library="libfranka 0.9 alone (C++17), no pylibfranka",
+        joints=7,
+        dt=1e-3,
+        rate=1000.0,
+        adds=("gravity", "friction"),
+        echo="tau_J_d",
+        late="period",
+        tried="compiled with libfranka 0.9.2; simulated beside stubs",
+    ),
+    Interface(
+        target="ur",
+        robot="UR e-Series, UR20, UR30: PolyScope 5.23 or 10.10; not CB3",
+        library="ur_rtde 1.6.5 (Python)",
+        joints=6,
+        dt=2e-3,
+        rate=None,
+        adds=("gravity",),
+        echo="",
+        late="timestamp",
+        tried="simulated beside stubs",
+    ),
+    Interface(
+        target="ros2_control",
+        robot="any with effort commands",
+        library="ros2_control 4.27 to 6.8: Jazzy, Kilted, Rolling",
+        joints=None,
+        dt=None,
+        rate=None,
+        adds=(),
+        echo="",
+        late="not known",
+        tried="compiled with stubs, compared with 4.27.0, 4.46.0, 5.16.0, 6.0.0, 6.8.0",
+    ),
+    Interface("bare", "any", "none (C99)", None, None, None, (), "", "the caller's", "compiled, simulated"),
+)
+#: Target -> the interface whose robot adds gravity itself.
+COMPENSATING = {each.target: each for each in reversed(INTERFACES) if "gravity" in each.adds}
+
+
+def table() -> str:
+    """Return the table as Markdown."""
+    head = (
+        *("target", "robot", "library", "joints", "sample time", "torque rate, N m/s"),
+        *("adds itself", "echoes", "repeated packet by", "tried; never on hardware"),
+    )
+    rows = [
+        (
+            *(f"`{each.target}`", each.robot, each.library, str(each.joints or "any")),
+            "any" if each.dt is None else f"{each.dt:g} s",
+            "not stated" if each.rate is None else f"{each.rate:g}",
+            *(" and ".join(each.adds) or "nothing", f"`{each.echo}`" if each.echo else "nothing"),
+            *(each.late, each.tried),
+        )
+        for each in INTERFACES
+    ]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ("---",) * len(head), *rows))
