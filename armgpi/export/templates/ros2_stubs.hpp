@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <cstdio>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,13 +17,30 @@ struct Duration {
 };
 struct Parameter {
   std::string as_string() const { return {}; }
+  double as_double() const { return 0.5; }
 };
+struct Logger {};
+template <typename Message>
+struct Subscription {};
+template <typename Kind>
+struct Service {};
 }  // namespace rclcpp
 
 namespace rclcpp_lifecycle {
 struct State {};
 struct LifecycleNode {
   rclcpp::Parameter get_parameter(const std::string&) const { return {}; }
+  rclcpp::Logger get_logger() const { return {}; }
+  template <typename Message, typename Callback>
+  std::shared_ptr<rclcpp::Subscription<Message>> create_subscription(const std::string&, int, const Callback& callback) {
+    callback(std::make_shared<const Message>());
+    return {};
+  }
+  template <typename Kind, typename Callback>
+  std::shared_ptr<rclcpp::Service<Kind>> create_service(const std::string&, const Callback& callback) {
+    callback(std::make_shared<typename Kind::Request>(), std::make_shared<typename Kind::Response>());
+    return {};
+  }
 };
 namespace node_interfaces {
 struct LifecycleNodeInterface {
@@ -34,6 +52,25 @@ struct LifecycleNodeInterface {
 };
 }  // namespace node_interfaces
 }  // namespace rclcpp_lifecycle
+
+namespace std_msgs::msg {
+struct Float64MultiArray {
+  std::vector<double> data;
+};
+}  // namespace std_msgs::msg
+
+namespace std_srvs::srv {
+struct Trigger {
+  struct Request {};
+  struct Response {
+    bool success = false;
+    std::string message;
+  };
+};
+}  // namespace std_srvs::srv
+
+#define RCLCPP_WARN(logger, ...) ((void)(logger), std::printf(__VA_ARGS__))
+#define RCLCPP_ERROR(logger, ...) ((void)(logger), std::printf(__VA_ARGS__))
 
 namespace hardware_interface {
 // from hardware_interface/loaned_state_interface.hpp
