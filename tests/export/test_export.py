@@ -826,10 +826,10 @@ def test_a_folder_of_another_name_replays_and_runs(tmp_path: Path) -> None:
     names = [path.name for path in done.files]
     assert names[:6] == ["arm2.h", "arm2.c", "main.c", "log.csv", "Makefile", "README.md"]
     assert names[6:9] == ["CMakeLists.txt", "arm2_controller.hpp", "arm2_controller.py"]
-    assert names[9:] == ["test_faults.c", "SHA256SUMS"]
+    assert names[9:] == ["arm2_move.h", "arm2_move.c", "test_faults.c", "SHA256SUMS"]
     left = {path.name: re.findall(r"\w*armgpi_\w*", path.read_text(), re.IGNORECASE) for path in done.files}
     assert set(left["arm2.c"]) == {"armgpi_q1"}
-    assert not left["main.c"] + left["Makefile"]
+    assert not left["main.c"] + left["Makefile"] + left["arm2_move.h"] + left["arm2_move.c"]
     subprocess.run([need("make"), "-s", "all", "strict"], cwd=tmp_path, check=True, capture_output=True)
     exported = ExportedController(robot, tmp_path, "arm2")
     seen, target = Measurement(Q), Target(Q + 0.1, REST, REST)
