@@ -7,6 +7,8 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from armgpi.version import VERSION
+
 # Pinocchio's batch kernels use OpenMP, whose threads spin while they wait: on a machine that is busy with
 # something else a batch then takes ten times as long. To have an effect this must come before Pinocchio.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -81,9 +83,9 @@ if TYPE_CHECKING:
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
     from armgpi.references.recorded import Recorded as Recorded
-    from armgpi.references.reference import Hold as Hold
     from armgpi.references.reference import Reference as Reference
     from armgpi.references.reference import Target as Target
+    from armgpi.references.waypoints import Hold as Hold
     from armgpi.references.waypoints import Waypoints as Waypoints
     from armgpi.robot import robots as robots
     from armgpi.robot.batch import RobotBatch as RobotBatch
@@ -140,8 +142,8 @@ _NAMES = {
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
     "references.recorded": ("Recorded",),
-    "references.reference": ("Hold", "Reference", "Target"),
-    "references.waypoints": ("Waypoints",),
+    "references.reference": ("Reference", "Target"),
+    "references.waypoints": ("Hold", "Waypoints"),
     "robot.batch": ("RobotBatch",),
     "robot.equations": ("Friction",),
     "robot.robot": ("Robot",),
@@ -157,7 +159,7 @@ _NAMES = {
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
-__version__ = "0.1.0"
+__version__ = VERSION
 __all__ = sorted([*_MODULES, *_HOME, "__version__"])
 
 

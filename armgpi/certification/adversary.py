@@ -19,7 +19,7 @@ from armgpi.loop.simulation import simulate
 from armgpi.plants.loads import Load
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed
-from armgpi.references.reference import Hold
+from armgpi.references.waypoints import Hold
 from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations

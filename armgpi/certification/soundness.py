@@ -17,7 +17,8 @@ from armgpi.plants.loads import Step
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Encoder
 from armgpi.references.bezier import PEAK_ACCELERATION, PEAK_VELOCITY, Bezier
-from armgpi.references.reference import Hold, Reference
+from armgpi.references.reference import Reference
+from armgpi.references.waypoints import Hold
 from armgpi.robot.robot import Robot
 
 if TYPE_CHECKING:

@@ -112,7 +112,7 @@ def locks(items: list[str]) -> dict[str, float | None]:
 
 def known_backend(name: str) -> str:
     """Return the name of a backend, refusing one that there is not."""
-    from armgpi.loop.prepared import BACKENDS
+    from armgpi.loop.backends import BACKENDS
 
     if name not in BACKENDS:
         raise refusal("--backend", f"{name!r} is none of {', '.join(BACKENDS)}")

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from armgpi import __version__
 from armgpi.arrays import check_choice, check_type
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
@@ -27,6 +26,7 @@ from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
 from armgpi.export.layout import block, elementary, listed, members, rows
 from armgpi.export.names import identifiers, plain, source_of
 from armgpi.parameter import meaning
+from armgpi.version import VERSION
 
 #: Number types: C's name, ending of literals and functions, largest number.
 _REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}
@@ -369,7 +369,7 @@ class _Writer:
         return {
             "title": f"{type(self.law.controller.law).__name__} controller of {plain(robot.name)}, "
             f"{self.law.n} joint{'s' if self.law.n > 1 else ''}, {self.law.controller.dt:g} s",
-            "version": __version__,
+            "version": VERSION,
             "source": source_of(robot),
             "parameters": parameters,
             "arguments": ", ".join(self.law.inputs),

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import __version__, files
+from armgpi import files
 from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
@@ -28,6 +28,7 @@ from armgpi.loop.rollout import Recorded, Recording, Status
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
+from armgpi.version import VERSION
 
 #: Samples of a log at most.
 MOST_SAMPLES = 100_000
@@ -338,7 +339,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         .substitute(
             title=f"{type(controller.law).__name__} controller of {plain(robot.name)}",
             contains=_contains(robot),
-            version=__version__,
+            version=VERSION,
             source=source_of(robot),
             samples=samples,
             arrays=", ".join(f"{name}[ARMGPI_N]" for name in law.inputs),

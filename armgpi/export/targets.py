@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import __version__
 from armgpi.control.controller import FullState, Measurement
 from armgpi.control.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
 from armgpi.errors import ParameterError, Remedy
@@ -16,6 +15,7 @@ from armgpi.export.code import ABI, Code, template
 from armgpi.export.interfaces import COMPENSATING
 from armgpi.export.names import plain
 from armgpi.references.reference import Target
+from armgpi.version import VERSION
 
 #: Files of every export.
 _PACKAGE = (
@@ -140,7 +140,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
     names, real = list(law.inputs), "float" if code.real == "float" else "double"
     fill = {
         "title": f"{type(law.controller.law).__name__} controller of {plain(law.controller.robot.name)}",
-        "version": __version__,
+        "version": VERSION,
         "abi": str(ABI),
         "state_bytes": str(state_bytes),
         "state_words": str(-(-state_bytes // 8)),

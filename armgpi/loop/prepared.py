@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
 from armgpi.loop import metrics
+from armgpi.loop.backends import BACKENDS, runner
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.rollout import Recorded, Recording, Status, provenance, summary_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
@@ -38,8 +39,6 @@ _FEWEST_CHECKS = 17
 _CHECKED_NUMBERS = 1 << 18
 #: Seconds after which a run gets a progress bar.
 _LONG = 2.0
-#: What takes the samples of a run.
-BACKENDS = ("numpy", "compiled", "auto")
 #: What a run keeps.
 RECORDS = ("all", "metrics")
 #: About what NumPy takes for each array of the state in a sample, whatever its size [s].
@@ -299,14 +298,9 @@ class PreparedLoop:
     ) -> Runner:
         """Return the same run by generated code, or as it is where there is none, perhaps with a warning."""
         try:
-            from armgpi.codegen import build
-
-            if build.none_known():  # then nothing of what generates code has to be imported
-                build.check_patience(loop.plant.robot.n, patience)
-            from armgpi.compiled.run import CompiledRun
-
+            kind = runner("compiled", loop.plant.robot.n, patience)
             how = (self._divergence, self._signals, running, self._known, patience)
-            return CompiledRun(loop, state, recording, *how)
+            return cast(Runner, kind(loop, state, recording, *how))
         except ModuleNotFoundError as error:
             reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
         except BackendError as error:

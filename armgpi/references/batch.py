@@ -12,8 +12,8 @@ from armgpi.arrays import Array, as_times, is_listing
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.bezier import Bezier
 from armgpi.references.recorded import Recorded
-from armgpi.references.reference import Hold, Reference, Target
-from armgpi.references.waypoints import Waypoints
+from armgpi.references.reference import Reference, Target
+from armgpi.references.waypoints import Hold, Waypoints
 
 
 class ReferenceBatch(Reference):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
-from armgpi.arrays import Array, ArrayLike
+from armgpi.arrays import Array
 from armgpi.errors import ParameterError
 
 
@@ -63,36 +63,3 @@ class Reference(ABC):
     def describe(self) -> dict[str, Any]:
         """Return the trajectory as plain data, for a rollout's provenance."""
         return {"type": type(self).__name__, "text": repr(self)}
-
-
-class Hold(Reference):
-    """Stand still at one configuration.
-
-    Attributes:
-        q: the configuration as given [rad or m], shape (n,) or (batch, n).
-    """
-
-    symbolic = True
-
-    def __init__(self, q: ArrayLike) -> None:
-        """Hold `q` [rad or m], shape (n,) or (batch, n)."""
-        from armgpi.references.waypoints import Waypoints
-
-        self.q = q
-        self._at = Waypoints([q], durations=[]).at
-
-    def variables(self) -> dict[str, Any]:
-        """Return the configuration."""
-        return {"q": self.q}
-
-    def with_values(self, **changes: Any) -> Hold:
-        """Return another configuration; see :meth:`Reference.with_values`."""
-        return Hold(**changes)
-
-    def describe(self) -> dict[str, Any]:
-        """Return the configuration as plain data."""
-        return {"type": "Hold", "q": self._at(0.0).q.tolist()}
-
-    def at(self, t: float | Array) -> Target:
-        """Return the configuration with zero velocity and acceleration, shapes as :meth:`Reference.at`."""
-        return self._at(t)

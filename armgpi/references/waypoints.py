@@ -130,3 +130,34 @@ def _one_shape(points: Sequence[ArrayLike], times: Sequence[Any]) -> list[Array]
             "points", f"expected configurations of the same joints and batch, got {shapes}"
         ) from None
     return [np.broadcast_to(array, shape) for array in arrays]
+
+
+class Hold(Reference):
+    """Stand still at one configuration.
+
+    Attributes:
+        q: the configuration as given [rad or m], shape (n,) or (batch, n).
+    """
+
+    symbolic = True
+
+    def __init__(self, q: ArrayLike) -> None:
+        """Hold `q` [rad or m], shape (n,) or (batch, n)."""
+        self.q = q
+        self._at = Waypoints([q], durations=[]).at
+
+    def variables(self) -> dict[str, Any]:
+        """Return the configuration."""
+        return {"q": self.q}
+
+    def with_values(self, **changes: Any) -> Hold:
+        """Return another configuration; see :meth:`Reference.with_values`."""
+        return Hold(**changes)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the configuration as plain data."""
+        return {"type": "Hold", "q": self._at(0.0).q.tolist()}
+
+    def at(self, t: float | Array) -> Target:
+        """Return the configuration with zero velocity and acceleration, shapes as :meth:`Reference.at`."""
+        return self._at(t)
