@@ -20,7 +20,7 @@ SEED ?= $(shell date +%Y%m%d)
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help install demo test lint format hooks types unit quick search arm verify faults docs playground \
+.PHONY: help install demo test lint format hooks types unit quick search mutants arm verify faults docs playground \
   examples wheel bench clean
 
 help: ## Show this list
@@ -90,6 +90,10 @@ search: $(FOR_ALL) ## What holds for every robot and file: new random examples, 
 	$(BIN)/python tools/fuzz.py yaml --count 3000 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py rollout --count 2500 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py arguments --count 400 --seed $(SEED)
+
+mutants: $(FOR_ALL) ## Planted bugs that the tests of their modules do not find
+	$(BIN)/python tools/mutants.py --planted
+	$(BIN)/python tools/mutants.py --count 60 --seed $(SEED)
 
 arm: $(FOR_ALL) ## Exported controllers on an emulated Cortex-M7: bits and instructions
 	$(BIN)/python tools/arm.py

@@ -1,0 +1,89 @@
+"""Laws where no symmetry hides an error: loads off the axis, turned frames, rotors, starts off target."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+
+from armgpi import GPI, Hold, RigidBodyPlant, Robot, files
+from armgpi.loop.prepared import prepare
+
+UR5 = Robot.load("ur5")
+Q = np.array([0.3, -1.1, 0.9, -0.4, 0.7, 0.5])
+COM = np.array([0.08, -0.05, 0.11])
+
+
+def test_the_weight_of_a_load_off_the_axis_of_a_turned_frame_is_that_of_its_jacobian() -> None:
+    turned = UR5.frame_pose("tool0", Q).rotation
+    assert not np.allclose(turned, UR5.frame_pose(UR5.joint_names[-1], Q).rotation)
+    J, arm = UR5.frame_jacobian("tool0", Q), turned @ COM
+    weight = (J[:3] + np.cross(J[3:], arm, axis=0)).T @ [0.0, 0.0, 9.81 * 2.0]
+    loaded = UR5.with_payload("tool0", 2.0, COM)
+    np.testing.assert_allclose(loaded.gravity(Q), UR5.gravity(Q) + weight, rtol=1e-12, atol=1e-12)
+
+
+def test_a_load_that_varies_is_the_load_that_is_given_off_the_axis_of_a_turned_frame() -> None:
+    both = UR5.varied(payload=[0.5, 2.0], com=[COM, -COM], frame="tool0")
+    q, a = np.tile(Q, (2, 1)), np.tile(np.linspace(-1.0, 2.0, 6), (2, 1))
+    for i, (mass, com) in enumerate(((0.5, COM), (2.0, -COM))):
+        one = UR5.with_payload("tool0", mass, com)
+        np.testing.assert_allclose(both.gravity(q)[i], one.gravity(Q), rtol=1e-12, atol=1e-12)
+        expected = one.inverse_dynamics(Q, 0.5 * a[0], a[0])
+        found = both.inverse_dynamics(q, 0.5 * a, a)[i]
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
+def test_a_factor_scales_links_and_rotors_alike() -> None:
+    geared = UR5.with_armature([2.0, 2.0, 1.0, 0.3, 0.3, 0.2])
+    scaled = geared.scaled_inertia(1.7)
+    np.testing.assert_allclose(scaled.mass_matrix(Q), 1.7 * geared.mass_matrix(Q), rtol=1e-12, atol=1e-14)
+    # A further change begins from the scaled model, not from the scaled dynamics.
+    changed = scaled.with_payload("tool0", 0.0)
+    np.testing.assert_allclose(changed.mass_matrix(Q), 1.7 * geared.mass_matrix(Q), rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(scaled.inertia_times(Q, Q), 1.7 * geared.mass_matrix(Q) @ Q, rtol=1e-12)
+    a = scaled.forward_dynamics(Q, 0.1 * Q, 1.7 * np.arange(6.0))
+    expected = geared.forward_dynamics(Q, 0.1 * Q, np.arange(6.0))
+    np.testing.assert_allclose(a, expected, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_integrals_of_an_error_that_begins_off_the_reference_count_the_first_sample_half(
+    backend: str,
+) -> None:
+    arm = Robot.load("anthropomorphic3")
+    parts = RigidBodyPlant(arm), GPI(arm, 1e-3), Hold(np.zeros(3)), 0.02
+    start = {"q0": np.array([0.2, -0.1, 0.05])}
+    whole = prepare(*parts, backend=backend).run(**start)
+    error = (whole["q"] - whole["q_ref"]).values
+    assert abs(error[0]).min() > 0.04
+    summed = prepare(*parts, record="metrics", backend=backend).run(**start)
+    for name, values in (("iae", abs(error)), ("ise", error**2)):
+        expected = trapezoid(values, dx=1e-3, axis=0)
+        np.testing.assert_allclose(summed[name].values, expected, rtol=1e-9, err_msg=name)
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[tuple[str, int]] = []
+    sync, replace = os.fsync, os.replace
+
+    def synced(opened: int) -> None:
+        calls.append(("sync", os.fstat(opened).st_ino))
+        sync(opened)
+
+    def replaced(source: Any, target: Any) -> None:
+        calls.append(("replace", os.stat(source).st_ino))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    target = files.write(tmp_path / "file", b"new")
+    number, folder = target.stat().st_ino, tmp_path.stat().st_ino
+    # The file, then its name, then the folder that has the name.
+    assert calls == [("sync", number), ("replace", number), ("sync", folder)]
