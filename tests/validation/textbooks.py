@@ -406,8 +406,13 @@ def urdf(name: str, source: str) -> str:
     """Return the same as text."""
     p = numbers(source)
     build, tool = ARMS[name]
+    return written(name, build(p), tool(p))
+
+
+def written(name: str, joints: list[Joint], tool: Vector = NONE) -> str:
+    """Return the URDF of some joints."""
     parts, parent = [f'<robot name="{name}"><link name="base"/>'], "base"
-    for i, j in enumerate(build(p), start=1):
+    for i, j in enumerate(joints, start=1):
         x, y, z = j.moments
         bounds = 'lower="0.05" upper="0.6"' if j.kind == "prismatic" else 'lower="-3" upper="3"'
         parts.append(
@@ -421,7 +426,7 @@ def urdf(name: str, source: str) -> str:
         parent = f"link{i}"
     parts.append(
         f'<link name="tool"/><joint name="grip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
-        f'<origin xyz="{_of(tool(p))}"/></joint></robot>'
+        f'<origin xyz="{_of(tool)}"/></joint></robot>'
     )
     return "".join(parts)
 

@@ -1,0 +1,227 @@
+"""Mistakes listed by hand: ten styles of code, with the numbers of their files; `validate` is measured on them.
+
+`byhand/` has a right model per style and, beside it, the mistakes: from errata, from questions of students,
+from what each style invites. They were committed before anything was fitted to them. Every fourth line is SEEN:
+what `validate` misses there may change it; the others only measure. One line is one mistake:
+
+    what stands in the model ==> what a mistaken one has [&& a second one] [## what a name has to match]
+
+A backslash and n stand for the end of a line. A name is right when the repaired source equals the right one,
+for other numbers too (but for printed coefficients), or when there is none and the text matches.
+
+python tests/validation/byhand.py seen|unseen|all [STYLE ...]
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import mutants
+import numpy as np
+import scoring
+import textbooks
+
+from armgpi import Robot, validate
+from armgpi.validation.diagnose import UNNAMED
+
+FOLDER = Path(__file__).parent / "byhand"
+STYLES = tuple(sorted(path.stem for path in FOLDER.glob("*.txt")))
+#: Every so many lines one line was looked at while the diagnosis was changed.
+SEEN = 4
+
+
+class Mistake(NamedTuple):
+    """A model with mistakes: its style, line, how many, source, and what the name has to match."""
+
+    style: str
+    line: int
+    count: int
+    source: str
+    name: str
+
+
+def mistakes(style: str) -> Iterator[Mistake]:
+    """Yield the mistakes of a style."""
+    right = source(style)
+    lines = (FOLDER / f"{style}.txt").read_text(encoding="utf-8").splitlines()
+    for k, line in enumerate(lines, start=1):
+        wrong, (text, _, name) = right, line.partition(" ## ")
+        changes = text.split(" && ")
+        for change in changes:
+            old, new = (x.replace("\\n", "\n") for x in change.split(" ==>", 1))
+            if old not in wrong:
+                raise ValueError(f"{style}.txt, line {k}: {style}.py has no {old!r}")
+            wrong = wrong.replace(old, new.removeprefix(" "), 1)
+        yield Mistake(style, k, len(changes), wrong, name)
+
+
+def source(style: str) -> str:
+    """Return the right model of a style."""
+    return (FOLDER / f"{style}.py").read_text(encoding="utf-8")
+
+
+def robot(style: str) -> Robot:
+    """Return the robot of a style."""
+    turn, slide, ball = textbooks._turn, textbooks._slide, textbooks._round
+    up, lift, dip = "0 0 1", "0 -1 0", "0 1 0"
+    none = (0.0, 0.0, 0.0)
+
+    def links(axis: str, rows: list[tuple[float, float, float, float]]) -> list[textbooks.Joint]:
+        starts = [0.0, *(row[3] for row in rows)]
+        return [
+            turn(axis, (starts[k], 0, 0), m, (c, 0, 0), ball(inertia))
+            for k, (m, c, inertia, _) in enumerate(rows)
+        ]
+
+    joints = {
+        "closed": [
+            turn(up, none, 1.0, none, ball(0.02)),
+            turn(dip, (0.1, 0, 0), 2.0, (0.25, 0, 0), ball(0.015)),
+            turn(dip, (0.5, 0, 0), 1.0, (0.2, 0, 0), ball(0.01)),
+        ],
+        "attributes": links(lift, [(3.0, 0.2, 0.04, 0.4), (2.0, 0.15, 0.02, 0.3), (1.0, 0.1, 0.005, 0.0)]),
+        "matlab": [
+            turn(up, none, 1.0, none, ball(0.05)),
+            turn(lift, (0, 0, 0.3), 4.0, (0.2, 0, 0), ball(0.03)),
+            slide("1 0 0", none, 2.0, (-0.3, 0, 0), ball(0.02)),
+        ],
+        "loops": links(lift, [(2.0, 0.2, 0.03, 0.4), (1.5, 0.15, 0.02, 0.3), (1.0, 0.1, 0.01, 0.2)]),
+        "newton": [
+            turn(up, none, 3.0, (0.05, 0, 0), (0.01, 0.02, 0.025)),
+            turn(dip, (0, 0, 0.3), 2.0, (0.2, 0, 0), (0.005, 0.03, 0.028)),
+            turn(dip, (0.4, 0, 0), 1.0, (0.15, 0, 0), (0.002, 0.012, 0.011)),
+        ],
+        "spatial": [
+            turn(up, none, 2.5, (0, 0, 0.1), (0.02, 0.02, 0.01)),
+            turn(lift, (0, 0, 0.25), 2.0, (0.2, 0, 0), (0.004, 0.03, 0.03)),
+            turn(lift, (0.4, 0, 0), 1.0, (0.15, 0, 0), (0.002, 0.01, 0.012)),
+        ],
+        "graph": [
+            turn(dip, none, 1.5, (0, 0, -0.25), ball(0.03)),
+            turn(dip, (0, 0, -0.5), 1.0, (0, 0, -0.2), ball(0.015)),
+        ],
+        "lagrange": [
+            turn(lift, none, 3.0, (0.1, 0, 0), ball(0.05)),
+            slide("1 0 0", none, 2.0, (-0.25, 0, 0), ball(0.03)),
+            turn(lift, none, 1.0, (0.2, 0, 0), ball(0.01)),
+        ],
+        "gears": links(lift, [(2.0, 0.2, 0.03, 0.4), (1.0, 0.15, 0.01, 0.0)]),
+        "coefficients": links(lift, [(3.0, 0.2, 0.04, 0.4), (2.0, 0.15, 0.02, 0.3), (1.0, 0.1, 0.005, 0.0)]),
+    }[style]
+    arm = Robot.from_xml(textbooks.written(style, joints))
+    return arm.with_armature(np.array([0.2, 0.025])) if style == "gears" else arm
+
+
+def renumbered(text: str, seed: int) -> str:
+    """Return a source with other numbers for all that have a name; equal names have equal ones."""
+    rows = text.splitlines(keepends=True)
+    found: list[tuple[str, ast.expr]] = []
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
+                found += [(ast.unparse(a), b) for a, b in zip(names, values, strict=False)]
+            case ast.Assign(targets=[ast.Name() | ast.Attribute() as target], value=ast.List(elts=values)):
+                found += [(f"{ast.unparse(target)} {k}", value) for k, value in enumerate(values)]
+            case ast.Assign(targets=[ast.Name() | ast.Attribute() as target], value=value):
+                found.append((ast.unparse(target), value))
+            case ast.Dict(keys=keys, values=values):
+                found += [(ast.unparse(a), b) for a, b in zip(keys, values, strict=True) if a]
+            case ast.keyword(arg=str() as name, value=value):
+                found.append((name, value))
+    numbers = [
+        (name, x) for name, x in found if isinstance(x, ast.Constant) and type(x.value) in (int, float)
+    ]
+    for name, x in sorted(numbers, key=lambda one: (-one[1].lineno, -one[1].col_offset)):
+        if name in ("n", "g"):
+            continue
+        draw = np.random.default_rng([seed, *name.encode()]).uniform(0.7, 1.4)
+        row = rows[x.lineno - 1].encode()
+        # The draw belongs to the name: a wrong number must not come out as the right one.
+        new = repr(round(float(x.value) * draw, 8)).encode()  # type: ignore[arg-type]
+        rows[x.lineno - 1] = (row[: x.col_offset] + new + row[x.end_col_offset :]).decode()
+    return "".join(rows)
+
+
+def same(one: str, other: str, n: int) -> bool:
+    """Tell whether two sources are equal as expressions: with their numbers and with others."""
+    for a, b in ((one, other), (renumbered(one, 7), renumbered(other, 7))):
+        x, y = mutants._sampled(a, n), mutants._sampled(b, n)
+        if x is None or y is None or x.keys() != y.keys():
+            return False
+        if any(np.abs(x[k] - y[k]).max() > 1e-8 * max(1e-3, np.abs(y[k]).max()) for k in x):
+            return False
+    return True
+
+
+class Outcome(NamedTuple):
+    """What became of one mistake."""
+
+    mistake: Mistake
+    found: bool
+    named: bool
+    confirmed: bool
+    right: bool
+    seconds: float
+    text: str
+
+
+def outcome(mistake: Mistake, folder: Path) -> Outcome:
+    """Validate a model with a mistake."""
+    path, arm = folder / f"{mistake.style}.py", robot(mistake.style)
+    path.write_text(mistake.source, encoding="utf-8")
+    start = time.process_time(), time.perf_counter()
+    report = validate(path, arm)
+    seconds = time.perf_counter() - start[1]
+    first = report.causes[0] if report.causes else None
+    named = first is not None and first.kind not in UNNAMED
+    right = False
+    if report.repaired is not None and first is not None and first.line is not None:
+        right = same(report.repaired, source(mistake.style), arm.n)
+    if named and first is not None and mistake.name and not right:
+        right = re.search(mistake.name, first.text) is not None
+    confirmed = named and getattr(first, "confirmed", report.repaired is not None)
+    text = " | ".join(cause.text for cause in report.causes)
+    return Outcome(mistake, not report.agrees, named, confirmed, right, seconds, text)
+
+
+def main(which: str, styles: tuple[str, ...]) -> None:
+    """Score the seen or unseen mistakes of some styles, or all, and print what went wrong."""
+    rows: list[Outcome] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for style in styles:
+            mine = []
+            for mistake in mistakes(style):
+                if which != "all" and (which == "seen") != (mistake.line % SEEN == 0):
+                    continue
+                one = outcome(mistake, Path(folder))
+                mine.append(one)
+                if not one.right:
+                    told = "named" if one.named else "not named"
+                    sure = ", confirmed" if one.confirmed else ""
+                    print(f"{style} {mistake.line}: {told}{sure}: {one.text[:200]}", flush=True)
+            rows += mine
+            print(f"= {style}: {_line(mine)}", flush=True)
+    print(f"= all single: {_line([o for o in rows if o.mistake.count == 1])}")
+    print(f"= all pairs: {_line([o for o in rows if o.mistake.count > 1])}")
+
+
+def _line(rows: list[Outcome]) -> str:
+    named, right = [o for o in rows if o.named], sum(o.right for o in rows)
+    wrong = sum(o.confirmed and not o.right for o in rows)
+    seconds = sorted(o.seconds for o in rows) or [0.0]
+    return (
+        f"found {sum(o.found for o in rows)}, right {scoring.share(right, len(rows))}; of named "
+        f"{scoring.share(right, len(named))}; confirmed and wrong {wrong}; "
+        f"median {seconds[len(seconds) // 2]:.1f} s, longest {seconds[-1]:.1f} s"
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], tuple(sys.argv[2:]) or STYLES)
