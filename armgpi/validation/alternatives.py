@@ -47,6 +47,7 @@ class Scope(NamedTuple):
         entries: other entries of arguments and of lists of numbers, such as ``v[1]`` or ``masses[i]``.
         cross: how the function for cross products is called there.
         loops: whether variables have several values in one call.
+        attributes: numbers that objects have, such as ``self.m2``, by their text.
     """
 
     kinds: Mapping[str, Any]
@@ -60,6 +61,7 @@ class Scope(NamedTuple):
     entries: tuple[ast.expr, ...] = ()
     cross: ast.expr | None = None
     loops: bool = False
+    attributes: Mapping[str, ast.expr] = {}
 
 
 def kind_of(value: Any) -> Any:
@@ -82,7 +84,10 @@ def scope_of(
 ) -> Scope:
     """Return what can be written in a block, from its syntax tree and the values of its names."""
     kinds = {name: kind for name, value in values.items() if (kind := kind_of(value)) is not None}
-    seen = _Seen(arguments)
+    indices = set(_indexing(everywhere))
+    kinds = {k: "float" if kind == "int" and k not in indices else kind for k, kind in kinds.items()}
+    seen, attributes = _Seen(arguments), dict(_attributes(everywhere, values))
+    seen.scalars |= attributes
     items: dict[str, ast.expr] = {}
     for node in ast.walk(everywhere):
         if isinstance(node, ast.Subscript) and _is_key(node.slice) and isinstance(node.ctx, ast.Load):
@@ -115,7 +120,31 @@ def scope_of(
         tuple(entry for entry in entries if ast.unparse(entry) not in seen.scalars),
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
+        attributes,
     )
+
+
+def _indexing(tree: ast.AST) -> Iterator[str]:
+    """Yield the names that index or count: an integer with another name is a number as others are."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript):
+            inside: list[ast.AST] = [node.slice]
+        elif isinstance(node, ast.For):
+            inside = [node.target, node.iter]
+        elif isinstance(node, ast.Call) and _called(node) in ("range", "zeros", "eye", "ones", "sym"):
+            inside = list(node.args)
+        else:
+            inside = [node.left, *node.comparators] if isinstance(node, ast.Compare) else []
+        yield from (x.id for part in inside for x in ast.walk(part) if isinstance(x, ast.Name))
+
+
+def _attributes(tree: ast.AST, values: Mapping[str, Any]) -> Iterator[tuple[str, ast.expr]]:
+    """Yield the numbers of the objects whose attributes are read."""
+    read = (n for n in ast.walk(tree) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name))
+    for owner in dict.fromkeys(n.value.id for n in read if isinstance(n.value, ast.Name)):
+        for name, value in getattr(values.get(owner), "__dict__", {}).items():
+            if kind_of(value) in ("float", "int") and not name.startswith("_"):
+                yield f"{owner}.{name}", ast.Attribute(ast.Name(owner, ast.Load()), name, ast.Load())
 
 
 def _entries_of_arguments(
@@ -235,6 +264,8 @@ def insertion(node: ast.expr, parent: Any) -> bool:
         isinstance(parent, ast.BinOp) and isinstance(parent.op, _ADDITIVE)
     ):
         return False
+    if isinstance(node, ast.Attribute):
+        return node.attr != "T" and isinstance(node.value, ast.Name)
     return isinstance(node, ast.BinOp | ast.Name | ast.Call | ast.Subscript | ast.UnaryOp | ast.Constant)
 
 
@@ -246,7 +277,8 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         return
     yield from _of_itself(node, scope)
     summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
-    if summed or isinstance(node, ast.Name | ast.Subscript | ast.Call):
+    number = isinstance(node, ast.Attribute) and ast.unparse(node) in scope.attributes
+    if summed or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
         yield "square", _power(node, 2)
     if _is_term(node, parent):
         yield from _of_term(node, scope)
@@ -271,6 +303,8 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from _of_call(node, scope)
         case ast.Attribute(attr="T"):
             yield "transposed", node.value
+        case ast.Attribute() if ast.unparse(node) in scope.attributes:
+            yield from (("name", x) for text, x in scope.attributes.items() if text != ast.unparse(node))
         case ast.Name():
             yield from _of_name(node, scope)
         case ast.Subscript():
@@ -285,7 +319,8 @@ class _Renumbered(ast.NodeTransformer):
     """Names and keys with another number: m1 for m2."""
 
     def __init__(self, old: str, new: str, scope: Scope) -> None:
-        self._old, self._new, self._known = old, new, {*scope.kinds, *scope.keys}
+        self._old, self._new = old, new
+        self._known = {*scope.kinds, *scope.keys, *(x.split(".")[1] for x in scope.attributes)}
         self.good = True
 
     def _of(self, name: str) -> str:
@@ -296,6 +331,10 @@ class _Renumbered(ast.NodeTransformer):
     def visit_Name(self, node: ast.Name) -> ast.Name:
         """Return another name."""
         return ast.Name(self._of(node.id), node.ctx)
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.Attribute:
+        """Return another attribute."""
+        return ast.Attribute(node.value, self._of(node.attr), node.ctx)
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.Subscript:
         """Return another item of a dictionary."""
@@ -309,7 +348,8 @@ def _siblings(node: ast.BinOp, scope: Scope) -> Iterator[ast.expr]:
     """Yield terms of a sum for another number: m1 * J1.T @ J1 beside m2 * J2.T @ J2."""
     terms = {ast.unparse(term): term for term in summands(node)}
     found = {}
-    numbers = sorted({c for name in (*scope.kinds, *scope.keys) for c in name if c.isdigit()})
+    names = (*scope.kinds, *scope.keys, *scope.attributes)
+    numbers = sorted({c for name in names for c in name if c.isdigit()})
     for text, term in terms.items():
         for old, new in itertools.permutations(numbers, 2):
             if old in text:
@@ -351,7 +391,7 @@ def _is_term(node: ast.expr, parent: Any) -> bool:
         return isinstance(parent.op, ast.Pow) and parent.left is node
     if isinstance(node, ast.BinOp):
         return isinstance(node.op, _FACTORS) or not isinstance(parent, ast.BinOp)
-    return isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.UnaryOp)
+    return isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.UnaryOp | ast.Attribute)
 
 
 def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:

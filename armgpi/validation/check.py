@@ -16,7 +16,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, recursion, repair, samples
 from armgpi.validation.conventions import declared
-from armgpi.validation.diagnose import Cause, Vary, diagnose
+from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, Vary, diagnose
 from armgpi.validation.edits import ROWS
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import ARGUMENTS, States
@@ -184,7 +184,13 @@ def _causes(
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
-    found, searched = repair.search(
+    if problem.agreeing.all():  # not even quadratic in v, which no element shows
+        told: list[Cause] = []
+    else:
+        told = diagnose(problem, follows, vary, conventions=True)
+    # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
+    budget = repair.SHORT if told and told[0].kind in CONVENTIONS else repair.LONG
+    found = repair.search(
         model,
         worker,
         states,
@@ -192,16 +198,27 @@ def _causes(
         lambda name, s: _reference(robot, problem, name, s),
         list(sampled),
         way,
+        budget,
     )
-    if found is not None and worker.source is not None:
-        # One convention of the whole model is shorter than several changes that undo it.
-        told = diagnose(problem, {}, vary, sourced=True) if len(found.changes) > 1 else []
-        if told and told[0].kind in CONVENTIONS:
-            return told, None
-        return list(repair.causes(found, worker.source, problem)), found.source
-    if problem.agreeing.all():  # not even quadratic in v, which no element shows
-        return [], None
-    return diagnose(problem, follows, vary, searched), None
+    causes = (
+        [] if found is None or worker.source is None else list(repair.causes(found, worker.source, problem))
+    )
+    if found is not None and found.confirmed and not (told and len(found.changes) > 1):
+        return _ranked(causes, told), found.source
+    if not told and not problem.agreeing.all():
+        told = diagnose(problem, follows, vary)
+    # What the values say is believed before a change that agrees at the numbers of the file alone.
+    if causes and (not told or any(one.kind in UNNAMED for one in told) or not found or not found.doubts):
+        return _ranked(causes, told), None if found is None else found.source
+    return _ranked(told, causes), None
+
+
+def _ranked(first: list[Cause], second: list[Cause]) -> list[Cause]:
+    """Return the causes that one witness tells, and as alternatives what the other one tells."""
+    other = tuple(cause.text for cause in second if cause.kind not in UNNAMED)
+    if not first or not other:
+        return first or second
+    return [first[0]._replace(alternatives=(*first[0].alternatives, *other)[:ALTERNATIVES]), *first[1:]]
 
 
 def _way(worker: Worker, problem: Problem, states: States) -> tuple[Array | None, list[str]]:

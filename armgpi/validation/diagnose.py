@@ -83,6 +83,7 @@ class Cause(NamedTuple):
         structural: whether the formulas are wrong, and not the value of a parameter.
         line: of the model's source, where the mistake is and a repair is proved; None without one.
         formulas: what stands in the model and what has to, each with its label, as expressions of Python.
+        confirmed: whether the repaired model agrees for other numbers too, and has right units.
     """
 
     kind: str
@@ -96,6 +97,7 @@ class Cause(NamedTuple):
     structural: bool = True
     line: int | None = None
     formulas: tuple[tuple[str, str], ...] = ()
+    confirmed: bool = False
 
 
 class Vary(NamedTuple):
@@ -128,7 +130,7 @@ def _best_first(found: list[_Candidate]) -> list[_Candidate]:
 
 
 def diagnose(
-    problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Vary, sourced: bool
+    problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Vary, conventions: bool = False
 ) -> list[Cause]:
     """Return the causes of all that differs, none when nothing does.
 
@@ -137,13 +139,12 @@ def diagnose(
         follows: function -> the other function of the model that it agrees with where it differs from the
             reference, and those elements.
         vary: the model's own numbers.
-        sourced: whether the model's source was searched and nothing in it explains them: then only a
-            convention of the whole model does.
+        conventions: look for conventions of the whole model alone; none when there is none.
     """
     if problem.agreeing.all():
         return []
     search = _Search(problem, vary)
-    return search.conventions() if sourced else search.run(follows)
+    return search.conventions() if conventions else search.run(follows)
 
 
 class _Search:
@@ -179,13 +180,17 @@ class _Search:
         return self._maps
 
     def conventions(self) -> list[Cause]:
-        """Return a convention of the whole model that explains all, or what was seen."""
+        """Return the convention of the whole model, or the gravity, that explains all; none without such."""
         found = [
             _Candidate(bits, h.kind, h.text)
             for h, fits, bits in self.discrete
             if h.kind in CONVENTIONS and fits.all()
         ]
-        return [self.cause(_best_first(found), self.differing, "model")]
+        # With a level first axis every joint's other sign is gravity's other sign, which is more likely.
+        found += self.gravity(np.ones_like(self.differing), self.differing)
+        if len({e[1:] for e in self.elements(self.differing)}) < 2:
+            return []  # one entry alone is wrong
+        return [self.cause(_best_first(found), self.differing, "model")] if found else []
 
     def run(self, follows: Mapping[str, tuple[str, Mask]]) -> list[Cause]:
         """Return the causes, the ones with the largest scope first."""

@@ -24,6 +24,8 @@ SAME = 1e-7
 EXACT = 1e-10
 #: Coefficients of the products in such a sum, and how many products take part.
 _SUMMED, _MOST_SUMMED = (1.0, -1.0, 2.0, -2.0), 900
+#: Products that have the same value, at most.
+_SEVERAL = 12
 #: A sum is hardly so much smaller than its parts.
 _CANCELLED = 1e3
 #: Names and expressions that take part, at most: their products are listed.
@@ -70,26 +72,28 @@ class Dictionary:
         columns = np.stack([np.prod([self._states[x] for x in w] or [np.ones(rows)], axis=0) for w in words])
         return words, columns
 
-    def term(self, values: Array) -> Term | None:
-        """Return the simplest product, or sum of two, that has some values (rows,); None without one."""
+    def terms(self, values: Array) -> list[Term]:
+        """Return the simplest products that have some values (rows,), else a sum of two; none without one."""
         words, columns = self._shapes
         size = np.linalg.norm(values)
         if not self._states:  # constants alone
             columns = np.ones((1, len(values)))
         if not size > 0.0 or columns.shape[1] != len(values):
-            return None
+            return []
+        terms = []
         # The share of each shape, and whether it is all there is.
         with np.errstate(all="ignore"):
             share = columns @ values / np.einsum("ij,ij->i", columns, columns)
             rest = np.linalg.norm(values - share[:, np.newaxis] * columns, axis=1)
         for k in np.flatnonzero(rest <= SAME * size)[:8]:
-            if found := self.constant(float(share[k])):
+            for found in self.constants(float(share[k])):
                 text = " * ".join(
                     [*([found.text] if found.text != "1" or not words[k] else []), *_powers(words[k])]
                 )
                 sign = text.startswith("-1 * ")
-                return Term("-" + text[5:] if sign else text, found.bits + np.log2(len(words)))
-        return self._sum(values) if self._states else None
+                terms.append(Term("-" + text[5:] if sign else text, float(found.bits + np.log2(len(words)))))
+        one = self._sum(values) if self._states and not terms else None
+        return sorted(terms, key=lambda term: term.bits)[:_SEVERAL] if one is None else [one]
 
     def _sum(self, values: Array) -> Term | None:
         """Return two products of different shapes that add up to some values."""
@@ -111,7 +115,7 @@ class Dictionary:
             shares = np.linalg.lstsq(pair, values, rcond=None)[0]
             if np.linalg.norm(values - pair @ shares) > SAME * size or np.abs(shares).min() < 1e-12:
                 continue
-            found = [self.constant(float(s)) for s in shares]
+            found = [next(iter(self.constants(float(s))), None) for s in shares]
             if all(found):
                 texts = [
                     " * ".join([p.text, *_powers(words[few[k]])])
@@ -122,27 +126,28 @@ class Dictionary:
                 return Term(" + ".join(texts), float(bits))
         return None
 
-    def constant(self, value: float) -> Term | None:
-        """Return the simplest product of numbers, times a usual coefficient, that has a value."""
+    def constants(self, value: float) -> list[Term]:
+        """Return the simplest products of numbers, times a usual coefficient, that have a value.
+
+        Numbers of files are round: several products have the value, and at most one of them the unit.
+        """
         words, logs = self._products
-        best: tuple[int, int, tuple[str, ...], float] | None = None
+        found: list[tuple[int, int, tuple[str, ...], float]] = []
         for rank, coefficient in enumerate(COEFFICIENTS):
             wanted = np.log(abs(value) / coefficient)
             low, high = np.searchsorted(logs, [wanted - SAME, wanted + SAME])
-            for k in range(low, high):
-                one = (len(words[k]), rank, words[k], coefficient)
-                if best is None or one[:2] < best[:2]:
-                    best = one
-        if best is None:
-            return self._two(value)
-        _, rank, word, coefficient = best
-        sign = float(np.sign(value) * np.prod([self._signs[x] for x in word] or [1.0]))
-        known = {1.0 / 3.0: "1 / 3", 1.0 / 12.0: "1 / 12"}
-        number = known.get(coefficient, f"{coefficient:g}")
-        parts = ([] if coefficient == 1.0 and word else [number]) + _powers(word)
-        return Term(
-            ("-" if sign < 0.0 else "") + " * ".join(parts), float(np.log2(len(words) * (rank + 1.0)))
-        )
+            found += [(len(words[k]), rank, words[k], coefficient) for k in range(low, high)]
+        if not found:
+            two = self._two(value)
+            return [] if two is None else [two]
+        terms: list[Term] = []
+        for _, rank, word, coefficient in sorted(found, key=lambda one: one[:2])[:_SEVERAL]:
+            sign = float(np.sign(value) * np.prod([self._signs[x] for x in word] or [1.0]))
+            number = {1.0 / 3.0: "1 / 3", 1.0 / 12.0: "1 / 12"}.get(coefficient, f"{coefficient:g}")
+            text = " * ".join(([] if coefficient == 1.0 and word else [number]) + _powers(word))
+            bits = float(np.log2(len(words) * (rank + 1.0)))
+            terms += [Term(("-" if sign < 0.0 else "") + text, bits)]
+        return terms
 
     def _two(self, value: float) -> Term | None:
         """Return a sum of two products of numbers that has a value."""

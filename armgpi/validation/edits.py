@@ -15,7 +15,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
@@ -26,6 +26,7 @@ from armgpi.validation.alternatives import Scope, alternatives, insertion, scope
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.models import ARGUMENTS, Origin, States, joint_of
 from armgpi.validation.numbers import Number, namespace
+from armgpi.validation.units import Slopes
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
 PATIENCE = 0.5
@@ -42,6 +43,7 @@ _HARMLESS = frozenset(
         "sympy",
         "casadi",
         "dataclasses",
+        "types",
         "typing",
         "functools",
         "itertools",
@@ -76,6 +78,8 @@ _HARMFUL = frozenset(
 _SWITCH, _TERM = "_armgpi_switch", "_armgpi_term"
 #: Factors between units: of masses and lengths, and of angles.
 _UNITS = (1000.0, 0.001, 100.0, 0.01, 1e6, 1e-6, np.pi / 180.0, 180.0 / np.pi)
+#: What gravity is usually taken for [m/s²].
+GRAVITY = (9.81, 9.8, 9.80665, 9.806, 9.807, 10.0)
 #: Fields whose expressions stay as they are.
 _KEPT = {"func", "targets", "target", "slice", "decorator_list", "annotation", "returns", "generators"}
 
@@ -118,10 +122,12 @@ class Goal(NamedTuple):
     Attributes:
         states: states by their names, arrays (rows, n).
         targets: what its functions, and their parts, should give there; the whole ones first, by their names.
+        slopes: the robot's derivatives by its numbers, of the whole functions.
     """
 
     states: Mapping[str, States]
     targets: Mapping[str, Target]
+    slopes: Slopes | None = None
 
     def arguments(self, function: str, label: str, row: int) -> list[Array]:
         """Return the arguments of a call, as copies."""
@@ -278,6 +284,8 @@ class Block:
         literal = self.literals.get(node, "")
         if literal and isinstance(node, ast.Constant) and isinstance(node.value, float):
             choices += [("unit", ast.Constant(float(f"{node.value * unit:.12g}"))) for unit in _UNITS]
+        if literal and isinstance(node, ast.Constant) and node.value in GRAVITY:
+            choices += [("value", ast.Constant(g)) for g in GRAVITY if g != node.value]
         fitted = insertion(node, parent) and not _is_text(node)
         number = len(self.sites)
         if fitted:
@@ -476,13 +484,13 @@ class Editor:
         self._spaces: dict[tuple[str, int], dict[str, Any]] = {}
         self._terms: dict[tuple[int, int], Pick] = {}  # block and site of a term that is made -> what it is
         self._calls = self._resolve().calls
-        self._symbolic = not any(
+        self.symbolic = not any(
             (function := _plain(f)) and function.__code__.co_filename == self._path
             for f in self._calls.values()
         )
-        if self._symbolic and "forward_dynamics" in self.targets:
+        if self.symbolic and "forward_dynamics" in self.targets:
             raise ValueError  # a forward dynamics of SymPy is not taken apart
-        found = {} if self._symbolic else self._reached()
+        found = {} if self.symbolic else self._reached()
         self._trace(found)
         self.blocks = [self._installed(function, block) for function, block in found.items()]
         self._assigned: set[str] = set()
@@ -561,18 +569,16 @@ class Editor:
 
     def _assignments(self) -> None:
         """Put switches into what the module assigns: constants that are computed, expressions of SymPy."""
-        body: list[ast.stmt] = [
-            s for s in self._tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For)
-        ]
+        body = _assignments(self._tree)
         if not body:
             return
         block = Block(len(self.blocks), "", body, vars(self._module), self._tree)
         block.reaches, block.calls, block.rebuilds = set(self.targets), self._nowhere(), True
         self._assigned = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
-        if self._symbolic:
+        if self.symbolic:
             self._code = compile(ast.Module(body, []), self._path, "exec")
             block.calls = {label: [self._at(label, k) for k in range(ROWS)] for label in self.goal.states}
-        self._code = block.compiled(self._path, ())
+        self._code = block.compiled(self._path, tuple(self._vectors()))
         self.blocks.append(block)
         self._spaces.clear()
         for space in itertools.chain(*block.calls.values()):  # the switches of what is evaluated there
@@ -587,12 +593,19 @@ class Editor:
         found: dict[str, float] = {}
         states = self.goal.states[label]
         names = {str(x) for x in vars(self._module).values() if getattr(x, "is_Symbol", False)}
+        for vector in self._vectors().values():  # of CasADi: its entries are q_0, q_1, ...
+            names |= {str(vector[k]) for k in range(vector.numel())}
         parameters = vars(self._module).get("parameters", {})
-        for symbol in names - parameters.keys():
-            joint = joint_of(symbol)
-            if joint is not None:
-                found[symbol] = float(getattr(states, joint[0])[row][joint[1] - 1])
+        joints = {name: joint for name in names - parameters.keys() if (joint := joint_of(name)) is not None}
+        first = min((joint[1] for joint in joints.values()), default=1)
+        for symbol, (letter, k) in joints.items():
+            found[symbol] = float(getattr(states, letter)[row][k - first])
         return found
+
+    def _vectors(self) -> dict[str, Any]:
+        """Return the symbols of CasADi."""
+        names = vars(self._module).items()
+        return {name: x for name, x in names if hasattr(x, "is_valid_input") and x.is_valid_input()}
 
     # Trying.
 
@@ -606,7 +619,7 @@ class Editor:
                 for (number, site), pick in self._terms.items():
                     if self.is_constant(self.blocks[number], site):
                         self.blocks[number].terms[site] = pick.constant
-                calls = self._calls if self._symbolic or not again else self._again(space)
+                calls = self._calls if self.symbolic or not again else self._again(space)
 
                 @cache
                 def at(label: str, row: int) -> dict[str, Any]:
@@ -616,7 +629,7 @@ class Editor:
                 def given(function: str, label: str, row: int) -> Array:
                     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
                     self._place_terms(label, row)
-                    if self._symbolic:
+                    if self.symbolic:
                         return self.goal.flat(function, at(label, row)[function], label, row)
                     return self.goal.called(calls, function, label, row)
 
@@ -635,15 +648,26 @@ class Editor:
 
     def _at(self, label: str, row: int) -> dict[str, Any]:
         """Return the names of a module of SymPy with their values at one state, its parameters' included."""
+        return self._executed(self._code, label, row)
+
+    def _executed(self, code: CodeType | None, label: str, row: int) -> dict[str, Any]:
+        """Return the names of a module after its assignments, at one state."""
         if (label, row) not in self._spaces:
             self._spaces[label, row] = self._space(label, row, vars(self._module).get("parameters", {}))
         found = dict(self._spaces[label, row])
-        exec(self._code or "", found)
+        exec(code or "", found)
         parameters = found.get("parameters", {})
         if parameters != vars(self._module).get("parameters", {}):  # a change is in there
             found = self._space(label, row, parameters)
-            exec(self._code or "", found)
+            exec(code or "", found)
         return found
+
+    def executed(self, source: str) -> Callable[[str, str, int], Array]:
+        """Return what gives the values of another source of a module of expressions, flat."""
+        body = _assignments(ast.parse(source))
+        code = compile(ast.Module(body, []), self._path, "exec")
+        at = cache(partial(self._executed, code))
+        return lambda function, label, row: self.goal.flat(function, at(label, row)[function], label, row)
 
     def _space(self, label: str, row: int, parameters: Mapping[str, float]) -> dict[str, Any]:
         """Return the names of a module of SymPy with numbers in place of its symbols."""
@@ -657,9 +681,14 @@ class Editor:
         value = abs(float(site.node.value))  # type: ignore[arg-type]
         return bool((np.abs(self._known - value) <= 1e-7 * value).any())
 
+    def is_known(self, change: Change) -> bool:
+        """Tell whether a change puts a number that the robot has too."""
+        value = abs(float(change.new))
+        return bool((np.abs(self._known - value) <= 1e-6 * value).any())
+
     def is_constant(self, block: Block, site: int) -> bool:
         """Tell whether a term is the same number at all states."""
-        return block.rebuilds and (not self._symbolic or bool(block.sites[site].literal))
+        return block.rebuilds and (not self.symbolic or bool(block.sites[site].literal))
 
     def _again(self, space: dict[str, Any]) -> Mapping[str, Callable[..., Any]]:
         """Return the functions after the module's assignments have been made again."""
@@ -674,7 +703,7 @@ class Editor:
             self._place_terms(ALL, 0)
             value = (
                 self._at(ALL, 0)[name]
-                if self._symbolic
+                if self.symbolic
                 else self._calls[name](*self.goal.arguments(name, ALL, 0))
             )
             return np.asarray(value, dtype=np.float64)
@@ -714,6 +743,11 @@ class Editor:
         except SyntaxError:
             same = False
         return change if same else safe
+
+
+def _assignments(tree: ast.Module) -> list[ast.stmt]:
+    """Return what a module computes."""
+    return [s for s in tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For)]
 
 
 def _plain(function: Any) -> FunctionType | None:
@@ -760,18 +794,3 @@ def stacked(target: Target, given: Callable[[str, str, int], Array], rows: int) 
     if array.shape[1] != target.values.shape[1]:
         raise ValueError
     return array - array[0] if target.function == "potential_energy" else array
-
-
-def agree(calls: Mapping[str, Callable[..., Any]], goal: Goal) -> bool:
-    """Tell whether functions give what they should."""
-    try:
-        with impatient(), np.errstate(all="ignore"):
-            for target in goal.targets.values():
-                if target.soft or not target.whole:
-                    continue
-                values = stacked(target, lambda *key: goal.called(calls, *key), ROWS)
-                if not (np.abs(values - target.values) <= target.tolerance).all():
-                    return False
-    except (Exception, _Slow):
-        return False
-    return True

@@ -1,4 +1,4 @@
-"""Numbers in place of SymPy's symbols: a module of expressions then gives its values at once.
+"""Numbers in place of the symbols of SymPy or CasADi: a module of expressions gives its values at once.
 
 SymPy takes a tenth of a second to make functions of expressions, too long where thousands of changes are
 tried. A :class:`Number` has a value and knows its derivatives, so that a model may form them.
@@ -122,8 +122,12 @@ def _cos(x: Any) -> Number:
 class Matrix(np.ndarray):
     """A matrix whose product is that of matrices; a list makes a column."""
 
-    def __new__(cls, rows: Any) -> Matrix:
-        """Make it of rows, or of a column's entries."""
+    def __new__(cls, rows: Any, columns: Any = None, entries: Any = None) -> Matrix:
+        """Make it of rows, of a column's entries, or of its size and a function or list of entries."""
+        if entries is not None:
+            places = np.ndindex(rows, columns)
+            flat = [entries(*at) for at in places] if callable(entries) else entries
+            rows = np.array(flat, dtype=object).reshape(rows, columns)
         array = np.array(rows, dtype=object)
         for k, x in enumerate(array.flat):
             if not isinstance(x, Number):  # so that every entry has its derivatives
@@ -147,6 +151,82 @@ class Matrix(np.ndarray):
         return Matrix([[diff(x, s) for s in np.ravel(symbols)] for x in np.ravel(self)])
 
 
+class Grid(Matrix):
+    """A matrix of CasADi: its product is that of the entries, and a single index counts down the columns."""
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return entries."""
+        return (
+            self.T.ravel().view(np.ndarray)[index] if isinstance(index, int) else super().__getitem__(index)
+        )
+
+    def __mul__(self, other: Any) -> Any:
+        """Return a product of the entries."""
+        return np.ndarray.__mul__(self, other)
+
+    def __matmul__(self, other: Any) -> Any:
+        """Return a product of matrices; one with a single entry is a factor."""
+        if isinstance(other, np.ndarray) and min(self.size, other.size) > 1:
+            return np.ndarray.__matmul__(self, other)
+        return self * other
+
+
+def _grid(x: Any) -> Any:
+    return x if isinstance(x, Grid) else Grid(np.atleast_2d(np.array(x, dtype=object)))
+
+
+def _stacked(axis: int) -> Callable[..., Grid]:
+    return lambda *parts: Grid(np.concatenate([_grid(x).view(np.ndarray) for x in parts], axis=axis))
+
+
+def _each(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda x: Grid([[function(y) for y in row] for row in x]) if isinstance(x, Grid) else function(x)
+
+
+def _casadi(values: Mapping[str, Number]) -> SimpleNamespace:
+    """Return what computes with numbers as CasADi does with symbols."""
+
+    def sym(name: str, rows: int = 1, columns: int = 1) -> Any:
+        if name in values:
+            return values[name]
+        return Grid(np.array([values[f"{name}_{k}"] for k in range(rows * columns)], dtype=object))
+
+    def jacobian(value: Any, symbols: Any) -> Grid:
+        return Grid([[diff(x, s) for s in np.ravel(_grid(symbols))] for x in _grid(value).T.ravel()])
+
+    def zeros(*shape: int) -> Grid:
+        return Grid(np.zeros(shape if len(shape) > 1 else (*shape, 1)))
+
+    def hessian(value: Any, symbols: Any) -> tuple[Grid, Grid]:
+        slope = jacobian(value, symbols).T
+        return jacobian(slope, symbols), slope
+
+    def multiplied(a: Any, b: Any) -> Any:
+        return a @ b if isinstance(a, Grid) else a * b
+
+    kind = SimpleNamespace(sym=sym, zeros=zeros, eye=lambda n: Grid(np.eye(n)))
+    return SimpleNamespace(
+        SX=kind,
+        MX=kind,
+        sin=_each(_sin),
+        cos=_each(_cos),
+        sqrt=_each(lambda x: x**0.5),
+        vertcat=_stacked(0),
+        horzcat=_stacked(1),
+        jacobian=jacobian,
+        gradient=lambda value, symbols: jacobian(value, symbols).T,
+        hessian=hessian,
+        jtimes=lambda value, symbols, v: jacobian(value, symbols) @ v,
+        mtimes=multiplied,
+        dot=lambda a, b: sum(x * y for x, y in zip(np.ravel(a), np.ravel(b), strict=True)),
+        sumsqr=lambda a: sum(x * x for x in np.ravel(a)),
+        transpose=lambda a: a.T,
+        diag=lambda a: Grid(np.diag(np.ravel(a))),
+        simplify=lambda a: a,
+        pi=math.pi,
+    )
+
+
 def namespace(space: Mapping[str, Any], values: Mapping[str, Number]) -> dict[str, Any]:
     """Return a module's names with numbers in place of its symbols, and what computes with them."""
 
@@ -168,9 +248,13 @@ def namespace(space: Mapping[str, Any], values: Mapping[str, Number]) -> dict[st
         "pi": math.pi,
         **{name: lambda x: x for name in ("simplify", "expand", "trigsimp", "factor")},
     }
-    changed = dict(space)
+    changed, casadi = dict(space), _casadi(values)
     for name, value in space.items():
-        if isinstance(value, ModuleType) and value.__name__ == "sympy":
+        if isinstance(value, ModuleType) and value.__name__ == "casadi":
+            changed[name] = casadi
+        elif getattr(value, "__module__", "").startswith("casadi") and hasattr(casadi, name):
+            changed[name] = getattr(casadi, name)
+        elif isinstance(value, ModuleType) and value.__name__ == "sympy":
             changed[name] = SimpleNamespace(**known)
         elif getattr(value, "__module__", "").startswith("sympy") and name in known:
             changed[name] = known[name]

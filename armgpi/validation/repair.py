@@ -17,9 +17,13 @@ from armgpi.validation.diagnose import Cause
 from armgpi.validation.edits import ALL, ROWS, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
-from armgpi.validation.search import Repaired
+from armgpi.validation.search import BUDGET, Repaired
+from armgpi.validation.slopes import slopes
 from armgpi.validation.tree import evaluate
 from armgpi.validation.worker import Worker
+
+#: Time of the processor for a search [s], and where a convention explains all.
+LONG, SHORT = BUDGET, 1.0
 
 
 def search(
@@ -30,8 +34,9 @@ def search(
     reference: Callable[[str, States], Array],
     names: Sequence[str],
     way: Array | None = None,
-) -> tuple[Repaired | None, bool]:
-    """Return the changes of the source with which a copy of the model agrees, and whether it was searched.
+    budget: float = LONG,
+) -> Repaired | None:
+    """Return the changes of the source with which a copy of the model agrees, None when none are found.
 
     Args:
         model: as the user gave it.
@@ -41,9 +46,10 @@ def search(
         reference: what a function should give at some states.
         names: its functions.
         way: what the robot has on the way of a recursion, (rows, 5, n), for a model that tells of that.
+        budget: time of the processor that it may take [s].
     """
     if worker.source is None:
-        return None, False
+        return None
     few = States(*(x[:ROWS] for x in states))
     where = {ALL: few, **_moving(few)}
     targets = {name: _target(problem, few, name, reference(name, few)) for name in names}
@@ -56,11 +62,12 @@ def search(
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
         asked = {label for target in targets.values() for _, label in target.states}
-        goal = Goal({label: states for label, states in where.items() if label in asked}, targets)
-        searched, found = copy.search(goal, known)
+        seen = {label: states for label, states in where.items() if label in asked}
+        goal = Goal(seen, targets, slopes(problem, few, [name for name in names if name != "recursion"]))
+        found = copy.search(goal, known, budget)
     if found is None or not agrees(model, worker, found.source, states, problem):
-        return None, searched
-    return found, True
+        return None
+    return found
 
 
 def _target(problem: Problem, s: States, name: str, values: Array) -> Target:
@@ -181,11 +188,8 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):
             evidence += [f"{k}: {after[k - 1].strip()}   <- so it has to be" for k in range(first, last + 1)]
-        proof = (
-            "with this change the model agrees"
-            if len(repair.changes) == 1
-            else "with all changes the model agrees"
-        )
+        proof = f"with {'this change' if len(repair.changes) == 1 else 'all changes'} the model agrees"
+        proof += ", for other numbers too" if repair.confirmed else ": suggested, as other numbers may differ"
         structural = change.kind not in ("unit", "value")
         formulas = (("stands", change.old), ("belongs", change.new)) if structural else ()
         yield Cause(
@@ -200,4 +204,5 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
             structural,
             first,
             formulas,
+            repair.confirmed,
         )

@@ -224,7 +224,8 @@ class DynamicsReport:
             lines += [f"| {' | '.join(_cells(t))} |" for t in self.functions]
         for cause in self.causes:
             first, *rest = _lines_of(cause)
-            lines += ["", first, *(f"  - {line.strip()}" for line in rest)]
+            rest = [f"`{line.strip()}`" if _is_code(line) else line.strip() for line in rest]
+            lines += ["", first, *(f"  - {line}" for line in rest)]
             lines += [f"  - {label}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
         if self.laws:
             lines += ["", "| law | | error | |", "|---|---|---|---|"]
@@ -294,7 +295,39 @@ def _html_cause(cause: Cause) -> str:
     if formulas := _formulas(cause, typeset.mathml):
         lines = (f"<p>{page.text(label)}: &nbsp; {math}</p>" for label, math in formulas)
         parts.append(f"<div class=scroll tabindex=0 role=region aria-label=formulas>{''.join(lines)}</div>")
-    return "".join([*parts, page.bullets(line.strip() for line in rest)])
+    shown: list[str] = []
+    before = ""
+    for line in map(str.strip, rest):
+        code = f"<code>{_marked(before, line)}</code>" if _is_code(line) else page.text(line)
+        shown.append(f"<li>{code}</li>")
+        before = line if _is_code(line) else ""
+    return "".join([*parts, f"<ul>{''.join(shown)}</ul>" if shown else ""])
+
+
+def _is_code(line: str) -> bool:
+    """Tell whether a line of a cause is one of the model's source, with its number."""
+    number, colon, _ = line.strip().partition(": ")
+    return bool(colon) and number.isdigit()
+
+
+def _marked(before: str, line: str) -> str:
+    """Return a line of source as HTML; what the line before has otherwise is marked."""
+    from armgpi.viz import page
+
+    if before.split(":")[0] != line.split(":")[0]:
+        return str(page.text(line))
+    plain = line.split("   <- ")[0]
+    start = _shared(before, plain)
+    end = _shared(before[start:][::-1], plain[start:][::-1])
+    parts = (line[:start], line[start : len(plain) - end], line[len(plain) - end :])
+    head, middle, tail = map(page.text, parts)
+    return f"{head}<mark>{middle}</mark>{tail}"
+
+
+def _shared(one: str, other: str) -> int:
+    """Return how many characters two texts begin with alike."""
+    pairs = zip(one, other, strict=False)
+    return next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
 
 
 def _tex_lines(cause: Cause) -> list[str]:

@@ -15,6 +15,7 @@ import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.validation.edits import (
     ALL,
+    GRAVITY,
     ROWS,
     Block,
     Change,
@@ -29,11 +31,12 @@ from armgpi.validation.edits import (
     Goal,
     Pick,
     Site,
-    agree,
     impatient,
     patched,
+    stacked,
 )
 from armgpi.validation.models import Functions
+from armgpi.validation.units import doubts
 
 #: Time of the processor that all the searching may take [s].
 BUDGET = 20.0
@@ -43,13 +46,15 @@ MOST = 3
 _BEAM = 3
 #: Share of the time in which the search goes on with the changes that are tried fast.
 _FIRST = 0.3
+#: Repairs that agree at the numbers of the file alone, of which the best is taken.
+_DOUBTED = 16
 #: Configurations at which changes are tried first.
 _FEW = 2
 #: Kinds of changes: to say which one it is costs their logarithm.
 _KINDS = 14
 #: Kinds of changes of which there are few at a place.
 _USUAL = frozenset(
-    "sign factor square trig angle degrees extra transposed cross swapped unit name index".split()  # noqa: SIM905
+    "sign factor square trig angle degrees extra transposed cross swapped unit value name index".split()  # noqa: SIM905
 )
 #: Change of a term that shows what it moves: large enough for the digits, small enough for what is curved.
 _NUDGE = 1e-4
@@ -61,8 +66,6 @@ _REFINED = 3
 _SLOW = 0.7
 #: Effects beyond this are those of a change that divides by next to nothing.
 _HUGE = 1e12
-#: What gravity is usually taken for [m/s²].
-_GRAVITY = (9.81, 9.8, 9.80665, 9.806, 10.0)
 #: A product of names that is looked up takes no more than this, nor does a number of few digits [bits].
 _LOOKED_UP = 28.0
 #: A digit of a number costs so many bits.
@@ -77,6 +80,19 @@ class Repaired(NamedTuple):
 
     changes: tuple[Change, ...]
     source: str
+    doubts: int = 0  # numbers for which it does not hold
+    checked: int = 0  # numbers that were changed to see that
+    other: int = 0  # numbers that stand for others than those of the robot that are as large
+
+    @property
+    def rank(self) -> tuple[int, int, int, float]:
+        """What makes a repair better than another: it holds for other numbers, its description is short."""
+        return self.doubts, len(self.changes), self.other, self.bits
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it holds for other numbers than those of the file, and has right units."""
+        return self.checked > 0 and self.doubts == 0 and self.other == 0
 
     @property
     def bits(self) -> float:
@@ -91,6 +107,7 @@ def repaired(
     known: Sequence[float],
     until: float | None = None,
     most: int = MOST,
+    extra: bool = False,
 ) -> Repaired | None:
     """Return the changes with which a model gives what it should, None when none are found.
 
@@ -101,24 +118,26 @@ def repaired(
         known: numbers that are hardly the wrong ones, as the robot has them too.
         until: when to give up, on the clock of the process [s].
         most: changes that may be made.
+        extra: whether it may take more time where something is brought into agreement.
     """
     until = time.process_time() + BUDGET if until is None else until
     assert functions.origin is not None
-    trials = _Trials(Editor(functions.origin, goal, known), again, until)
+    trials = _Trials(Editor(functions.origin, goal, known), again, until, _DOUBTED if most == MOST else 4)
     best: Repaired | None = None
     steps: list[_Step] = []
     for k, steps in enumerate(trials.stages()):
         one = trials.first_that_agrees((step.pick,) for step in steps if not step.left)
-        if most > 1 and (one is None or one.bits > trials.usual):
+        if most > 1 and (one is None or one.doubts or one.bits > trials.usual):
             one = _shorter(one, trials.first_that_agrees(trials.pairs()))
-        if one is not None:
-            return _shorter(best, one)
-        if most > 1 and k == 0:
+        best = _shorter(best, one)
+        if one is not None and best is not None and not best.doubts:
+            return best
+        if most > 1 and k == 0 and one is None:
             best = _gone_on(trials, steps, again, goal, known, most, trials.share(_FIRST))
     if best is not None or most == 1:
         return best
     # What brings some of it into agreement deserves time of its own.
-    late = max(until, time.process_time() + 0.75 * BUDGET) if most == MOST and steps else until
+    late = max(until, time.process_time() + 0.75 * BUDGET) if extra and steps else until
     best = _gone_on(trials, steps, again, goal, known, most, late)
     return best or trials.first_that_agrees(itertools.chain(trials.fits_beside(), trials.tried_pairs()))
 
@@ -142,15 +161,15 @@ def _gone_on(
             rest = repaired(made[1], again, goal, known, now + 0.6 * (until - now), most - 1)
             if rest is not None:
                 changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
-                best = _shorter(best, Repaired(changes, rest.source))
-                if best is not None and best.bits <= trials.usual:
+                best = _shorter(best, rest._replace(changes=changes))
+                if best is not None and not best.doubts and best.bits <= trials.usual:
                     break
     return best
 
 
 def _shorter(one: Repaired | None, other: Repaired | None) -> Repaired | None:
     """Return the repair of the shorter description, of two that may be none."""
-    return min((x for x in (one, other) if x is not None), key=lambda x: x.bits, default=None)
+    return min((x for x in (one, other) if x is not None), key=lambda x: x.rank, default=None)
 
 
 def _before(changes: tuple[Change, ...], first: Change) -> Iterator[Change]:
@@ -182,9 +201,9 @@ class _Tried(NamedTuple):
 class _Trials:
     """Everything that is tried on one source."""
 
-    def __init__(self, editor: Editor, again: Again, until: float) -> None:
+    def __init__(self, editor: Editor, again: Again, until: float, doubted: int) -> None:
         """Take a source with its switches, what reads a changed one, and when to give up [s]."""
-        self.editor, self._again, self._until = editor, again, until
+        self.editor, self._again, self._until, self.doubted = editor, again, until, doubted
         self._targets, self._blocks = editor.targets, editor.blocks
         #: Changes that touch nothing that agrees, and those of them that were looked at part by part.
         self._inside: list[Pick] = []
@@ -193,6 +212,7 @@ class _Trials:
         #: What two changes of the usual kinds take: what is longer has to be compared with others [bits].
         self.usual = 2.0 * float(np.log2(self._sites * _KINDS))
         self._tried: list[_Tried] = []
+        self._proved: dict[Any, Repaired | None] = {}
         self._start = editor.outputs(editor.targets, ROWS)
         start = self._start or {}
         self._wrong = {name: self._away(name, x).any(axis=0) for name, x in start.items()}
@@ -208,11 +228,64 @@ class _Trials:
             return None
 
     def first_that_agrees(self, found: Iterable[Sequence[Pick]]) -> Repaired | None:
-        """Return the first changes that make a copy of the source agree."""
+        """Return the first changes that make a copy of the source agree, for other numbers too.
+
+        Where none does for other numbers, the one of the first few that has the fewest doubts.
+        """
+        best, count = None, 0
         for picks in found:
-            if (made := self.made(picks)) and agree(made[1].calls, self.editor.goal):
-                return made[0]
-        return None
+            before = len(self._proved)
+            one = self.proved(picks)
+            best, count = _shorter(best, one), count + (one is not None and len(self._proved) > before)
+            if count == self.doubted or (one is not None and not one.doubts and not one.other):
+                break
+        return best
+
+    def proved(self, picks: Sequence[Pick]) -> Repaired | None:
+        """Return changes with which a copy of the source agrees, and for how many numbers it does not."""
+        key = tuple((id(pick.block), pick.site, pick.choice, pick.new) for pick in picks)
+        if key not in self._proved:
+            self._proved[key] = None
+            changes = tuple(self.editor.change(pick) for pick in picks)
+            repair = Repaired(changes, patched(self.editor.source, changes))
+            found = self._values(repair.source)
+            if found is not None and not any(self._away(name, x).any() for name, x in found.items()):
+                self._proved[key] = self._doubted(repair)
+        return self._proved[key]
+
+    def _values(self, source: str) -> dict[str, Array] | None:
+        """Return what the functions of another source give at all rows, None when they do not work."""
+        goal = self.editor.goal
+        try:
+            with impatient(), np.errstate(all="ignore"):
+                if self.editor.symbolic:  # SymPy takes long to make functions
+                    given = self.editor.executed(source)
+                else:
+                    given = partial(goal.called, self._again(source).calls)
+                names = (name for name, x in goal.targets.items() if x.whole and not x.soft)
+                return {name: stacked(goal.targets[name], given, ROWS) for name in names}
+        except BaseException:  # a name that is not there yet, or a module that never ends
+            return None
+
+    def _doubted(self, repair: Repaired) -> Repaired:
+        """Return a repair with its doubts."""
+        slopes = self.editor.goal.slopes
+        if slopes is None:
+            return repair
+
+        def values(source: str) -> Array | None:
+            found = self._values(source)
+            if found is None:
+                return None
+            sizes = zip(slopes.names, slopes.sizes, strict=True)
+            return np.concatenate([found[name].ravel() / size for name, size in sizes])
+
+        wrong, other, checked = doubts(repair.source, values, slopes)
+        # A number is changed to one that the robot has, or by a unit: any other one may explain anything.
+        wrong += sum(not self.editor.is_known(one) for one in repair.changes if one.kind == "value")
+        if checked:  # a formula in names lacks no bare number
+            wrong += sum(one.kind == "term" and _is_bare(one.new) for one in repair.changes)
+        return repair._replace(doubts=wrong, checked=checked, other=other)
 
     def _over(self) -> bool:
         return time.process_time() > self._until
@@ -253,7 +326,9 @@ class _Trials:
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
                     # The others have longer descriptions.
                     if not step.left and not step.ugly and pick.kind in _USUAL:
-                        break
+                        one = self.proved((pick,))
+                        if one is not None and not one.doubts and not one.other:
+                            break
             yield sorted(found.values(), key=lambda step: step[:3])
 
     def _differing(self, reached: Iterable[str]) -> list[str]:
@@ -617,6 +692,14 @@ class _Trials:
         return outputs is not None and not self._matters(self._off(outputs))
 
 
+def _is_bare(text: str) -> bool:
+    """Tell whether a text is a number that means something only where no numbers have names."""
+    try:
+        return abs(float(text.strip("()"))) not in (0.0, 0.5, 1.0, 2.0)
+    except ValueError:
+        return False
+
+
 def _apart(slope: Array, rest: Array, move: Array) -> bool:
     """Tell whether one number can hardly explain what several values lack."""
     left = np.linalg.norm(rest - move[:, np.newaxis] * slope, axis=1)
@@ -631,8 +714,8 @@ def _written(block: Block, site: Site, values: Array, label: str) -> Iterator[tu
             return
     old = ast.unparse(site.node)
     dictionary = block.dictionary(site.node.lineno, label)
-    if found := dictionary.term(values):
-        yield _sum(old, found.text), found.bits
+    if terms := dictionary.terms(values):
+        yield from ((_sum(old, found.text), found.bits) for found in terms)
         return
     # A factor that all of it lacks, or one of its parts.
     for part, sign in _parts(site.node):
@@ -641,10 +724,11 @@ def _written(block: Block, site: Site, values: Array, label: str) -> Iterator[tu
             continue
         with np.errstate(all="ignore"):
             factor = 1.0 + sign * values / now
-        if np.isfinite(factor).all() and (found := dictionary.term(factor)):
+        several = dictionary.terms(factor) if np.isfinite(factor).all() else []
+        for found in several:
             new: ast.expr = ast.BinOp(ast.parse(found.text, mode="eval").body, ast.Mult(), part)
             yield ast.unparse(_with_part(site.node, part, new)), found.bits + 1.0
-        elif found := dictionary.term(now + sign * values):
+        for found in () if several else dictionary.terms(now + sign * values):
             new = ast.parse(found.text, mode="eval").body
             yield ast.unparse(_with_part(site.node, part, new)), found.bits + 2.0
 
@@ -677,7 +761,7 @@ def _number(site: Site, change: float) -> Iterator[tuple[str, float]]:
     old = float(site.node.value)  # type: ignore[arg-type]
     new = old + change
     text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-9 * abs(new))
-    if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in _GRAVITY:
+    if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in GRAVITY:
         return  # nothing has the other sign by chance, and gravity is what it is
     if site.literal or len(text) <= 4:
         yield text, _DIGIT_BITS * len(text.lstrip("-0.").replace(".", ""))

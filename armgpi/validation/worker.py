@@ -148,16 +148,16 @@ class Worker:
                 values.append(value)
         return values
 
-    def search(self, goal: edits.Goal, known: Sequence[float]) -> tuple[bool, search.Repaired | None]:
-        """Return whether the source could be searched, and changes with which the model gives what it should.
+    def search(self, goal: edits.Goal, known: Sequence[float], budget: float) -> search.Repaired | None:
+        """Return changes of the source with which the model gives what it should, None without such.
 
         Numbers that are `known` to be right stay. The model is of no use afterwards.
         """
         try:
-            self._pipe.send(("", goal, known))
-            found: tuple[bool, search.Repaired | None] = self._receive("", 10.0 * search.BUDGET, "")
+            self._pipe.send(("", goal, (known, budget)))
+            found: search.Repaired | None = self._receive("", 10.0 * search.BUDGET, "")
         except (OSError, ModelError):
-            return False, None
+            return None
         return found
 
     def _receive(
@@ -277,28 +277,25 @@ def _answer_all(
         except EOFError:
             os._exit(0)
         if not name:
-            pipe.send(
-                (True, _searched(functions, lambda s: models.resolve(model, s, convention), states, numbers))
-            )
+            found = _searched(functions, lambda s: models.resolve(model, s, convention), states, *numbers)
+            pipe.send((True, found))
             os._exit(0)
         _answer_calls(pipe, functions, name, states, numbers, silent, own, started)
 
 
 def _searched(
-    functions: models.Functions,
-    again: search.Again,
-    goal: edits.Goal,
-    known: Sequence[float],
-) -> tuple[bool, search.Repaired | None]:
-    """Return whether a source could be searched, and changes with which the model gives what it should."""
+    functions: models.Functions, again: search.Again, goal: edits.Goal, known: Sequence[float], budget: float
+) -> search.Repaired | None:
+    """Return changes of a source with which the model gives what it should, None without such."""
     origin = functions.origin
     try:
         if origin is None or not edits.harmless(origin.source):
-            return False, None
+            return None
         np.cross = edits.cross  # this process ends with the search
-        return True, search.repaired(functions, again, goal, known)
+        until = time.process_time() + budget
+        return search.repaired(functions, again, goal, known, until, extra=budget >= search.BUDGET)
     except Exception:
-        return False, None  # a source that is too odd to be changed
+        return None  # a source that is too odd to be changed
 
 
 def _answer_calls(

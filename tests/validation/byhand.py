@@ -1,8 +1,8 @@
-"""Mistakes listed by hand: ten styles of code, with the numbers of their files; `validate` is measured on them.
+"""Mistakes listed by hand: ten styles of code, with the numbers of their files; what `validate` is scored on.
 
 `byhand/` has a right model per style and, beside it, the mistakes: from errata, from questions of students,
-from what each style invites. They were committed before anything was fitted to them. Every fourth line is SEEN:
-what `validate` misses there may change it; the others only measure. One line is one mistake:
+from what each style invites. They were committed before anything was fitted to them. Every fourth line is
+SEEN: what `validate` misses there may change it; the others only measure. One line is one mistake:
 
     what stands in the model ==> what a mistaken one has [&& a second one] [## what a name has to match]
 
@@ -42,7 +42,7 @@ class Mistake(NamedTuple):
 
     style: str
     line: int
-    count: int
+    many: int
     source: str
     name: str
 
@@ -144,7 +144,7 @@ def renumbered(text: str, seed: int) -> str:
         draw = np.random.default_rng([seed, *name.encode()]).uniform(0.7, 1.4)
         row = rows[x.lineno - 1].encode()
         # The draw belongs to the name: a wrong number must not come out as the right one.
-        new = repr(round(float(x.value) * draw, 8)).encode()  # type: ignore[arg-type]
+        new = repr(round(float(x.value) * draw, 8)).encode()
         rows[x.lineno - 1] = (row[: x.col_offset] + new + row[x.end_col_offset :]).decode()
     return "".join(rows)
 
@@ -186,7 +186,7 @@ def outcome(mistake: Mistake, folder: Path) -> Outcome:
         right = same(report.repaired, source(mistake.style), arm.n)
     if named and first is not None and mistake.name and not right:
         right = re.search(mistake.name, first.text) is not None
-    confirmed = named and getattr(first, "confirmed", report.repaired is not None)
+    confirmed = first is not None and first.confirmed
     text = " | ".join(cause.text for cause in report.causes)
     return Outcome(mistake, not report.agrees, named, confirmed, right, seconds, text)
 
@@ -208,8 +208,8 @@ def main(which: str, styles: tuple[str, ...]) -> None:
                     print(f"{style} {mistake.line}: {told}{sure}: {one.text[:200]}", flush=True)
             rows += mine
             print(f"= {style}: {_line(mine)}", flush=True)
-    print(f"= all single: {_line([o for o in rows if o.mistake.count == 1])}")
-    print(f"= all pairs: {_line([o for o in rows if o.mistake.count > 1])}")
+    print(f"= all single: {_line([o for o in rows if o.mistake.many == 1])}")
+    print(f"= all pairs: {_line([o for o in rows if o.mistake.many > 1])}")
 
 
 def _line(rows: list[Outcome]) -> str:

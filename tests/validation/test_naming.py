@@ -241,6 +241,7 @@ def test_formulas_are_set_in_reports(tmp_path: Path) -> None:
     assert dict(report.causes[0].formulas) == {"stands": "lc2", "belongs": "lc2 ** 2"}
     assert r"belongs: ${l_{c2}}^{2}$" in report.latex()
     assert r"belongs: ${l_{c2}}^{2}$" in report.markdown()
+    assert "<mark>** 2</mark>" in report.html().replace(" ** 2</mark>", "** 2</mark>")
     assert (
         "<msup><mrow><msub><mi>l</mi><mn>c2</mn></msub></mrow><mrow><mn>2</mn></mrow></msup>" in report.html()
     )
@@ -265,10 +266,10 @@ def test_a_term_is_found_by_its_values() -> None:
     space = {"m": 1.23, "l": 0.41, "k": 0.77, "s": s, "v": v}
     for text in ("m * l ** 2", "2 * m * l * s", "-0.5 * k * s * v ** 2", "m * l ** 2 + 2 * m * l * k"):
         values = np.broadcast_to(eval(text, space), 8)
-        found = terms.term(values)
+        (found, *_) = terms.terms(values)
         assert found is not None, text
         assert np.allclose(eval(found.text, space), values, rtol=1e-9), found
-    assert terms.term(rng.normal(size=8)) is None
+    assert terms.terms(rng.normal(size=8)) == []
 
 
 def test_a_source_is_changed_where_it_has_to_be() -> None:
