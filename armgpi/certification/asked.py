@@ -39,6 +39,8 @@ class Asked(NamedTuple):
         jump: whether the load may jump from one end of its range to the other.
         bits: of the encoders; None for exact measurements.
         start: one of :data:`STARTS`.
+        rule: bandwidths that the rule for untuned arms gives the joints [rad/s], shape (n,); None where it is
+            not asked.
     """
 
     robot: Robot
@@ -51,6 +53,7 @@ class Asked(NamedTuple):
     jump: bool
     bits: int | None
     start: str
+    rule: Array | None = None
 
     @property
     def loads(self) -> tuple[float, float]:
@@ -74,6 +77,7 @@ def ask(
     bits: int | None = None,
     delay: int = 0,
     start: str = STARTS[0],
+    controller: str = "gpi",
     **options: Any,
 ) -> Asked:
     """Return what :func:`armgpi.certify` is asked for, checked; it has the same arguments."""
@@ -83,8 +87,12 @@ def ask(
     check_choice(start, "start", STARTS)
     if bits is not None:
         check_whole(bits, "bits", 1, 32)
-    controller = GPI(robot, dt, delay=delay * dt, payload=payload, **options)
-    _check_linear(controller)
+    check_choice(controller, "controller", ("gpi", "untuned"))
+    if controller == "gpi":
+        law, rule = GPI(robot, dt, delay=delay * dt, payload=payload, **options), None
+    else:
+        law, rule = _untuned(robot, dt, delay * dt, bits, payload, options)
+    _check_linear(law)
 
     def each(value: Any, name: str, above: bool = False) -> Array:
         array = quantity(value, name, robot.joint_names)
@@ -93,23 +101,36 @@ def ask(
         return array
 
     arms: tuple[Robot, ...] = (robot,)
-    if controller.payload is not None:
-        loads = controller.payload
+    if law.payload is not None:
+        loads = law.payload
         arms = (robot.with_payload(loads.frame, loads.lightest, loads.com), loads.nominal)
     where, fastest, away = box_of(robot, box), each(speed, "speed", True), each(radius, "radius", True)
     # A gradient is taken between configurations that are a few samples of motion apart as well.
     count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
-    near = away + (delay + 1) * controller.dt * fastest + count
+    near = away + (delay + 1) * law.dt * fastest + count
     nominal = arms[-1]  # the controller's
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
     viscous, coulomb = (float(friction) * x for x in robot.friction)
-    known: Any = controller.bias_robot
-    ahead, zone = controller.feedforward, controller.rest_dead_zone
+    known: Any = law.bias_robot
+    ahead, zone = law.feedforward, law.rest_dead_zone
     inputs = each(torque, "torque"), viscous * moves[0] + coulomb, *moves, count, viscous, zone
     setting = Setting(arms, nominal, known, *where, near, fastest, ahead, *inputs)
-    return Asked(robot, controller, where, setting, away, delay, friction, jump, bits, start)
+    return Asked(robot, law, where, setting, away, delay, friction, jump, bits, start, rule)
+
+
+def _untuned(
+    robot: Robot, dt: float, delay: float, bits: int | None, payload: Any, options: dict[str, Any]
+) -> tuple[GPI, Array]:
+    """Return the controller that the rule makes, its least bandwidth for all joints, and its bandwidths."""
+    given = {key: x for key, x in {**options, "payload": payload}.items() if x is not None}
+    law = GPI.untuned(robot, dt, delay=delay, bits=bits, **given)
+    if law.payload is not None and law.payload.lightest > 0.0:
+        expected = "a lightest load of 0: the feedforward of the untuned law knows of no load"
+        raise ParameterError("payload", payload, expected)
+    rule = law.gains.nominal().omega_c * np.ones(robot.n)
+    return law.with_values(gains=FixedGains(float(rule.min()))), rule
 
 
 def law_of(asked: Asked) -> dict[str, Any]:

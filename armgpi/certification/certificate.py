@@ -220,7 +220,7 @@ def certify(
         raise ParameterError("rate", rate, "None for gains other than a BSplineNetwork with a common omega")
     for tried in _RATES:
         asked = ask(robot, dt, **{**options, "gains": network.with_values(rate=tried)})
-        known = _Known(asked, law_of(asked), numbers_of(asked, numbers), _limits(asked))
+        known = _Known(asked, numbers)
         if solvable(known.law, known.numbers, known.one) and (made := certificate(asked, numbers)).certified:
             return made
     return certificate(asked, numbers)
@@ -228,9 +228,8 @@ def certify(
 
 def certificate(asked: Asked, found: Numbers) -> Certificate:
     """Return the certificate that the numbers of an arm lead to, or why there is none."""
-    law, numbers, limits = law_of(asked), numbers_of(asked, found), _limits(asked)
-    stated = inputs_of(asked, found)
-    known = _Known(asked, law, numbers, limits)
+    known, stated = _Known(asked, found), inputs_of(asked, found)
+    law, numbers, limits = known.law, known.numbers, known.limits
     known.gain()
     if known.solutions:
         if any(float(x) for x in stated.values()):
@@ -274,9 +273,9 @@ class _Known:
         one: a torque of length 1, as what disturbs.
     """
 
-    def __init__(self, asked: Asked, law: Any, numbers: Any, limits: Any) -> None:
-        self.asked, self.law, self.numbers = asked, law, numbers
-        self.limits = limits
+    def __init__(self, asked: Asked, found: Numbers) -> None:
+        numbers = numbers_of(asked, found)
+        self.asked, self.law, self.numbers, self.limits = asked, law_of(asked), numbers, _limits(asked)
         self.inputs: dict[str, Any] = {}
         self.solutions: dict[str, Any] = {}
         self.said: list[str] = []
@@ -381,6 +380,7 @@ def _robot(asked: Asked) -> dict[str, Any]:
         "jump": asked.jump,
         "bits": asked.bits,
         "start": asked.start,
+        "rule": None if asked.rule is None else [repr(float(x)) for x in asked.rule],
         "dead_zone": [repr(float(x)) for x in asked.setting.zone],
     }
 

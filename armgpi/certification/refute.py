@@ -98,7 +98,11 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
         if known["frame"] is None
         else LoadRange(light, heaviest=heavy, frame=known["frame"], com=known["com"])
     )
-    ratios = {name: float(law[name]) for name in ("rolloff_ratio", "second_ratio", "second_zeta")}
+    ratios: dict[str, Any] = {
+        name: float(law[name]) for name in ("rolloff_ratio", "second_ratio", "second_zeta")
+    }
+    if known["rule"] is not None:  # the feedforward of an untuned law knows of no load
+        ratios["bias_robot"] = robot
     return ask(
         robot,
         float(law["sample_time"]),

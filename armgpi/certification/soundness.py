@@ -55,9 +55,9 @@ def observe(
 
     Half of the torques act on one joint and switch when the worst one at some configuration does, the others
     act on all joints and switch at random. A quarter of the rollouts is at the worst configurations that were
-    found, a third at corners of the box, the others anywhere in it. With a feedforward only the heaviest load
-    is tried, and without one both: the loop has to start at rest. A jump is from there to the other load,
-    while error and speed are anything that what was stated may have led to.
+    found, a third at corners of the box, the others anywhere in it. With a feedforward only the load that it
+    knows is tried, the other one for a start with a wrong load, and without a feedforward both. A jump is
+    from there to the other load, while error and speed are anything that what was stated may have led to.
 
     Args:
         asked: what the certificate is for.
@@ -67,10 +67,12 @@ def observe(
         claims: those that are tried, of those that were made.
     """
     rng, cases = np.random.default_rng(seed), worst(asked, count=40, samples=_SAMPLES, seed=seed)
-    arms = asked.setting.arms if asked.setting.feedforward == "none" else asked.setting.arms[-1:]
+    every, knows = asked.setting.arms, -1 if asked.rule is None else 0
     ratios, rollouts = {name: np.full(asked.robot.n, np.nan) for name in Observed._fields[1:]}, 0
     for claim in claims:
         if claim in made.data["solutions"]:
+            known = every[-1 - knows] if claim == "start" else every[knows]
+            arms = every if asked.setting.feedforward == "none" else (known,)
             for arm in arms:
                 for size in _portions(-(-count // len(arms))):
                     peaks = _Batch(asked, made, arm, cases, size, rng).peaks(claim)
@@ -122,6 +124,8 @@ class _Batch:
         if asked.setting.feedforward == "none":  # it starts with what holds the true arm, or the other one
             other = light if arm is heavy else heavy
             controller = controller.with_values(bias_robot=other if claim == "start" else arm)
+        if claim == "gain":
+            controller = controller.with_values(rest_dead_zone=0.0)
         reference = Hold(self.q) if claim == "gain" else self._moving()
         run = prepare(plant, controller, reference, h * _SAMPLES, record="metrics", backend="compiled")
         return np.asarray(np.abs(run.run(**start)["peak_error"].values).reshape(-1, arm.n).max(axis=0))

@@ -47,6 +47,7 @@ def table(made: Any) -> list[str]:
         f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
         f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late",
         f"  reference {course}, up to {_joined(limits['speed'])} rad/s or m/s; start {robot['start']}",
+        *_price(robot, law),
         f"  box [rad or m]: {', '.join(_ends(limits))}",
     ]
     lines += [
@@ -106,9 +107,19 @@ def shares(made: Any) -> str:
     return ", ".join(f"{name} {100.0 * x:.2g} %" for x, name in found if x > _SMALL)
 
 
+def _price(robot: Any, law: Any) -> list[str]:
+    """Return what one omega for all joints costs of what the rule for untuned arms gives them."""
+    if robot["rule"] is None:
+        return []
+    return [
+        f"  the untuned law, but with one omega: the rule gives the joints {_joined(robot['rule'])} rad/s",
+        f"  its dead zone, {_joined(robot['dead_zone'])} rad or m, is in all claims but the error per torque",
+    ]
+
+
 def _joined(values: Any) -> str:
     """Return numbers for the joints, one where they are the same."""
-    texts = [f"{float(x):g}" for x in values]
+    texts = [f"{float(x):.4g}" for x in values]
     return ", ".join(texts) if len(set(texts)) > 1 else texts[0]
 
 

@@ -78,6 +78,13 @@ _Jump = Annotated[
         "--jump", metavar=opt.FLAG, help="The load may jump from one end of its range to the other."
     ),
 ]
+_Law = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="gpi; or untuned, what the rule for untuned arms makes and export writes, with one omega.",
+    ),
+]
 _Start = Annotated[
     str,
     typer.Option(
@@ -130,6 +137,7 @@ def certify(
     friction: _Friction = False,
     jump: _Jump = False,
     start: _Start = "wrong-load",
+    controller: _Law = "gpi",
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
@@ -164,10 +172,11 @@ def certify(
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: _numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
-    stated = {"feedforward": feedforward, "bits": encoder_bits, "friction": friction, "jump": jump}
+    named = {**law, "feedforward": feedforward, "controller": controller}
+    stated = {"bits": encoder_bits, "friction": friction, "jump": jump, "start": start}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     proof |= {"payload": _loads(payload), "box": None if box is None else read_box(box)}
-    options = {**vectors, **law, **stated, **proof, "start": start, "gains": _gains(omega, zeta, pole, rate)}
+    options = {**vectors, **_chosen(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
     with progress() as told:
         found = certified(arm, 1e-3 if dt is None else dt, progress=told, **options)
     sys.exit(_told(found, arm, out, report, as_json))
@@ -218,6 +227,17 @@ def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path
     # The longest keys first: of "robot.lock" and "robot", the first says more.
     origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
     return config.robot(config.check({"robot": section}, origin), origin)
+
+
+def _chosen(law: dict[str, Any]) -> dict[str, Any]:
+    """Return the parts of the law; of an untuned one the rule chooses them."""
+    usual = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none"}
+    if law["controller"] != "untuned":
+        return law
+    for name, value in usual.items():
+        if law[name] != value:
+            raise refusal(f"--{name.replace('_', '-')}", "is chosen by the rule of --controller untuned")
+    return {name: value for name, value in law.items() if name not in usual}
 
 
 def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None) -> Any:

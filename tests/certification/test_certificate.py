@@ -23,7 +23,7 @@ from armgpi.certification.refute import again
 from armgpi.certification.report import html
 from armgpi.certification.solve import merged, solve
 from armgpi.cli import main
-from armgpi.cli.certify import _gains
+from armgpi.cli.certify import _chosen, _gains
 from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.realisation import Bumpless
@@ -435,6 +435,14 @@ def test_bad_options_are_refused_by_name(
 ) -> None:
     with pytest.raises(armgpi.errors.ConfigError, match=option):
         _gains(omega, 1.0, pole, rate)
+
+
+def test_what_the_rule_chooses_is_no_option_of_the_untuned_law() -> None:
+    law = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none", "delay": 1}
+    assert _chosen({**law, "controller": "gpi"})["integrators"] == 2
+    assert _chosen({**law, "controller": "untuned"}) == {"controller": "untuned", "delay": 1}
+    with pytest.raises(armgpi.errors.ConfigError, match="--rolloff"):
+        _chosen({**law, "controller": "untuned", "rolloff": 1})
 
 
 def test_shares_of_what_disturbs_are_told_and_add_up() -> None:

@@ -44,6 +44,23 @@ def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
         assert seen.jump.max() >= 0.05  # the load does jump
 
 
+def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
+    """From the right load's start and from the other one's; its dead zone is in the claims."""
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
+    asked = ask(robot, 1e-3, speed=0.2, radius=0.2, controller="untuned", torque=0.001, gains=None)
+    made = certificate(asked, searched(asked.setting))
+    assert float(made.data["law"]["omega"][0]) == pytest.approx(55.3, abs=0.1)  # the rule's, not GPI's
+    assert made.certified, made.reasons
+    assert made.check() == []
+    seen = observe(asked, made, 1000)
+    for ratios in (seen.gain, seen.stated, seen.start):
+        assert 0.0 < ratios.max() <= 1.0
+    assert seen.gain.max() >= 0.2  # the others are made of the dead zone for the most part
+    assert "one omega: the rule gives the joints" in str(made)
+    with pytest.raises(armgpi.errors.ParameterError, match="lightest load of 0"):
+        ask(robot, 1e-3, speed=0.2, controller="untuned", payload=(0.05, 0.1))
+
+
 @pytest.mark.parametrize(("name", "load", "inertia"), [("anthropomorphic3", 0.25, 0.0), ("ur5", 3.0, 0.0)])
 def test_a_certificate_is_within_a_factor_of_the_worst_found(name: str, load: float, inertia: float) -> None:
     robot = armgpi.Robot.load(name)
