@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
     from armgpi.export.controller import ExportedController as ExportedController
     from armgpi.export.files import export_controller as export_controller
+    from armgpi.identification.arm import identify as identify
     from armgpi.loop import metrics as metrics
     from armgpi.loop.closed_loop import ClosedLoop as ClosedLoop
     from armgpi.loop.prepared import PreparedLoop as PreparedLoop
@@ -128,6 +129,7 @@ _NAMES = {
     "errors": ("ArmgpiError", "ArmgpiWarning"),
     "export.controller": ("ExportedController",),
     "export.files": ("export_controller",),
+    "identification.arm": ("identify",),
     "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.faults": ("MotorFault", "SensorFault"),

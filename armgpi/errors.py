@@ -145,6 +145,19 @@ class LimitError(ArmgpiError):
         super().__init__(text + (f"; {remedy}" if remedy else ""))
 
 
+class UnfitLog(ArmgpiError):
+    """A log from which an arm cannot be identified.
+
+    Attributes:
+        reasons: what is wrong with it and what to do, one line each.
+    """
+
+    def __init__(self, reasons: Sequence[str]) -> None:
+        """Describe the log by what the check found."""
+        self.reasons = tuple(reasons)
+        super().__init__(f"the log cannot be identified from: {'; '.join(self.reasons)}")
+
+
 class UnreadableTrajectory(ArmgpiError):
     """A file that is no trajectory of an arm's joints."""
 

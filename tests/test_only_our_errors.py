@@ -740,6 +740,11 @@ CASES: dict[str, Case] = {
     "suggest_urdf": Case(
         armgpi.suggest_urdf, {"model": "paper", "robot": ARM, "joints": None, "time_limit": 5.0}, slow=True
     ),
+    "identify": Case(
+        armgpi.identify,
+        {"logs": "/nonexistent/log.csv", "robot": ARM, "gravity": True, "check_first": True},
+        slow=True,
+    ),
     "certify": Case(
         armgpi.certify,
         {"robot": ARM, "dt": DT, "speed": 0.2, "prove": False, "budget": 1.0},

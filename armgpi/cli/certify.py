@@ -166,7 +166,7 @@ def certify(
     if report is not None:
         check_file(report, "--report")
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
-    arm = _arm(robot, how, rotor_inertia, drives)
+    arm = load_arm(robot, how, rotor_inertia, drives)
     if refute is not None:
         _refuted(refute, arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
@@ -213,7 +213,7 @@ def _refuted(file: Path, arm: Any) -> None:
     sys.exit(FAILED if said else OK)
 
 
-def _arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
+def load_arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
     """Return the robot with what its joints have."""
     from armgpi import config
 

@@ -101,6 +101,16 @@ ENTRIES = {
         "certify",
         "Bound the whole arm's error under GPI, so that another program can check it exactly.",
     ),
+    "excite": Entry(
+        "Hardware",
+        "identify",
+        "Write a motion from which an arm can be identified, and the experiment that runs it.",
+    ),
+    "identify": Entry(
+        "Hardware",
+        "identify",
+        "Identify an arm from logs of measured positions and commanded torques.",
+    ),
     "export": Entry(
         "Hardware",
         "export",

@@ -141,6 +141,25 @@ class Edits(Frames):
             robot = robot.with_limits(**lowest)
         return robot._changed({"drives": drives.plain()}, drives=known)
 
+    def with_bodies(self: _Same, parameters: ArrayLike) -> _Same:
+        """Return the robot with other bodies: what each joint moves, up to the next joint.
+
+        Args:
+            parameters: mass, first moments, and second moments about the joint's frame (xx, xy, yy, xz, yz,
+                zz), as Pinocchio's dynamic parameters are ordered, shape (bodies, 10).
+
+        Raises:
+            ArrayError: for another shape, or a value that is not a number.
+            ParameterError: for a mass that is not positive.
+        """
+        model = self._model.copy()
+        table = _shaped(parameters, "parameters", (model.njoints - 1, 10))
+        for index, row in enumerate(table):
+            if row[0] < SMALLEST:
+                raise ParameterError(f"mass of {model.names[index + 1]}", row[0], "positive [kg]")
+            model.inertias[index + 1] = pin.Inertia.FromDynamicParameters(row)
+        return self._changed({"bodies": table.tolist()}, **parts_of(model, self.coupling))
+
     def with_friction(self: _Same, viscous: PerJoint | None = None, coulomb: PerJoint | None = None) -> _Same:
         """Return the robot with other joint friction; each a number, shape (n,), or name -> value.
 

@@ -1,0 +1,146 @@
+"""The commands that excite an arm and identify it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from armgpi import files
+from armgpi.cli import options as opt
+from armgpi.cli.certify import load_arm
+from armgpi.cli.parsing import stoppable
+from armgpi.cli.terminal import console, natural_width, say
+
+_Logs = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="LOG...",
+        help="Logs of one arm: CSV with time, q_JOINT and tau_JOINT, or a rollout (NetCDF).",
+        show_default=False,
+    ),
+]
+_Robot = Annotated[
+    str, typer.Option("--robot", metavar="ROBOT", help="The arm as its file has it: URDF or name.")
+]
+_Name = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
+]
+_Validate = Annotated[
+    Path | None, typer.Option(metavar="LOG", help="Another log, on which the model is judged.")
+]
+_Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the files go.")]
+_NoGravity = Annotated[
+    bool,
+    typer.Option(
+        "--no-gravity", metavar=opt.FLAG, help="The torques do not carry the arm's weight: the arm adds that."
+    ),
+]
+_Anyway = Annotated[
+    bool, typer.Option("--anyway", metavar=opt.FLAG, help="Fit although the check before it fails.")
+]
+_Seconds = Annotated[float, typer.Option(metavar="SECONDS", help="How long the motion is.")]
+_Share = Annotated[
+    float | None,
+    typer.Option(metavar="NUMBER", help="Share of the limits of speed and torque; 0.7, or 0.25 for --first."),
+]
+_First = Annotated[
+    bool,
+    typer.Option(
+        "--first",
+        metavar=opt.FLAG,
+        help="For an arm of which nothing but the file is known: slower, with believed rotors.",
+    ),
+]
+_Floor = Annotated[
+    float | None,
+    typer.Option(metavar="METRES", help="Height that all links stay above."),
+]
+_Seed = Annotated[int, typer.Option(metavar="NUMBER", help="Another motion.")]
+
+
+@stoppable
+def identify(
+    logs: _Logs,
+    robot: _Robot,
+    validate: _Validate = None,
+    no_gravity: _NoGravity = False,
+    anyway: _Anyway = False,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
+    repair: opt.Repair = None,
+    package_dir: opt.PackageDir = None,
+    out: _Out = Path("identified"),
+) -> None:
+    """Identify an arm from logs of measured positions and commanded torques.
+
+    \b
+    armgpi identify log.csv --robot my.urdf --validate other.csv
+    armgpi run identified/my.urdf --drives identified/drives.yaml
+    """  # noqa: D301 (\b keeps the lines apart)
+    from rich.table import Table
+
+    from armgpi.identification.arm import identify as identified
+    from armgpi.identification.text import lines, tabulate
+    from armgpi.identification.writing import write_identified
+
+    arm = load_arm(robot, {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}, None, None)
+    found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway)
+    validation = None if validate is None else found.validate(validate)
+    written = write_identified(found, out, validation)
+    say(lines(found, validation), lines=True)
+    head, rows = tabulate(found, validation)
+    table = Table(*head)
+    for row in rows:
+        table.add_row(*row)
+    screen = console(None)
+    console(max(screen.width, natural_width(screen, table))).print(table)
+    say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)
+
+
+@stoppable
+def excite(
+    robot: _Name,
+    seconds: _Seconds = 20.0,
+    share: _Share = None,
+    first: _First = False,
+    floor: _Floor = None,
+    seed: _Seed = 0,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
+    repair: opt.Repair = None,
+    package_dir: opt.PackageDir = None,
+    drives: opt.Drives = None,
+    out: _Out = Path("excite"),
+) -> None:
+    """Write a motion from which an arm can be identified, and the experiment that runs it.
+
+    \b
+    armgpi excite my.urdf --first
+    armgpi run --config excite/experiment.yaml
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.identification.excitation import FIRST_SHARE
+    from armgpi.identification.excitation import excite as excited
+    from armgpi.identification.writing import experiment_files
+
+    how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}
+    arm = load_arm(robot, how, None, drives)
+    given = share if share is not None else (FIRST_SHARE if first else 0.7)
+    motion = excited(arm, seconds, given, seed, floor)
+    folder = files.make_folder(out)
+    written = files.write_set(folder, experiment_files(arm, robot, motion, how))
+    speeds = ", ".join(f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.share, strict=True))
+    efforts = ", ".join(
+        f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.effort, strict=True)
+    )
+    say(f"speed over its limit [%]: {speeds}")
+    say(f"torque over its limit, for rotors up to four times the believed ones [%]: {efforts}")
+    say(
+        "It knows no obstacles"
+        + ("." if floor is None else " but the floor.")
+        + " Look at it before it runs."
+    )
+    say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)

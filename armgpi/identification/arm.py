@@ -1,0 +1,487 @@
+"""Identify: from logs of positions and torques to the arm that made them, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from armgpi.arrays import Array, check_whole, frozen
+from armgpi.errors import ParameterError
+from armgpi.identification import estimate
+from armgpi.identification.check import Finding, check, refuse
+from armgpi.identification.estimate import Block, Fit, Prior
+from armgpi.identification.logs import Grid, Log, read_log, resample
+from armgpi.identification.weak_form import (
+    BODY,
+    COLUMNS,
+    COULOMB,
+    OFFSET,
+    ROTOR,
+    VISCOUS,
+    WeakForm,
+    inverse_rows,
+)
+from armgpi.plants.reality import scales
+from armgpi.robot.batch import RobotBatch
+from armgpi.robot.drives import Drives
+from armgpi.robot.equations import Friction
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Widths over which the sign of velocity may be smoothed [rad/s or m/s], and the one to begin with.
+WIDTHS, _FIRST_WIDTH = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2), 5e-3
+#: Slower than this is at rest [rad/s or m/s].
+_STILL = 4e-3
+#: Rounds in which the lag settles: it enters almost linearly.
+_LAG_ROUNDS = 3
+#: A lag of each joint has to explain so much of the residual's power that a common one leaves.
+_WORTH = 0.1
+#: What is estimated of drives -> its name there; and the share learned from which it is measured.
+_DRIVES, _DECIDED = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}, 0.5
+#: Half width of a 95 % interval in standard deviations.
+_95 = 1.96
+#: Shortest period that is looked for [s], and most that two periods may differ, as a share of the motion.
+_SHORTEST_PERIOD, _SAME = 2.0, 0.03
+#: Configurations at which inertia matrices are compared.
+_CONFIGURATIONS = 50
+#: Expected load over the arm's mass, and its radius about the tip [m].
+_LOAD, _LOAD_RADIUS = 0.2, 0.15
+
+
+class Estimate(NamedTuple):
+    """One number of a joint.
+
+    Attributes:
+        joint: its name.
+        quantity: "mass", ..., "rotor", "coulomb", "viscous", "offset", "lag" or "inertia".
+        value: the estimate, in SI units.
+        lower: lower end of its 95 % interval.
+        upper: upper end.
+        learned: share of it that the log decided; the rest is what the file says.
+        expected: what the file says.
+    """
+
+    joint: str
+    quantity: str
+    value: float
+    lower: float
+    upper: float
+    learned: float
+    expected: float
+
+
+class Load(NamedTuple):
+    """A load at the tip, in the tip's frame; intervals are one standard deviation.
+
+    Attributes:
+        mass: [kg].
+        mass_std: [kg].
+        com: centre of mass [m], (3,).
+        com_std: [m], (3,).
+        inertia: about the centre, in the frame's axes [kg m^2], (3, 3).
+        frame: the tip.
+    """
+
+    mass: float
+    mass_std: float
+    com: Array
+    com_std: Array
+    inertia: Array
+    frame: str
+
+
+class Validation(NamedTuple):
+    """Predicted against measured torque on a log, by the moments of the weak form.
+
+    Attributes:
+        source: the log.
+        identified: residual over torque of the identified arm, (n,) [-].
+        file: the same of the file's arm.
+        times: of the moments [s], (k,).
+        torque: measured mean torques, gravity and all [N m or N], (k, n).
+        predicted: what the identified arm predicts, (k, n).
+    """
+
+    source: str
+    identified: Array
+    file: Array
+    times: Array
+    torque: Array
+    predicted: Array
+
+
+class Identified:
+    """What logs say of an arm; :func:`identify` makes it.
+
+    Attributes:
+        robot: the arm, with its bodies, rotor inertia and friction.
+        file: the arm as it was given.
+        lag: time by which measured positions lag behind torques [s], (n,).
+        lag_std: its standard deviation [s], (n,).
+        width: speed over which friction changes its sign [rad/s or m/s], (n,).
+        findings: what the check before the fit remarked.
+        residuals: residual over torque on the logs themselves, (n,) [-].
+        sources: where the logs came from.
+    """
+
+    def __init__(self, data: _Data, fitted: Fit, prior: Prior, findings: Sequence[Finding]) -> None:
+        """Take over a regression; users call :func:`identify`."""
+        self._data, self._fit, self._prior = data, fitted, prior
+        self.file, self.findings = data.robot, tuple(findings)
+        self.theta = prior.mean + prior.std * fitted.physical
+        self._std = prior.std * np.sqrt(np.diag(fitted.covariance))
+        joints = len(COLUMNS) * data.robot.n
+        self.lag = frozen(np.broadcast_to(self.theta[joints:], data.robot.n))
+        self.lag_std = frozen(np.broadcast_to(self._std[joints:], data.robot.n))
+        self.width = frozen(data.width)
+        self.sources = tuple(data.sources)
+        self.robot = data.robot
+        self.robot = with_parameters(data.robot, self.theta[:joints]).with_drives(self.drives)
+        self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
+
+    @property
+    def drives(self) -> Drives:
+        """Rotor inertia and friction with their intervals: "measured" where the log decided them."""
+        drives = self.file.drives
+        for row in self.table():
+            if name := _DRIVES.get(row.quantity):
+                source = "measured" if row.learned > _DECIDED else "believed"
+                value, low, high = ({row.joint: x} for x in (row.value, row.lower, row.upper))
+                drives = drives.with_value(name, value, low, high, source)
+        return drives
+
+    def table(self, bodies: bool = False) -> list[Estimate]:
+        """Return the estimates of every joint: drives, offset and lag, and those of its body if asked for."""
+        names = self.robot.joint_names
+        rows = []
+        for i, joint in enumerate(names):
+            for j, quantity in enumerate(COLUMNS):
+                if bodies or j >= len(BODY):
+                    rows.append(self._estimate(joint, quantity, i * len(COLUMNS) + j))
+            place = len(COLUMNS) * len(names) + min(i, self._data.lags - 1)
+            rows.append(self._estimate(joint, "lag", place))
+        return rows
+
+    def sums(self) -> list[Estimate]:
+        """Return, joint by joint, the mean of its diagonal of D(q), rotor included.
+
+        A rotor near the base cannot be told from the links, and this sum can.
+        """
+        rows = []
+        for joint, own in zip(self.robot.joint_names, self._data.inertias(), strict=True):
+            combination = np.zeros(len(self.theta))
+            combination[: len(own)] = own
+            value, expected = float(combination @ self.theta), float(combination @ self._prior.mean)
+            scaled = combination * self._prior.std
+            std = float(np.sqrt(scaled @ self._fit.covariance @ scaled))
+            inverse = np.linalg.solve(self._fit.information, scaled)
+            learned = 1.0 - float(scaled @ inverse) / float(scaled @ scaled)
+            ends = (max(value - _95 * std, 0.0), value + _95 * std)
+            rows.append(Estimate(joint, "inertia", value, *ends, learned, expected))
+        return rows
+
+    def sample(self, count: int = 64, seed: int = 0) -> RobotBatch:
+        """Return arms drawn from what the logs leave open, each physical.
+
+        Args:
+            count: how many.
+            seed: the same seed gives the same arms.
+        """
+        count, seed = check_whole(count, "count", 1), check_whole(seed, "seed", 0)
+        values, vectors = np.linalg.eigh(self._fit.covariance)
+        noise = np.random.default_rng(seed).normal(size=(count, len(values)))
+        draws = self._fit.physical + (noise * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+        joints = len(COLUMNS) * self.robot.n
+        physical = [estimate.project(draw, self._fit.information, self._prior) for draw in draws]
+        thetas = [(self._prior.mean + self._prior.std * draw)[:joints] for draw in physical]
+        return RobotBatch([with_parameters(self.file, theta) for theta in thetas])
+
+    def delta(self, box: tuple[Array, Array] | None = None, count: int = 32) -> tuple[float, float]:
+        """Return the interval of the eigenvalues of D_true^-1 D of arms drawn, over configurations.
+
+        Args:
+            box: lower and upper ends of the configurations [rad or m], each (n,); the joint ranges if None.
+            count: arms.
+        """
+        q = random_configurations(self.robot, _CONFIGURATIONS, seed=0)
+        if box is not None:
+            lower, upper = (np.asarray(end, dtype=float) for end in box)
+            q = np.random.default_rng(0).uniform(lower, upper, (_CONFIGURATIONS, self.robot.n))
+        own = self.robot.mass_matrix(q)
+        eigenvalues = [
+            np.linalg.eigvals(np.linalg.solve(each.mass_matrix(q), own)).real
+            for each in self.sample(count).robots
+        ]
+        return float(np.min(eigenvalues)), float(np.max(eigenvalues))
+
+    def load(self, log: Any, *, check_first: bool = True) -> Load:
+        """Return what the arm carried in another log, by a fit of all logs together.
+
+        Args:
+            log: of the same arm with the load fixed to its tip; see :func:`identify`.
+            check_first: whether that log has to pass the check.
+
+        Raises:
+            UnfitLog: when that log does not pass the check.
+        """
+        data = self._data.joined([log])
+        refuse(data.findings(1) if check_first else [])
+        element = self.file._model.frames[self.file._frame(self.file.tip)]
+        place = (int(element.parentJoint) - 1) * len(COLUMNS)
+        mass = _LOAD * scales(self.file).mass
+        size = np.array([mass, *[mass * _LOAD_RADIUS] * 3, *[mass * _LOAD_RADIUS**2] * 6])
+        reach = float(np.linalg.norm(element.placement.translation))
+        size *= np.array([1.0, *[1.0 + reach / _LOAD_RADIUS] * 3, *[(1.0 + reach / _LOAD_RADIUS) ** 2] * 6])
+        prior = estimate.extend(data.prior, size, body=True)
+        blocks = data.blocks(self.lag)
+        for index, block in enumerate(blocks):
+            carried = block.rows[..., place : place + len(BODY)] * float(index == len(blocks) - 1)
+            blocks[index] = block._replace(rows=np.concatenate([block.rows, carried], axis=-1))
+        fitted = estimate.fit(blocks, prior)
+        return _load(fitted, prior, element, self.file.tip)
+
+    def validate(self, log: Any) -> Validation:
+        """Return how well the arm predicts the torques of a log that it has not seen."""
+        data = self._data.with_logs([log])
+        (block,) = data.blocks(self.lag)
+        count = len(COLUMNS) * self.file.n
+        weight = block.rows[0, 0, OFFSET]
+        rows = block.rows[..., :count]
+        predicted = rows @ self.theta[:count]
+        torque = np.where(block.valid, block.torque, np.nan)
+        shares = [_shares([torque - x], [torque]) for x in (predicted, rows @ self._prior.mean[:count])]
+        times = data.forms[0].times
+        own, file = shares
+        return Validation(data.sources[0], own, file, times, torque / weight, predicted / weight)
+
+    def _estimate(self, joint: str, quantity: str, place: int) -> Estimate:
+        """Return one unknown; what cannot be negative has an interval that is not."""
+        value, std = float(self.theta[place]), float(self._std[place])
+        least = 0.0 if place in self._prior.positive else -np.inf
+        ends = (max(value - _95 * std, least), value + _95 * std)
+        learned, expected = float(self._fit.learned[place]), float(self._prior.mean[place])
+        if quantity == "lag":
+            expected = 0.0
+        return Estimate(joint, quantity, value, *ends, learned, expected)
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        worst = int(np.nanargmax(self.residuals))
+        return (
+            f"Identified({self.robot.name!r}, {', '.join(self.sources)}: median residual "
+            f"{100 * np.nanmedian(self.residuals):.2g} % of the torque, "
+            f"worst {100 * self.residuals[worst]:.2g} % at {self.robot.joint_names[worst]})"
+        )
+
+
+def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool = True) -> Identified:
+    """Return the arm that made a log of measured positions and commanded torques.
+
+    Nothing is known of the controller; no velocities or accelerations are needed. Bodies, rotor inertia,
+    Coulomb and viscous friction, an offset of each joint and the lag between torques and positions are
+    estimated together, with the robot as given for what the log does not decide. Every estimate is physical.
+
+    Args:
+        logs: a log or several of one arm: a :class:`~armgpi.identification.logs.Log`, a rollout, or the
+            path of a CSV file with the columns ``time`` [s], ``q_<joint>`` and ``tau_<joint>``, or of a
+            NetCDF file.
+        robot: the arm as its file has it.
+        gravity: whether the torques carry the arm's weight; False where the arm's own controller adds that.
+        check_first: whether a log that fails the check before the fit is refused.
+
+    Raises:
+        UnfitLog: when a log does not pass the check; it says what the arm must do.
+        ArrayError: for a log of other shapes, times that do not increase, or numbers that are not finite.
+        ParameterError: for a robot whose joints follow others, or something that is no log.
+        MissingPackage: when Clarabel is not installed.
+    """
+    several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
+    data = _Data(robot, gravity).with_logs(list(logs) if several else [logs])
+    findings = data.findings(len(data.grids))
+    if check_first:
+        refuse(findings)
+    lag = _settle(data, np.zeros(robot.n))
+    data.width = _choose_widths(data, lag)
+    lag = _settle(data, lag)
+    fitted, prior = _with_lags(data, lag)
+    return Identified(data, fitted, prior, findings)
+
+
+class _Data:
+    """The moments of some logs of one arm."""
+
+    def __init__(self, robot: Robot, gravity: bool) -> None:
+        """Begin without logs.
+
+        Raises:
+            ParameterError: for a robot whose joints follow others.
+        """
+        if robot.coupling is not None:
+            raise ParameterError("robot", robot, "a robot whose joints follow no others (mimic='lock')")
+        self.robot, self.gravity, self.lags = robot, gravity, 1
+        self.model = robot.pinocchio_model()
+        if not gravity:
+            self.model.gravity = pin.Motion.Zero()
+        self.expected = estimate.expect(robot)
+        self.width = np.full(robot.n, _FIRST_WIDTH)
+        self.grids: list[Grid] = []
+        self.forms: list[WeakForm] = []
+        self.phases: list[npt.NDArray[np.intp]] = []
+        self.sources: list[str] = []
+
+    def with_logs(self, logs: Sequence[Any]) -> _Data:
+        """Return the same of other logs."""
+        other = _Data(self.robot, self.gravity)
+        other.width, other.lags = self.width, self.lags
+        for each in logs:
+            log = read_log(each, self.robot)
+            grid = resample(log)
+            other.grids.append(grid)
+            other.forms.append(WeakForm(self.model, grid))
+            other.phases.append(_phases(grid, other.forms[-1]))
+            other.sources.append(log.source)
+        return other
+
+    def joined(self, logs: Sequence[Any]) -> _Data:
+        """Return the same with more logs."""
+        other = self.with_logs(logs)
+        other.grids, other.forms = self.grids + other.grids, self.forms + other.forms
+        other.phases, other.sources = self.phases + other.phases, self.sources + other.sources
+        return other
+
+    def findings(self, count: int) -> list[Finding]:
+        """Return what the check says of the last logs."""
+        pairs = list(zip(self.sources, self.grids, self.forms, strict=True))[-count:]
+        return [x for each in pairs for x in check(self.robot, self.gravity, self.expected, *each)]
+
+    def inertias(self) -> Array:
+        """Return the mean diagonal of D(q) as combinations of the unknowns of joints, (n, 14 n)."""
+        n, free = self.robot.n, self.robot.pinocchio_model()
+        free.gravity = pin.Motion.Zero()
+        q = random_configurations(self.robot, _CONFIGURATIONS, seed=0)
+        still = np.zeros_like(q)
+        each = [
+            inverse_rows(free, q, still, still + unit, np.ones(n))[:, j] for j, unit in enumerate(np.eye(n))
+        ]
+        combinations: Array = np.stack([rows.mean(axis=0) for rows in each])
+        combinations[..., [COULOMB, VISCOUS, OFFSET]] = 0.0
+        return combinations.reshape(n, -1)
+
+    def torques(self, lag: Array) -> list[Array]:
+        """Return the moments of the torques of every log."""
+        return [form.torque(lag)[0] for form in self.forms]
+
+    @property
+    def prior(self) -> Prior:
+        """What is expected of joints and lags."""
+        return estimate.extend(self.expected, estimate.lag_std(self.lags))
+
+    def blocks(self, lag: Array, width: Array | None = None) -> list[Block]:
+        """Return the regressions, linear in the lag around one [s], (n,)."""
+        width = self.width if width is None else width
+        n, found = self.robot.n, []
+        for form, phase in zip(self.forms, self.phases, strict=True):
+            rows = form.rows.copy()
+            j = np.arange(n)
+            rows[:, j, j, COULOMB] = form.signs(width)
+            torque, slope = form.torque(lag)
+            lagged = np.zeros((len(torque), n, self.lags))
+            lagged[:, j, j if self.lags == n else 0] = -slope
+            whole = np.concatenate([rows.reshape(len(torque), n, -1), lagged], axis=-1)
+            valid = form.moving(_STILL)
+            found.append(Block(whole, torque - slope * lag, valid, phase))
+        return found
+
+
+def with_parameters(robot: Robot, theta: Array) -> Robot:
+    """Return a robot with other bodies, rotors and friction; unknowns as COLUMNS has them, (14 n,)."""
+    table = theta.reshape(robot.n, len(COLUMNS))
+    made = robot.with_bodies(table[:, : len(BODY)]).with_armature(np.maximum(table[:, ROTOR], 0.0))
+    friction = Friction(np.maximum(table[:, VISCOUS], 0.0), np.maximum(table[:, COULOMB], 0.0))
+    return made.with_friction(*friction)
+
+
+def _settle(data: _Data, lag: Array) -> Array:
+    """Return the lag around which the regression is linear [s], (n,)."""
+    for _ in range(_LAG_ROUNDS):
+        prior = data.prior
+        fitted = estimate.fit(data.blocks(lag), prior, physical=False)
+        lag = np.broadcast_to((prior.mean + prior.std * fitted.free)[-data.lags :], data.robot.n).copy()
+    return lag
+
+
+def _choose_widths(data: _Data, lag: Array) -> Array:
+    """Return the width of the sign of each joint that leaves the least residual."""
+    left = []
+    for width in WIDTHS:
+        blocks = data.blocks(lag, np.full(data.robot.n, width))
+        left.append(_power(estimate.fit(blocks, data.prior, physical=False)))
+    return np.asarray(np.array(WIDTHS)[np.argmin(left, axis=0)], dtype=np.float64)
+
+
+def _with_lags(data: _Data, lag: Array) -> tuple[Fit, Prior]:
+    """Return the fit with one lag, or with one for each joint where the data ask for it."""
+    common = estimate.fit(data.blocks(lag), data.prior, physical=False)
+    if data.robot.n > 1:
+        data.lags = data.robot.n
+        own = _settle(data, lag)
+        each = estimate.fit(data.blocks(own), data.prior, physical=False)
+        if np.mean(np.log(_power(each) / _power(common))) < np.log(1.0 - _WORTH):
+            return estimate.fit(data.blocks(own), data.prior), data.prior
+        data.lags = 1
+    return estimate.fit(data.blocks(lag), data.prior), data.prior
+
+
+def _power(fitted: Fit) -> Array:
+    """Return the residual's power of each joint, (n,)."""
+    return np.asarray(np.nansum([np.nansum(r**2, axis=0) for r in fitted.residuals], axis=0) + 1e-300)
+
+
+def _shares(residuals: Sequence[Array], torques: Sequence[Array]) -> Array:
+    """Return residual over torque of each joint, root mean squares, (n,); NaN of one that stood still."""
+    rest = np.concatenate(list(residuals))
+    torque = np.where(np.isfinite(rest), np.concatenate(list(torques)), np.nan)
+    sums = [np.nansum(x**2, axis=0) for x in (rest, torque)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(sums[0] / np.where(sums[1] > 0.0, sums[1], np.nan)))
+
+
+def _phases(grid: Grid, form: WeakForm) -> npt.NDArray[np.intp]:
+    """Return the phase of each test function in the period of the motion, if it has one; else its number."""
+    numbers: npt.NDArray[np.intp] = np.rint((form.times - form.times[:1]) / form.hop).astype(np.intp)
+    period = _period(grid)
+    return numbers if period is None else np.remainder(numbers, max(1, round(period / form.hop)))
+
+
+def _period(grid: Grid) -> float | None:
+    """Return the time after which a motion repeats [s]; None for none."""
+    thin = max(1, round(0.02 / grid.dt))
+    q = grid.q[::thin][round(1.0 / (thin * grid.dt)) : -round(1.0 / (thin * grid.dt)) or None]
+    step, size = thin * grid.dt, np.sqrt(2.0) * q.std(axis=0).max() if len(q) else 0.0
+    for shift in range(round(_SHORTEST_PERIOD / step), len(q) // 2 + round(1.0 / step)):
+        if shift < len(q) - 1 and np.sqrt(((q[shift:] - q[:-shift]) ** 2).mean(axis=0).max()) < _SAME * size:
+            near = range(shift, min(shift + round(1.0 / step), len(q) - 1))
+            apart = [float(((q[s:] - q[:-s]) ** 2).mean()) for s in near]
+            return float(near[int(np.argmin(apart))] * step)
+    return None
+
+
+def _load(fitted: Fit, prior: Prior, element: Any, frame: str) -> Load:
+    """Return the load of a fit, in the frame that carries it."""
+    own = slice(len(prior.mean) - len(BODY), None)
+    value = prior.std[own] * fitted.physical[own]
+    covariance = fitted.covariance[own, own] * np.outer(prior.std[own], prior.std[own])
+    body = pin.Inertia.FromDynamicParameters(value)
+    mass, lever = float(value[0]), value[1:4] / value[0]
+    slope = np.hstack([-lever[:, None], np.eye(3)]) / mass  # of the lever by mass and first moments
+    rotation = np.asarray(element.placement.rotation)
+    spread = rotation.T @ slope @ covariance[:4, :4] @ slope.T @ rotation
+    local = element.placement.actInv(body)
+    stds = np.sqrt(np.diag(spread))
+    return Load(
+        mass, float(np.sqrt(covariance[0, 0])), np.array(local.lever), stds, np.array(local.inertia), frame
+    )

@@ -1,0 +1,193 @@
+"""What has to be true of a log before a fit of it can mean anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import optimize
+
+from armgpi.arrays import Array
+from armgpi.errors import UnfitLog
+from armgpi.identification.estimate import Prior
+from armgpi.identification.logs import Grid
+from armgpi.identification.weak_form import BODY, COLUMNS, OFFSET, ROTOR, VISCOUS, WeakForm
+from armgpi.robot.robot import Robot
+
+#: Longest sample time [s] and shortest log [s].
+_SLOWEST, _SHORTEST = 0.025, 3.0
+#: Least speed of a joint [rad/s or m/s]: ten times that at which the sign of velocity is noise.
+_LEAST_SPEED = 0.04
+#: Fewest turns of a joint's motion.
+_TURNS = 2
+#: Least share of a joint's torque that its own terms, each with its sign, have to explain; and how much more
+#: the terms of another joint or the reversed torque may explain before it is taken for that one's.
+_EXPLAINED, _BETTER = 0.5, 0.25
+#: Share of samples at the limit of torque beyond which it is clipped; torque over its limit that cannot be.
+_CLIPPED, _TOO_MUCH = 0.05, 2.0
+#: By how much positions may be outside their limits [rad or m], and how far beyond them they are degrees.
+_OUTSIDE, _DEGREES = 0.05, 3.0
+#: Share of the weight that the torques have to carry, where weight is so much of the expected torque.
+_WEIGHT, _WEIGHS = 0.3, 0.3
+#: Torque over what the file expects, either way, beyond which its unit is another one.
+_SCALE = 30.0
+#: Width of the sign in the check [rad/s or m/s].
+_WIDTH = 5e-3
+
+
+class Finding(NamedTuple):
+    """A remark of the check.
+
+    Attributes:
+        severity: "error" or "warning".
+        joint: of which joint; empty for the log.
+        message: what was seen, what was expected and what to do.
+    """
+
+    severity: str
+    joint: str
+    message: str
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        return f"{self.joint}: {self.message}" if self.joint else self.message
+
+
+def refuse(findings: Sequence[Finding]) -> None:
+    """Refuse logs with an error.
+
+    Raises:
+        UnfitLog: with all of them.
+    """
+    errors = [str(each) for each in findings if each.severity == "error"]
+    if errors:
+        raise UnfitLog(errors)
+
+
+def check(
+    robot: Robot, gravity: bool, prior: Prior, source: str, grid: Grid, form: WeakForm
+) -> list[Finding]:
+    """Return what is wrong with a log, or weak: rate, length, units, speed, turns, order and sign."""
+    found = list(_of_samples(robot, grid))
+    if not any(each.severity == "error" for each in found) and len(form.starts):
+        found += _of_motion(robot, form)
+        found += _of_torques(robot, gravity, prior, form)
+    return [each._replace(message=f"{each.message} ({source})") for each in found]
+
+
+def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:
+    """Find what the samples alone show."""
+    length = len(grid.q) * grid.dt
+    if grid.dt > _SLOWEST:
+        yield Finding("error", "", f"sampled at {1.0 / grid.dt:.3g} Hz, expected at least 40 Hz: log faster")
+    if length < _SHORTEST:
+        yield Finding("error", "", f"is {length:.2g} s long, expected at least {_SHORTEST:g} s: log longer")
+    lower, upper, _, effort = robot.limits
+    for j, name in enumerate(robot.joint_names):
+        q, tau = grid.q[:, j], grid.tau[:, j]
+        beyond = float(max(np.max(lower[j] - q), np.max(q - upper[j])))
+        if beyond > _DEGREES:
+            unit = "m, not mm" if robot.prismatic[j] else "rad, not degrees or counts"
+            yield Finding("error", name, f"moves {beyond:.3g} beyond its limits; positions are in {unit}")
+        elif beyond > _OUTSIDE:
+            yield Finding("warning", name, f"is {beyond:.3g} outside its limits: is it the same zero?")
+        clipped = float(np.mean(np.abs(tau) >= 0.999 * effort[j])) if np.isfinite(effort[j]) else 0.0
+        largest = np.abs(tau).max()
+        flat = float(np.mean(np.abs(tau) >= 0.9999 * largest)) if largest > 0.0 else 0.0
+        if largest > _TOO_MUCH * effort[j]:
+            said = f"its torque is {largest:.3g}, and its limit {effort[j]:.3g}: in N m or N, at the joint?"
+            yield Finding("error", name, said)
+        elif max(clipped, flat) > _CLIPPED:
+            share = 100.0 * max(clipped, flat)
+            yield Finding(
+                "error",
+                name,
+                f"its torque is clipped at {largest:.3g} in {share:.2g} % of the log: move slower",
+            )
+        if largest == 0.0:
+            yield Finding("error", name, "its torque is zero throughout: log commanded torques")
+
+
+def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
+    """Find joints that move too little."""
+    for j, name in enumerate(robot.joint_names):
+        v = form.velocity[:, j]
+        fast = v[np.abs(v) > 0.1 * form.speed[j]]
+        turns = int((np.diff(np.sign(fast)) != 0).sum())
+        if form.speed[j] < _LEAST_SPEED:
+            yield Finding(
+                "error",
+                name,
+                f"its speed is {form.speed[j]:.2g}, expected {_LEAST_SPEED:g} rad/s or m/s: move it faster",
+            )
+        elif turns < _TURNS:
+            yield Finding("error", name, f"turns round {turns} times, expected {_TURNS}: move it to and fro")
+
+
+def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> Iterator[Finding]:
+    """Find torques that are not those of their joint: swapped, reversed, without weight, in another unit."""
+    n = robot.n
+    terms = _terms(prior, form, n)
+    torque, _ = form.torque(np.zeros(n))
+    match = np.array([[_explained(terms[:, j], torque[:, i])[0] for j in range(n)] for i in range(n)])
+    for i, name in enumerate(robot.joint_names):
+        own, best = match[i, i], int(match[i].argmax())
+        reverse, _ = _explained(terms[:, i], -torque[:, i])
+        if own < _EXPLAINED and reverse > own + _BETTER and reverse >= match[i, best]:
+            yield Finding("error", name, f"its torque has the reversed sign: -tau explains {reverse:.0%}")
+        elif own < _EXPLAINED and match[i, best] > own + _BETTER and match[best, best] < match[i, best]:
+            other = robot.joint_names[best]
+            yield Finding("error", name, f"its torque fits the motion of {other!r}: check the joints' order")
+        elif own < _EXPLAINED:
+            yield Finding(
+                "error",
+                name,
+                f"{own:.0%} of its torque follow from its motion, expected {_EXPLAINED:.0%}: is it this "
+                "robot, with commanded torques of the same time, order and sign?",
+            )
+        yield from _of_scale(name, terms[:, i], torque[:, i], gravity)
+
+
+def _terms(prior: Prior, form: WeakForm, n: int) -> Array:
+    """Return what a joint's terms explain: body, rotor, both frictions, offset; shape (k, n, 5)."""
+    mean = prior.mean.reshape(n, len(COLUMNS))
+    j = np.arange(n)
+    rows = form.rows
+    body = np.einsum("kijp,jp->ki", rows[..., : len(BODY)], mean[:, : len(BODY)])
+    signs = form.signs(np.full(n, _WIDTH))
+    own = [rows[:, j, j, ROTOR] * mean[:, ROTOR], signs, rows[:, j, j, VISCOUS], rows[:, j, j, OFFSET]]
+    return np.stack([body, *own], axis=-1)
+
+
+def _explained(terms: Array, torque: Array) -> tuple[float, Array]:
+    """Return the share of a torque's variation that terms with their signs explain, and their factors."""
+    around, centred = torque - torque.mean(), terms - terms.mean(axis=0)
+    sizes = np.maximum(np.sqrt((centred**2).sum(axis=0)), 1e-300)
+    total = float(around @ around)
+    if total == 0.0:
+        return 0.0, np.zeros(terms.shape[1])
+    factors, rest = optimize.nnls(centred / sizes, around)
+    return 1.0 - rest**2 / total, factors / sizes
+
+
+def _of_scale(name: str, terms: Array, torque: Array, gravity: bool) -> Iterator[Finding]:
+    """Find a torque without the arm's weight, or in another unit."""
+    expected = terms[:, 0] + terms[:, 1]
+    ratio = float(np.sqrt((torque**2).mean() / max((expected**2).mean(), 1e-300)))
+    if not 1.0 / _SCALE < ratio < _SCALE:
+        yield Finding(
+            "error",
+            name,
+            f"its torque is {ratio:.2g} times what the file expects: in N m or N, at the joint?",
+        )
+        return
+    if not gravity or np.var(terms[:, 0]) < _WEIGHS * np.var(torque):
+        return
+    _, factors = _explained(terms, torque)
+    if factors[0] < _WEIGHT:
+        yield Finding(
+            "error",
+            name,
+            "its torque does not carry the arm's weight: if the arm adds that itself, say so (gravity=False)",
+        )

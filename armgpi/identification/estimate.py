@@ -1,0 +1,267 @@
+"""Bayesian least squares with the file as a wide prior, made physical, with intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+from scipy import linalg, sparse
+
+from armgpi.arrays import Array
+from armgpi.errors import MissingPackage
+from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS
+from armgpi.plants.reality import scales
+from armgpi.robot.robot import Robot
+
+#: Nominal rotor inertia of a joint without one, over its mean inertia and over that of the largest joint: the
+#: defaults of armgpi.plants.reality.
+_ROTOR_SHARE, _ROTOR_LEAST = 0.5, 0.02
+#: Standard deviations that a maker's file has, chosen wide. Mass: a share of the link's, and of the arm's for
+#: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
+#: and offset: shares of the gravity torque.
+_MASS, _CARRIED, _ROTOR, _FRICTION, _OFFSET = 0.5, 0.1, 3.0, 0.3, 0.05
+#: Least gravity torque that friction is taken to be in shares of, over that of the largest joint.
+_RUBS = 0.3
+#: Least radius of gyration [m], and reach of what the last link may carry [m].
+_RADIUS, _REACH = 0.03, 0.1
+#: Least mass of a link that is expected, as a share of the arm's.
+_LEAST_MASS = 0.01
+#: Standard deviation of the lag [s].
+_LAG = 0.02
+#: Torque that is none [N m or N].
+_LEAST_TORQUE = 1e-9
+#: Reweightings of the joints, and torque over residual that the first one begins with.
+_REWEIGHTINGS, _TRUST = 4, 1e3
+#: Test functions over which moments are correlated besides what overlaps: misfit lasts longer than noise.
+_CORRELATED = 6
+#: Factor on that covariance for misfit that is not in the residuals: chosen so that 95 % intervals hold for
+#: panda and ur5 (tools/identification.py, seed 100; docs/identify.md has other seeds and arms).
+_UNSEEN = 2.0
+#: Share of the overlapping moments that are independent, for the degrees of freedom.
+_INDEPENDENT = 0.5
+#: Least eigenvalue of a pseudo-inertia in the solver's scale, and least rotor as a share of the expected one.
+_MARGIN, _LEAST_ROTOR = 1e-5, 1e-3
+
+
+class Prior(NamedTuple):
+    """What is expected of the unknowns before the log; arrays of shape (p,).
+
+    Attributes:
+        mean: expected values.
+        std: standard deviations.
+        bodies: number of pseudo-inertias; the unknowns begin with ten columns of each, at `body_places`.
+        body_places: index of the first of the ten parameters of each body.
+        positive: indices of what cannot be negative.
+    """
+
+    mean: Array
+    std: Array
+    body_places: tuple[int, ...]
+    positive: tuple[int, ...]
+
+
+class Block(NamedTuple):
+    """The regression of one log.
+
+    Attributes:
+        rows: (k, n, p).
+        torque: (k, n).
+        valid: which moments are used, (k, n).
+        phase: of the excitation, in test functions; those of equal phase repeat, shape (k,).
+    """
+
+    rows: Array
+    torque: Array
+    valid: npt.NDArray[np.bool_]
+    phase: npt.NDArray[np.intp]
+
+
+class Fit(NamedTuple):
+    """What a regression gives, in units of the prior's standard deviations around its mean.
+
+    Attributes:
+        free: the most likely unknowns, physical or not, (p,).
+        physical: the most likely of those that are physical, (p,).
+        information: of data and prior, (p, p).
+        covariance: of the free unknowns, (p, p).
+        learned: share of each unknown that the data decide, (p,).
+        residuals: of each block, (k, n); NaN where a moment is not used.
+        weights: of the joints, over their residuals [1/(N m s)], (n,).
+    """
+
+    free: Array
+    physical: Array
+    information: Array
+    covariance: Array
+    learned: Array
+    residuals: list[Array]
+    weights: Array
+
+
+def expect(robot: Robot) -> Prior:
+    """Return what a URDF says of an arm, with how far a maker's file may be wrong."""
+    model, n, size = robot.pinocchio_model(), robot.n, scales(robot)
+    mean, std = np.zeros((2, n, len(COLUMNS)))
+    rule = _ROTOR_SHARE * size.inertia + _ROTOR_LEAST * size.inertia.max()
+    last = int(model.frames[model.getFrameId(robot.tip, pin.FrameType.BODY)].parentJoint)
+    for i in range(n):
+        body = model.inertias[i + 1]
+        mean[i, : len(BODY)] = body.toDynamicParameters()
+        second = float(np.trace(body.toPseudoInertia().toMatrix()[:3, :3])) / max(body.mass, 1e-9)
+        carried = _CARRIED * size.mass if i + 1 == last else 0.0
+        mass = _MASS * max(body.mass, _LEAST_MASS * size.mass) + carried
+        radius = math.sqrt(max(second, _RADIUS**2)) + (_REACH if carried else 0.0)
+        std[i, : len(BODY)] = [mass, *[mass * radius] * 3, *[mass * radius**2] * 6]
+    mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, rule)
+    std[:, ROTOR] = _ROTOR * mean[:, ROTOR]
+    mean[:, VISCOUS], mean[:, COULOMB] = robot.friction
+    # Gears rub at joints that carry no weight, too.
+    friction = _FRICTION * np.maximum(size.gravity, _RUBS * size.gravity.max())
+    std[:, VISCOUS] = std[:, COULOMB] = friction
+    std[:, VISCOUS] += mean[:, VISCOUS]
+    std[:, COULOMB] += mean[:, COULOMB]
+    std[:, OFFSET] = _OFFSET * size.gravity
+    places = [i * len(COLUMNS) for i in range(n)]
+    positive = [place + k for place in places for k in (ROTOR, COULOMB, VISCOUS)]
+    return Prior(mean.ravel(), std.ravel(), tuple(places), tuple(positive))
+
+
+def extend(prior: Prior, std: Array, body: bool = False) -> Prior:
+    """Return a prior with more unknowns around zero, of which the first ten may be those of a body."""
+    places = (*prior.body_places, len(prior.mean)) if body else prior.body_places
+    mean = np.append(prior.mean, np.zeros(len(std)))
+    return prior._replace(mean=mean, std=np.append(prior.std, std), body_places=places)
+
+
+def lag_std(count: int) -> Array:
+    """Return the standard deviations of lags [s]."""
+    return np.full(count, _LAG)
+
+
+def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
+    """Return the regression of logs together.
+
+    Joints are weighted by their residuals. The covariance is that of scores summed over equal phases of the
+    excitation: what repeats from period to period is misfit, which does not average out.
+
+    Raises:
+        MissingPackage: when Clarabel is not installed.
+    """
+    scaled = [np.where(b.valid[..., None], b.rows * prior.std, 0.0) for b in blocks]
+    rests = [np.where(b.valid, b.torque - b.rows @ prior.mean, 0.0) for b in blocks]
+    p = len(prior.mean)
+    counts = np.maximum(sum(b.valid.sum(axis=0) for b in blocks), 1)
+    grams = sum(np.einsum("kip,kiq->ipq", Z, Z, optimize=True) for Z in scaled)
+    rights = sum(np.einsum("kip,ki->ip", Z, r) for Z, r in zip(scaled, rests, strict=True))
+    # At first as if all torque were explained: from the other side, what the prior left would stay.
+    weights = _TRUST / np.maximum(np.sqrt(sum((r**2).sum(axis=0) for r in rests) / counts), _LEAST_TORQUE)
+    for _ in range(_REWEIGHTINGS):
+        information = np.tensordot(weights**2, grams, 1) + np.eye(p)
+        factor = linalg.cho_factor(information)
+        free = linalg.cho_solve(factor, weights**2 @ rights)
+        residuals = [r - Z @ free for Z, r in zip(scaled, rests, strict=True)]
+        squares = np.sqrt(sum((r**2).sum(axis=0) for r in residuals) / counts)
+        weights = 1.0 / np.maximum(squares, 1e-12 / np.maximum(weights, 1e-300))
+    inverse = linalg.cho_solve(factor, np.eye(p))
+    learned = 1.0 - np.diag(inverse)
+    spread: Any = sum(
+        _spread(np.einsum("kip,i,ki->kp", Z, weights**2, r, optimize=True), b.phase)
+        for Z, r, b in zip(scaled, residuals, blocks, strict=True)
+    )
+    independent = _INDEPENDENT * float(counts.sum())
+    spread = _UNSEEN * spread * independent / max(independent - float(learned.sum()), 0.1 * independent)
+    covariance = inverse @ (spread + np.eye(p)) @ inverse
+    shown = [np.where(b.valid, r, np.nan) for b, r in zip(blocks, residuals, strict=True)]
+    nearest = project(free, information, prior) if physical else free
+    return Fit(free, nearest, information, covariance, learned, shown, weights)
+
+
+def _spread(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
+    """Return the covariance of a sum of scores (k, p), correlated over some test functions."""
+    period = int(phase.max()) + 1
+    summed = np.zeros((period, scores.shape[1]))
+    np.add.at(summed, phase, scores)
+    reach = min(_CORRELATED, max(period // 2 - 1, 0))
+    total = summed.T @ summed
+    for shift in range(1, reach + 1):
+        crossed = summed[shift:].T @ summed[:-shift] * (1.0 - shift / (reach + 1.0))
+        total += crossed + crossed.T
+    return np.asarray(total)
+
+
+def project(free: Array, information: Array, prior: Prior) -> Array:
+    """Return the physical unknowns that are nearest to some, in the metric of the information.
+
+    Physical: every pseudo-inertia positive definite, rotors positive, friction not negative.
+
+    Raises:
+        MissingPackage: when Clarabel is not installed.
+    """
+    clarabel = _clarabel()
+    rows, right, cones = _constraints(clarabel, prior)
+    scale = 1.0 / float(np.mean(np.diag(information)))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(information) * scale),
+        -information @ free * scale,
+        sparse.csc_matrix(rows),
+        right,
+        cones,
+        settings,
+    )
+    return np.array(solver.solve().x)
+
+
+def _constraints(clarabel: Any, prior: Prior) -> tuple[Array, Array, list[Any]]:
+    """Return A, b and the cones K of b - A x in K, for x in units of the prior."""
+    p, std, mean = len(prior.mean), prior.std, prior.mean
+    at = np.array(prior.positive)
+    first = np.zeros((len(at), p))
+    first[np.arange(len(at)), at] = -std[at]
+    least = np.where(at % len(COLUMNS) == ROTOR, _LEAST_ROTOR * mean[at], 0.0)
+    rows, right, cones = [first], [mean[at] - least], [clarabel.NonnegativeConeT(len(at))]
+    basis = _pseudo_basis()
+    triangle = [(r, c) for c in range(4) for r in range(c + 1)]
+    for place in prior.body_places:
+        own = slice(place, place + len(BODY))
+        mass = std[place]
+        length = math.sqrt(std[place + 4] / mass)
+        scaling = np.diag([1.0 / length] * 3 + [1.0]) / math.sqrt(mass)
+        block, constant = np.zeros((len(triangle), p)), np.zeros(len(triangle))
+        for row, (r, c) in enumerate(triangle):
+            entries = (scaling @ basis @ scaling)[:, r, c] * (1.0 if r == c else math.sqrt(2.0))
+            block[row, own] = -entries * std[own]
+            constant[row] = entries @ mean[own] - (_MARGIN if r == c else 0.0)
+        rows.append(block)
+        right.append(constant)
+        cones.append(clarabel.PSDTriangleConeT(4))
+    return np.vstack(rows), np.concatenate(right), cones
+
+
+def _pseudo_basis() -> Array:
+    """Return the pseudo-inertia of each of the ten parameters of a body, shape (10, 4, 4)."""
+    basis = np.zeros((len(BODY), 4, 4))
+    basis[0, 3, 3] = 1.0
+    for k in range(3):
+        basis[1 + k, 3, k] = basis[1 + k, k, 3] = 1.0
+    for k, (i, j) in enumerate([(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]):
+        if i == j:
+            basis[4 + k, :3, :3] += 0.5 * np.eye(3)
+            basis[4 + k, i, i] -= 1.0
+        else:
+            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
+    return basis
+
+
+def _clarabel() -> Any:
+    """Return the solver's module."""
+    try:
+        import clarabel
+    except ImportError:
+        raise MissingPackage("clarabel", "certify") from None
+    return clarabel

@@ -1,0 +1,168 @@
+"""A log: what was measured and commanded, on a uniform grid, whatever it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array, as_sized_array, check_path, check_type
+from armgpi.errors import ArrayError, NameNotFound, ParameterError, UnreadableTrajectory
+from armgpi.robot.robot import Robot
+
+#: A log's times may differ from a uniform grid by this share of a sample before it is interpolated.
+_JITTER = 0.01
+#: Samples that are missing in a row before what is between is a gap, and the least length of one [s].
+_GAP, _LEAST_GAP = 5.0, 0.02
+#: Fewest samples of a log.
+_FEWEST = 20
+#: Columns of a CSV file: a prefix and the joint's name.
+_PREFIXES = {"q": "q_", "tau": "tau_"}
+#: Larger files are no logs [bytes].
+_MOST_BYTES = 1 << 30
+
+
+class Log(NamedTuple):
+    """Positions and torques of an arm that moved, sample by sample.
+
+    A torque holds from its time to the next one. Times need not be uniform.
+
+    Attributes:
+        t: increasing times [s], shape (k,).
+        q: measured positions [rad or m], shape (k, n).
+        tau: commanded torques [N m or N], shape (k, n).
+        source: where it came from, for messages.
+    """
+
+    t: Array
+    q: Array
+    tau: Array
+    source: str = "log"
+
+
+class Grid(NamedTuple):
+    """A log at uniform times.
+
+    Attributes:
+        dt: sample time [s].
+        q: positions [rad or m], shape (k, n).
+        tau: mean torque from each time to the next [N m or N], shape (k, n).
+        bad: which samples are in a gap of the log, shape (k,).
+    """
+
+    dt: float
+    q: Array
+    tau: Array
+    bad: npt.NDArray[np.bool_]
+
+
+def read_log(log: Any, robot: Robot, rollout: int = 0) -> Log:
+    """Return a checked log of an arm.
+
+    Args:
+        log: a :class:`Log`; a rollout, whose measured positions and commanded torques are taken until it
+            ends; or the path of a CSV file with the columns ``time`` [s], ``q_<joint>`` and ``tau_<joint>``,
+            or of a NetCDF file with a rollout.
+        robot: whose joints they are.
+        rollout: which one of several.
+
+    Raises:
+        ArrayError: for other shapes, numbers that are not finite, or times that do not increase.
+        NameNotFound: for a file without a column of a joint.
+        UnreadableTrajectory: for a file that cannot be read.
+        ParameterError: for something else.
+    """
+    check_type(robot, "robot", Robot, "a Robot")
+    if isinstance(log, (str, Path)):
+        log = _read_file(check_path(log, "log"), robot, rollout)
+    if hasattr(log, "data_vars"):
+        log = _of_rollout(log, robot, rollout)
+    if not isinstance(log, Log):
+        raise ParameterError("log", log, "a Log, a rollout or the path of a CSV or NetCDF file")
+    t, q, tau = (as_sized_array(getattr(log, name), f"{log.source}: {name}") for name in ("t", "q", "tau"))
+    if t.ndim != 1 or len(t) < _FEWEST or not (np.diff(t) > 0.0).all():
+        raise ArrayError(f"{log.source}: t", f"expected at least {_FEWEST} increasing times [s]")
+    for name, array in (("q", q), ("tau", tau)):
+        if array.shape != (len(t), robot.n):
+            raise ArrayError(
+                f"{log.source}: {name}",
+                f"expected shape ({len(t)}, {robot.n}), a row for each time and a column for each joint; "
+                f"got {array.shape}",
+            )
+    return Log(t, q, tau, log.source)
+
+
+def resample(log: Log) -> Grid:
+    """Return a log at uniform times; a torque's integral over time stays what it is."""
+    steps = np.diff(log.t)
+    dt = float(np.median(steps))
+    if np.abs(steps - dt).max() <= _JITTER * dt:
+        return Grid(dt, log.q, log.tau, np.zeros(len(log.t), dtype=bool))
+    from scipy.interpolate import CubicSpline  # here: it is slow to import
+
+    times = np.arange(log.t[0], log.t[-1], dt)
+    q = CubicSpline(log.t, log.q)(times)
+    integral = np.vstack([np.zeros(log.q.shape[1]), np.cumsum(log.tau[:-1] * steps[:, None], axis=0)])
+    ends = np.append(times, times[-1] + dt)
+    summed = np.stack([np.interp(ends, log.t, column) for column in integral.T], axis=-1)
+    before = np.clip(np.searchsorted(log.t, times, side="right") - 1, 0, len(steps) - 1)
+    bad = steps[before] > max(_GAP * dt, _LEAST_GAP)
+    return Grid(dt, q, np.diff(summed, axis=0) / dt, bad)
+
+
+def _of_rollout(rollout: Any, robot: Robot, index: int) -> Log:
+    """Return the log of a rollout until it ended; torques beyond the limits are clipped as the motors do."""
+    if "q_measured" not in rollout or "tau_command" not in rollout:
+        raise ParameterError("log", rollout, "a rollout with q_measured and tau_command")
+    if "rollout" in rollout.dims:
+        rollout = rollout.isel(rollout=index)
+    names = [str(name) for name in rollout["joint"].values]
+    if names != list(robot.joint_names):
+        raise ParameterError("log", ", ".join(names), f"a rollout of {', '.join(robot.joint_names)}")
+    q, tau = (rollout[name].transpose("time", "joint").values for name in ("q_measured", "tau_command"))
+    there = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+    count = len(there) if there.all() else int(np.argmin(there))
+    limit = robot.limits.effort
+    return Log(rollout["time"].values[:count], q[:count], np.clip(tau[:count], -limit, limit), "rollout")
+
+
+def _read_file(path: Path, robot: Robot, rollout: int) -> Any:
+    """Return the log, or the rollout, in a file."""
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise UnreadableTrajectory(path, f"is larger than {_MOST_BYTES} bytes")
+        if path.suffix.lower() in (".nc", ".nc4", ".h5"):
+            from armgpi.loop.rollout import load
+
+            return _of_rollout(load(path), robot, rollout)._replace(source=str(path))
+        with path.open(encoding="utf-8-sig") as file:
+            head = [name.strip() for name in file.readline().split(",")]
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+    except OSError as error:
+        raise UnreadableTrajectory(path, error.strerror or str(error)) from None
+    except ValueError as error:
+        said = " ".join(str(error).split())[:200]
+        raise UnreadableTrajectory(path, f"is no CSV file of numbers under a line of names: {said}") from None
+    if table.shape[1:] != (len(head),):
+        raise UnreadableTrajectory(path, f"has {len(head)} names above {table.shape[1]} columns")
+    if (row := np.argwhere(~np.isfinite(table))).size:
+        line, column = int(row[0][0]), int(row[0][1])
+        raise UnreadableTrajectory(
+            path, f"line {line + 2}: {head[column]} is no finite number; cut the log there"
+        )
+    arrays = {key: _columns(path, head, table, prefix, robot) for key, prefix in _PREFIXES.items()}
+    times = _columns(path, head, table, "", ("time",))[:, 0]
+    return Log(times, arrays["q"], arrays["tau"], str(path))
+
+
+def _columns(path: Path, head: list[str], table: Array, prefix: str, robot: Robot | Sequence[str]) -> Array:
+    """Return the columns of joints, or of other names, in their order."""
+    names = [prefix + name for name in (robot.joint_names if isinstance(robot, Robot) else robot)]
+    for name in names:
+        if name not in head:
+            raise NameNotFound(f"column in {path}", name, head)
+    columns: Array = table[:, [head.index(name) for name in names]]
+    return columns

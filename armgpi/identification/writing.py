@@ -1,0 +1,301 @@
+"""What was identified as files: the URDF with its <inertial> edited in place, drives, all numbers, a page."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi import files
+from armgpi.arrays import check_path
+from armgpi.errors import UrdfError
+from armgpi.identification.arm import Identified, Validation
+from armgpi.identification.estimate import expect
+from armgpi.identification.excitation import Excitation
+from armgpi.identification.text import say_findings, say_lag, say_residuals, tabulate
+from armgpi.identification.weak_form import COLUMNS, ROTOR
+from armgpi.robot.robot import Robot
+from armgpi.robot.urdf_model import joined
+from armgpi.viz import page
+
+#: A pseudo-inertia whose least eigenvalue is below this share of its largest one is none.
+_POSSIBLE = 1e-12
+#: Version of identification.json.
+FORMAT = 1
+
+
+class Edited(NamedTuple):
+    """A URDF with other bodies.
+
+    Attributes:
+        content: the file.
+        emptied: links fixed to others whose own inertia the identified body leaves no room for.
+    """
+
+    content: bytes
+    emptied: tuple[str, ...]
+
+
+def write_identified(
+    found: Identified, folder: str | PathLike[str], validation: Validation | None = None
+) -> list[Path]:
+    """Write what was identified: the URDF, ``drives.yaml``, ``identification.json`` and ``report.html``.
+
+    Args:
+        found: what was identified.
+        folder: where; made where there is none.
+        validation: on a log that was not fitted.
+
+    Returns:
+        What was written.
+
+    Raises:
+        UrdfError: when the robot's file has changed since it was loaded.
+        RolloutError: when a file cannot be written.
+    """
+    import yaml
+
+    target = files.make_folder(check_path(folder, "folder"))
+    edited = edit_urdf(found.robot)
+    data = plain(found, edited.emptied, validation)
+    drives = yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True)
+    contents: Mapping[str, str | bytes] = {
+        f"{Path(found.robot.name).stem}.urdf": edited.content,
+        "drives.yaml": drives,
+        "identification.json": json.dumps(data, indent=1, allow_nan=False) + "\n",
+        "report.html": write_page(found, edited.emptied, validation),
+    }
+    return files.write_set(target, contents)
+
+
+def edit_urdf(robot: Robot) -> Edited:
+    """Return a robot's URDF with the bodies that the robot has; all but <inertial> is byte for byte the same.
+
+    A body is a link and what is fixed to it. What is fixed keeps its own inertia, and the link gets the rest;
+    where that rest is impossible, what is fixed loses its own. A robot that came from something else than a
+    URDF file is written as it was loaded, without shapes.
+
+    Raises:
+        UrdfError: when the file has changed since it was loaded.
+    """
+    content = _source(robot)
+    bodies, emptied = {}, []
+    model = robot.pinocchio_model()
+    for joint, link, others in _bodies(robot):
+        body = model.inertias[joint]
+        rest = body
+        for placement, inertia in others.values():
+            rest = rest - placement.act(inertia)
+        if others and not _possible(rest):
+            rest = body
+            emptied += list(others)
+        bodies[link] = rest
+    return Edited(_with_inertials(content, bodies, emptied), tuple(emptied))
+
+
+def _source(robot: Robot) -> bytes:
+    """Return the text of a robot's URDF.
+
+    Raises:
+        UrdfError: when the file has changed since it was loaded.
+    """
+    provenance = robot.provenance
+    path = Path(str(provenance["source"]))
+    if path.suffix.lower() != ".urdf" or not path.is_file():
+        return robot._xml.encode()
+    content = path.read_bytes()
+    if hashlib.sha256(content.decode("utf-8-sig").encode()).hexdigest() != provenance["sha256"]:
+        raise UrdfError(path, "has changed since it was loaded: load it and identify again")
+    return content
+
+
+def _bodies(robot: Robot) -> list[tuple[int, str, dict[str, tuple[pin.SE3, pin.Inertia]]]]:
+    """Return, joint by joint, its number, its link, and place and inertia of what is fixed to that."""
+    root, model = ElementTree.fromstring(robot._xml), robot.pinocchio_model()
+    child = {
+        str(joint.get("name")): str(element.get("link"))
+        for joint in root.iter("joint")
+        if (element := joint.find("child")) is not None
+    }
+    inertials = {
+        str(link.get("name")): inertial
+        for link in root.iter("link")
+        if (inertial := link.find("inertial")) is not None
+    }
+    found = []
+    for joint in range(1, model.njoints):
+        own = child[str(model.names[joint])]
+        others = {
+            str(frame.name): (frame.placement, _inertia(inertials[frame.name]))
+            for frame in model.frames
+            if frame.type == pin.FrameType.BODY
+            and frame.parentJoint == joint
+            and frame.name != own
+            and frame.name in inertials
+        }
+        found.append((joint, own, others))
+    return found
+
+
+def _inertia(element: ElementTree.Element) -> pin.Inertia:
+    """Return the inertia of an <inertial> as it was written for Pinocchio."""
+    origin, mass, tensor = (element.find(name) for name in ("origin", "mass", "inertia"))
+    assert origin is not None
+    assert mass is not None
+    assert tensor is not None
+    xyz, rpy = (np.array(str(origin.get(name)).split(), dtype=np.float64) for name in ("xyz", "rpy"))
+    xx, xy, xz, yy, yz, zz = (
+        float(str(tensor.get(f"i{axes}"))) for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
+    )
+    rotation = pin.rpy.rpyToMatrix(rpy)
+    matrix = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
+    return pin.Inertia(float(str(mass.get("value"))), xyz, matrix)
+
+
+def _possible(body: pin.Inertia) -> bool:
+    """Return whether a body can be."""
+    if not body.mass > 0.0:
+        return False
+    values = np.linalg.eigvalsh(pin.PseudoInertia.FromInertia(body).toMatrix())
+    return bool(values[0] > _POSSIBLE * values[-1])
+
+
+def _with_inertials(content: bytes, bodies: Mapping[str, pin.Inertia], emptied: Sequence[str]) -> bytes:
+    """Return a URDF in which some links have other inertials, and some have none."""
+    spans = _spans(content)
+    edits = []
+    for name, (start, end, there) in spans.items():
+        if name in bodies:
+            written = _written(bodies[name])
+            edits.append((start, end, written if there else written + b"\n"))
+        elif name in emptied and there:
+            edits.append((start, end, b""))
+    for start, end, written in sorted(edits, reverse=True):
+        content = content[:start] + written + content[end:]
+    return content
+
+
+def _written(body: pin.Inertia) -> bytes:
+    """Return an <inertial>."""
+    m = body.inertia
+    tensor = {"xx": m[0, 0], "xy": m[0, 1], "xz": m[0, 2], "yy": m[1, 1], "yz": m[1, 2], "zz": m[2, 2]}
+    entries = " ".join(f'i{axes}="{float(value)!r}"' for axes, value in tensor.items())
+    return (
+        f'<inertial><origin xyz="{joined(body.lever)}" rpy="0 0 0"/>'
+        f'<mass value="{float(body.mass)!r}"/><inertia {entries}/></inertial>'
+    ).encode()
+
+
+def _spans(content: bytes) -> dict[str, tuple[int, int, bool]]:
+    """Return where the <inertial> of each link is, or has to go, and whether there is one."""
+    parser, path, begin, link = expat.ParserCreate(), [""], 0, ""
+    spans: dict[str, tuple[int, int, bool]] = {}
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal link, begin
+        path.append(tag)
+        if path[1:] == ["robot", "link"]:
+            link = attributes.get("name", "")
+            after = content.index(b">", parser.CurrentByteIndex) + 1
+            spans[link] = (after, after, False)
+        elif path[1:] == ["robot", "link", "inertial"]:
+            begin = parser.CurrentByteIndex
+
+    def end(tag: str) -> None:
+        if path[1:] == ["robot", "link", "inertial"]:
+            after = content.index(b">", parser.CurrentByteIndex) + 1
+            spans[link] = (begin, after, True)
+        path.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(content, True)
+    return spans
+
+
+def experiment_files(robot: Robot, name: str, motion: Excitation, how: Mapping[str, Any]) -> dict[str, str]:
+    """Return a motion and the experiment that runs it with believed rotors.
+
+    Args:
+        robot: the arm.
+        name: of the robot, or the path of its file.
+        motion: from :func:`armgpi.identification.excitation.excite`.
+        how: how the robot was loaded: keys of the section `robot` -> texts.
+    """
+    import yaml
+
+    reference = motion.reference
+    head = ",".join(["time", *robot.joint_names])
+    rows = [",".join(f"{x:.12g}" for x in (t, *q)) for t, q in zip(reference.times, reference.q, strict=True)]
+    place = str(Path(name).resolve()) if Path(name).is_file() else name
+    rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
+    section: dict[str, Any] = {"name": place}
+    section |= {key: value for key, value in how.items() if value}
+    section["rotor_inertia"] = dict(zip(robot.joint_names, rotors.tolist(), strict=True))
+    experiment = {
+        "robot": section,
+        "controllers": [{"type": "untuned"}],
+        "reference": {"file": "reference.csv"},
+        "t_final": float(reference.t_end),
+    }
+    text = yaml.safe_dump(experiment, sort_keys=False, allow_unicode=True)
+    return {"reference.csv": "\n".join([head, *rows]) + "\n", "experiment.yaml": text}
+
+
+def plain(found: Identified, emptied: Sequence[str], validation: Validation | None) -> dict[str, object]:
+    """Return what was identified as plain data."""
+    names = found.robot.joint_names
+
+    def of_joints(values: Sequence[float]) -> dict[str, float | None]:
+        finite = [float(x) if np.isfinite(x) else None for x in values]
+        return dict(zip(names, finite, strict=True))
+
+    data: dict[str, object] = {
+        "format": FORMAT,
+        "robot": found.robot.name,
+        "logs": list(found.sources),
+        "residual_over_torque": of_joints(found.residuals.tolist()),
+        "lag": of_joints(found.lag.tolist()),
+        "sign_width": of_joints(found.width.tolist()),
+        "estimates": [
+            {
+                k: (None if isinstance(v, float) and not np.isfinite(v) else v)
+                for k, v in row._asdict().items()
+            }
+            for row in (*found.table(bodies=True), *found.sums())
+        ],
+        "emptied_links": list(emptied),
+        "findings": [str(each) for each in found.findings],
+    }
+    if validation is not None:
+        data["validation"] = {
+            "log": validation.source,
+            "identified": of_joints(validation.identified.tolist()),
+            "file": of_joints(validation.file.tolist()),
+        }
+    return data
+
+
+def write_page(found: Identified, emptied: Sequence[str], validation: Validation | None) -> str:
+    """Return the report as a page, verdict first."""
+    residuals = found.residuals if validation is None else validation.identified
+    verdict = say_residuals(found.robot, residuals, held_out=validation is not None)
+    sections = {}
+    head, rows = tabulate(found, validation)
+    sections["Joint by joint"] = page.table(head, rows, label="joint by joint")
+    notes = [say_lag(found), *say_findings(found)]
+    if emptied:
+        notes.append(
+            f"the identified bodies leave no room for what the file says of {', '.join(emptied)}, which are "
+            "fixed to others: their mass is in the link that carries them"
+        )
+    sections["What to know"] = page.bullets(notes)
+    summary = "".join(f"<p>{page.text(line)}</p>" for line in verdict)
+    return str(page.document(f"Identified: {found.robot.name}", summary, sections))

@@ -1,0 +1,208 @@
+"""Identification: a log of an arm that is known gives that arm, physical, with intervals, and as files."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.errors import ArmgpiError, UnfitLog
+from armgpi.identification.arm import Identified, identify
+from armgpi.identification.estimate import Block, Prior, fit
+from armgpi.identification.excitation import excite
+from armgpi.identification.logs import Log, resample
+from armgpi.identification.weak_form import bump
+from armgpi.identification.writing import edit_urdf, write_identified
+from armgpi.robot import robots
+from armgpi.robot.drives import Drives
+
+LATE = 2
+
+
+@cache
+def file() -> armgpi.Robot:
+    return armgpi.Robot.load("anthropomorphic3")
+
+
+@cache
+def arm() -> armgpi.Robot:
+    """Return what is really there: other rotors, friction, and a load that the file does not have."""
+    other = file().with_armature([0.3, 0.2, 0.1]).with_payload(file().tip, 0.3, (0.02, 0.0, 0.01))
+    return other.with_friction(viscous=[0.4, 0.3, 0.2], coulomb=[0.5, 0.4, 0.3])
+
+
+@cache
+def log(seed: int = 3, carried: float = 0.0) -> Log:
+    """Return a log of it: exact torques along a motion, positions of 16 bits that are late."""
+    dt, excitation = 2e-3, excite(file(), 12.0, 0.6, seed=seed)
+    t = np.arange(0.0, 12.0, dt)
+    other = arm().with_payload(arm().tip, carried, (0.0, 0.03, 0.05)) if carried else arm()
+    z = excitation.reference.at(t + 0.5 * dt)
+    friction = other.friction.viscous * z.v + other.friction.coulomb * z.v / np.sqrt(z.v**2 + 1e-6)
+    tau = other.inverse_dynamics(z.q, z.v, z.a) + other.armature * 0.0 + friction
+    count = 2.0 * np.pi / 2**16
+    q = np.round(excitation.reference.at(t - LATE * dt).q / count) * count
+    return Log(t, q, tau)
+
+
+@cache
+def found() -> Identified:
+    return identify(log(), file())
+
+
+def test_the_arm_that_made_the_log_is_found() -> None:
+    z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
+    true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), found().robot))
+    assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.01
+    assert found().robot.friction.viscous == pytest.approx(arm().friction.viscous, rel=0.05)
+    assert found().robot.friction.coulomb == pytest.approx(arm().friction.coulomb, rel=0.05)
+    assert found().lag == pytest.approx(LATE * 2e-3, abs=0.2 * 2e-3)
+
+
+def test_what_cannot_be_told_apart_is_told_as_a_sum() -> None:
+    (base,) = (row for row in found().table() if (row.joint, row.quantity) == ("q1", "rotor"))
+    both = found().sums()[0]
+    assert both.learned > 0.9
+    assert both.upper - both.lower < 0.5 * (base.upper - base.lower)
+
+
+def test_every_arm_that_is_found_or_drawn_is_physical() -> None:
+    for robot in (found().robot, *found().sample(8).robots):
+        for body in list(robot.pinocchio_model().inertias)[1:]:
+            assert np.linalg.eigvalsh(body.toPseudoInertia().toMatrix())[0] > 0.0
+        assert (robot.armature > 0.0).all()
+        assert (robot.friction.coulomb >= 0.0).all()
+    low, high = found().delta(count=8)
+    assert 0.9 < low <= 1.0 <= high < 1.1
+
+
+def test_without_data_the_file_stays() -> None:
+    prior = Prior(np.array([1.0, 2.0]), np.array([0.5, 0.5]), (), ())
+    nothing = Block(np.zeros((3, 1, 2)), np.zeros((3, 1)), np.ones((3, 1), dtype=bool), np.arange(3))
+    result = fit([nothing], prior, physical=False)
+    assert result.free.tolist() == [0.0, 0.0]
+    assert result.learned == pytest.approx([0.0, 0.0])
+
+
+def test_a_load_is_found_from_two_logs_together() -> None:
+    load = found().load(log(seed=4, carried=0.2))
+    assert load.mass == pytest.approx(0.2, rel=0.03)
+    assert load.com == pytest.approx([0.0, 0.03, 0.05], abs=5e-3)
+
+
+def test_the_test_functions_end_smoothly() -> None:
+    for derivative in range(3):
+        assert bump(np.array([-0.1, 0.0, 1.0, 1.1]), derivative) == pytest.approx([0.0] * 4, abs=1e-12)
+
+
+def test_written_and_loaded_again_it_is_the_same_arm(tmp_path: Path) -> None:
+    write_identified(found(), tmp_path, found().validate(log(seed=9)))
+    again = armgpi.Robot.load(tmp_path / "anthropomorphic3.urdf")
+    again = again.with_drives(Drives.read(tmp_path / "drives.yaml"))
+    q = file().random_positions(20)
+    assert again.mass_matrix(q) == pytest.approx(found().robot.mass_matrix(q), abs=1e-12)
+    assert again.friction.coulomb == pytest.approx(found().robot.friction.coulomb, rel=1e-12)
+    data = json.loads((tmp_path / "identification.json").read_text(encoding="utf-8"))
+    assert data["validation"]["identified"]["q1"] < 0.02 < data["validation"]["file"]["q1"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "The model leaves" in page
+
+
+def test_all_but_the_inertials_is_byte_for_byte_the_same() -> None:
+    path, _ = robots.locate("panda")
+    robot = armgpi.Robot.load("panda", lock=("panda_finger_joint1", "panda_finger_joint2"))
+    bodies = [2.0 * body.toDynamicParameters() for body in list(robot.pinocchio_model().inertias)[1:]]
+    edited = edit_urdf(robot.with_bodies(bodies))
+    assert _without_inertials(edited.content) == _without_inertials(path.read_bytes())
+    assert edited.emptied == ()
+    light = [0.05 * body for body in bodies]
+    assert "panda_hand" in edit_urdf(robot.with_bodies(light)).emptied
+
+
+def _without_inertials(content: bytes) -> bytes:
+    parts = content.split(b"<inertial>")
+    return parts[0] + b"".join(part.partition(b"</inertial>")[2] for part in parts[1:])
+
+
+def test_times_that_are_not_uniform_keep_the_torques_integral() -> None:
+    given = log()
+    t = given.t + 3e-4 * np.sin(np.arange(len(given.t)))
+    grid = resample(given._replace(t=t))
+    assert not grid.bad.any()
+    assert grid.tau.sum(axis=0) * grid.dt == pytest.approx(
+        (given.tau[:-1] * np.diff(t)[:, None]).sum(0), abs=0.1
+    )
+    gap = resample(Log(np.append(t[:2000], t[2000:] + 1.0), given.q, given.tau))
+    assert gap.bad.sum() * gap.dt == pytest.approx(1.0, abs=0.01)
+
+
+#: What is wrong with a log -> how, and what is said of it.
+BAD = {
+    "NaN": (lambda x: x._replace(q=np.where(x.t[:, None] > 5.0, np.nan, x.q)), "finite"),
+    "degrees": (lambda x: x._replace(q=np.rad2deg(x.q)), "not degrees"),
+    "N mm": (lambda x: x._replace(tau=1000.0 * x.tau), "its limit"),
+    "swapped": (lambda x: x._replace(tau=x.tau[:, [1, 0, 2]]), "order"),
+    "reversed": (lambda x: x._replace(tau=x.tau * [1.0, 1.0, -1.0]), "reversed sign|follow from its motion"),
+    "slow": (lambda x: x._replace(t=100.0 * x.t), "log faster"),
+    "still": (lambda x: x._replace(q=np.full_like(x.q, 0.1)), "move it faster"),
+    "short": (lambda x: Log(x.t[:500], x.q[:500], x.tau[:500]), "log longer"),
+    "clipped": (lambda x: x._replace(tau=np.clip(x.tau, -1.0, 1.0)), "clipped"),
+    "zero torque": (lambda x: x._replace(tau=0.0 * x.tau), "zero throughout"),
+    "no weight": (lambda x: x._replace(tau=x.tau - arm().gravity(x.q)), "weight|follow from its motion"),
+    "too few columns": (lambda x: x._replace(q=x.q[:, :2]), "a column for each joint"),
+    "times back": (lambda x: x._replace(t=x.t[::-1]), "increasing times"),
+    "no log": (lambda x: 3, "must be a Log"),
+    "no file": (lambda x: "nowhere.csv", "No such file"),
+    "random": (
+        lambda x: x._replace(tau=np.random.default_rng(0).normal(size=x.tau.shape)),
+        "follow from its motion",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_log_ends_in_one_line(name: str) -> None:
+    change, said = BAD[name]
+    with pytest.raises(ArmgpiError, match=said) as caught:
+        identify(change(log()), file())
+    assert "\n" not in str(caught.value)
+
+
+def test_a_log_of_an_arm_that_adds_the_weight_itself_is_taken() -> None:
+    given = log()
+    free = given._replace(tau=given.tau - arm().gravity(given.q))
+    result = identify(free, file(), gravity=False, check_first=False)
+    assert result.residuals.max() < 0.05
+
+
+def test_a_good_log_passes_the_check() -> None:
+    assert [each for each in found().findings if each.severity == "error"] == []
+
+
+def test_a_check_that_fails_can_be_overridden() -> None:
+    short = Log(*(x[:1400] for x in log()[:3]))
+    with pytest.raises(UnfitLog):
+        identify(short, file())
+    assert identify(short, file(), check_first=False).residuals.max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["anthropomorphic3", "ur5"])
+def test_an_excitation_is_inside_the_limits_for_rotors_within_four_times(name: str) -> None:
+    robot = armgpi.Robot.load(name)
+    motion = excite(robot, 10.0)
+    motion.reference.check(robot)
+    assert motion.share.max() < 0.75
+    assert motion.effort.max() < 1.02
+    for end in (0.0, 10.0):
+        assert motion.reference.at(end).v == pytest.approx(np.zeros(robot.n), abs=1e-9)
+
+
+def test_an_excitation_above_a_floor_stays_there() -> None:
+    robot = armgpi.Robot.load("ur5")
+    assert excite(robot, 5.0, 0.6, floor=-2.0).reference.t_end == pytest.approx(5.0)
+    with pytest.raises(ArmgpiError, match="floor"):
+        excite(robot, 5.0, 0.6, floor=5.0)

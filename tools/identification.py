@@ -1,0 +1,263 @@
+"""How accurate `armgpi identify` is, and whether its intervals hold, on arms whose truth is known.
+
+Random truths are drawn of each arm (bodies, rotors within 0.5-1.5 of the nominal ones, frictions, a load),
+excited with the nominal controller, logged (16 bits, one sample late, 0.5 % torque noise) and identified.
+
+    python tools/identification.py base --arms panda ur5 --count 20 --seed 100
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+import warnings
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+import armgpi
+from armgpi.arrays import Array
+from armgpi.health.zoo import fingers
+from armgpi.identification.arm import Identified, identify
+from armgpi.identification.estimate import expect
+from armgpi.identification.excitation import excite
+from armgpi.identification.logs import Log
+from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS, inverse_rows
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.plants import noise
+from armgpi.plants.plant import Wrapper
+from armgpi.plants.reality import scales
+from armgpi.robot.equations import Friction
+
+#: What is known of the cases: how the log is made.
+CASES: dict[str, dict[str, Any]] = {
+    "base": {},
+    "10s": {"seconds": 10.0},
+    "60s": {"seconds": 60.0},
+    "noise": {"noise": 0.03},
+    "unmodelled": {"unmodelled": True},
+    "unmodelled10": {"unmodelled": True, "seconds": 10.0},
+    "unmodelled60": {"unmodelled": True, "seconds": 60.0},
+    "late3": {"delay": 3},
+    "late5": {"delay": 5},
+    "slow": {"share": 0.12},
+}
+DT = 1e-3
+
+
+@with_parameters
+class TorqueNoise(Wrapper):
+    """White torque noise that the log knows nothing of."""
+
+    config_name: ClassVar[str | None] = "bench_torque_noise"
+    order: ClassVar[float] = 5.0
+    std: PerJoint = parameter("standard deviation", unit="N m", per_joint=True)
+    seed: int = parameter("seed", kind="integer", default=0, least=0)
+
+    def step(self, tau: Array, state: Any, dt: float) -> Any:
+        """Add the noise."""
+        k = self.plant.true_state(state).k
+        return self.plant.step(tau + self.std * noise.normal(self.seed, k, tau.shape, 3), state, dt)
+
+
+@with_parameters
+class Unmodelled(Wrapper):
+    """Torque ripple over position and Stribeck friction, for which the fit has no column."""
+
+    config_name: ClassVar[str | None] = "bench_unmodelled"
+    order: ClassVar[float] = 4.0
+    ripple: PerJoint = parameter("amplitude", unit="N m", per_joint=True)
+    stribeck: PerJoint = parameter("stiction above Coulomb", unit="N m", per_joint=True)
+
+    def step(self, tau: Array, state: Any, dt: float) -> Any:
+        """Add both."""
+        q, v = self.plant.true_state(state).q, self.plant.true_state(state).v
+        stuck = v / np.sqrt(v * v + 1e-4) / (1.0 + (v / 0.05) * (v / 0.05))
+        return self.plant.step(tau + self.ripple * np.sin(37.0 * q) - self.stribeck * stuck, state, dt)
+
+
+def truth(robot: armgpi.Robot, seed: int) -> armgpi.Robot:
+    """Return a random arm: bodies transformed congruently, so always physical; rotors, friction, a load."""
+    rng, n, size = np.random.default_rng(seed), robot.n, scales(robot)
+    model = robot.pinocchio_model()
+    bodies = []
+    for body in list(model.inertias)[1:]:
+        pseudo = body.toPseudoInertia().toMatrix()
+        change = np.eye(4)
+        change[:3, :3] *= math.sqrt(rng.uniform(0.7, 1.3)) * np.diag(rng.uniform(0.93, 1.07, 3))
+        change[:3, 3] = rng.uniform(-0.1, 0.1, 3) * np.linalg.norm(body.lever)
+        changed = change @ pseudo @ change.T * rng.uniform(0.7, 1.3)
+        bodies.append(pin.PseudoInertia.FromMatrix(changed).toInertia().toDynamicParameters())
+    rotors = expect(robot).mean.reshape(n, len(COLUMNS))[:, ROTOR] * rng.uniform(0.5, 1.5, n)
+    coulomb = rng.uniform(0.02, 0.1, n) * size.gravity
+    viscous = rng.uniform(0.1, 0.6, n) * coulomb
+    arm = robot.with_bodies(bodies).with_armature(rotors)
+    mass, com = rng.uniform(0.0, 0.05) * size.mass, rng.uniform(-0.05, 0.05, 3)
+    loaded = arm.with_payload(robot.tip, mass, com, np.eye(3) * mass * 0.03**2)
+    return loaded.with_friction(viscous=viscous, coulomb=coulomb)
+
+
+def unknowns(arm: armgpi.Robot) -> Array:
+    """Return the true unknowns of an arm, (n, 14)."""
+    table = np.zeros((arm.n, len(COLUMNS)))
+    bodies = list(arm.pinocchio_model().inertias)[1:]
+    table[:, : len(BODY)] = [body.toDynamicParameters() for body in bodies]
+    table[:, ROTOR], (table[:, VISCOUS], table[:, COULOMB]) = arm.armature, arm.friction
+    return table
+
+
+def record(
+    robot: armgpi.Robot,
+    arms: list[armgpi.Robot],
+    reference: armgpi.Reference,
+    seconds: float,
+    *,
+    noise: float = 0.005,
+    unmodelled: bool = False,
+    delay: int = 1,
+    seed: int = 11,
+) -> list[Log]:
+    """Return the logs of arms under the controller that the expected rotors give."""
+    rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
+    size = scales(robot)
+    friction = Friction(*(np.stack(rows) for rows in zip(*(arm.friction for arm in arms), strict=True)))
+    plant: Any = armgpi.RigidBodyPlant(armgpi.RobotBatch(arms), (), friction)
+    if unmodelled:
+        plant = Unmodelled(plant, ripple=0.02 * size.gravity, stribeck=0.5 * friction.coulomb)
+    plant = TorqueNoise(plant, std=noise * size.effort, seed=seed)
+    plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), delay)
+    nominal = robot.with_armature(rotors)
+    controller = armgpi.GPI.untuned(nominal, DT, delay=delay * DT, bits=16)
+    run = armgpi.simulate(plant, controller, reference, seconds, progress=False, backend="compiled")
+    q, tau = run["q_measured"].values, run["tau_command"].values
+    logs = []
+    for k in range(len(arms)):
+        there = np.isfinite(q[k]).all(axis=1) & np.isfinite(tau[k]).all(axis=1)
+        end = len(there) if there.all() else int(np.argmin(there))
+        logs.append(Log(run["time"].values[:end], q[k, :end], tau[k, :end], f"truth {k}"))
+    return logs
+
+
+def separable(model: Any, motion: Any, noise: Array, rotor: Array) -> Array:
+    """Return which rotors the Fisher information of the true arm tells to 3 % (one standard deviation), (n,).
+
+    The rows of the motion every 0.1 s, each with independent noise of the torque's size, and no prior.
+    """
+    n = len(rotor)
+    rows = inverse_rows(model, motion.q, motion.v, motion.a, np.full(n, 2e-3)).reshape(len(motion.q), n, -1)
+    weighted = (rows / noise[:, None]).reshape(-1, rows.shape[-1])
+    scale = np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh((weighted / scale).T @ (weighted / scale))
+    inverse = (vectors / np.maximum(values, 1e-10 * values[-1])) @ vectors.T
+    std = np.sqrt(np.diag(inverse)) / scale
+    return np.asarray(std[ROTOR :: len(COLUMNS)] < 0.03 * rotor)
+
+
+def judge(found: Identified, true: Array, held: Array, apart: Array) -> dict[str, Any]:
+    """Return the errors of one arm."""
+    count = true.size
+    theta = found.theta[:count]
+    torque = held @ true.ravel()
+    error = held @ theta - torque
+    share = np.sqrt((error**2).mean(axis=0) / (torque**2).mean(axis=0))
+    rows = [row for row in found.table(bodies=True) if row.quantity in COLUMNS]
+    learned = np.array([row.learned for row in rows]).reshape(true.shape)
+    inside = np.array(
+        [row.lower <= x <= row.upper for row, x in zip(rows, true.ravel(), strict=True)]
+    ).reshape(true.shape)
+    known = learned > 0.5
+    relative = theta.reshape(true.shape) / np.where(true == 0.0, np.nan, true) - 1.0
+    return {
+        "torque": share.tolist(),
+        "rotor": np.abs(relative[apart, ROTOR]).tolist(),
+        "coulomb": np.abs(relative[:, COULOMB]).tolist(),
+        "viscous": np.abs(relative[:, VISCOUS]).tolist(),
+        "inside": int((inside & known).sum()),
+        "known": int(known.sum()),
+        "inside_drives": int((inside & known)[:, ROTOR:].sum()),
+        "known_drives": int(known[:, ROTOR:].sum()),
+        "lag": float(found.lag.mean() / DT),
+    }
+
+
+def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
+    """Return what identification makes of some truths of an arm."""
+    options = dict(CASES[case])
+    seconds, share = options.pop("seconds", 20.0), options.pop("share", 0.7)
+    robot = armgpi.Robot.load(name, lock=fingers(name))
+    reference = excite(robot, seconds, share, seed=7).reference
+    arms = [truth(robot, seed + i) for i in range(count)]
+    logs = record(robot, arms, reference, seconds, **options)
+    z = excite(robot, 10.0, 0.7, seed=1234).reference.at(np.linspace(0.5, 9.5, 300))
+    rows = []
+    for arm, log in zip(arms, logs, strict=True):
+        begin = time.process_time()
+        found = identify(log, robot, check_first=False)
+        took = (time.process_time() - begin) / seconds
+        model, true = arm.pinocchio_model(), unknowns(arm)
+        held = inverse_rows(model, z.q, z.v, z.a, np.full(arm.n, 1e-3)).reshape(len(z.q), arm.n, -1)
+        motion = reference.at(np.arange(0.5, seconds - 0.5, 0.1))
+        apart = separable(model, motion, 0.001 * scales(robot).effort, arm.armature)
+        findings = [x for x in found.findings if x.severity == "error"]
+        rows.append({**judge(found, true, held, apart), "took": took, "refused": len(findings)})
+        rows[-1]["length"] = log.t[-1]
+    return summary(name, case, rows)
+
+
+def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return medians, tails and coverage over truths."""
+
+    def all_of(key: str) -> Array:
+        return np.concatenate([row[key] for row in rows])
+
+    torque = np.array([row["torque"] for row in rows])
+    return {
+        "arm": name,
+        "case": case,
+        "truths": len(rows),
+        "torque_median": float(np.median(torque)),
+        "torque_worst": float(np.median(torque.max(axis=1))),
+        "torque_largest": float(torque.max()),
+        "rotor_median": float(np.median(all_of("rotor"))) if len(all_of("rotor")) else None,
+        "rotor_95": float(np.quantile(all_of("rotor"), 0.95)) if len(all_of("rotor")) else None,
+        "rotors_separable": len(all_of("rotor")) / len(rows),
+        "coulomb": float(np.median(all_of("coulomb"))),
+        "viscous": float(np.median(all_of("viscous"))),
+        "coverage": sum(r["inside"] for r in rows) / sum(r["known"] for r in rows),
+        "coverage_drives": sum(r["inside_drives"] for r in rows)
+        / max(sum(r["known_drives"] for r in rows), 1),
+        "learned": sum(r["known"] for r in rows) / len(rows),
+        "lag": float(np.median([r["lag"] for r in rows])),
+        "lag_spread": float(np.max(np.abs(np.array([r["lag"] for r in rows]) - CASES[case].get("delay", 1)))),
+        "took": float(np.median([r["took"] for r in rows])),
+        "refused": sum(r["refused"] > 0 for r in rows),
+    }
+
+
+def main() -> None:
+    """Measure and print, one line for each arm and case."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", nargs="+", choices=sorted(CASES))
+    parser.add_argument("--arms", nargs="+", default=["panda", "ur5", "anthropomorphic3"])
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    found = []
+    for name in given.arms:
+        for case in given.cases:
+            row = measure(name, case, given.count, given.seed)
+            found.append(row)
+            shown = {key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()}
+            print(" ".join(f"{key}={value}" for key, value in shown.items()), flush=True)
+            if given.out:
+                given.out.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
