@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from armgpi.arrays import Array, check_whole, frozen
-from armgpi.errors import ParameterError
+from armgpi.arrays import Array, check_type, check_whole, frozen
+from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
 from armgpi.identification.check import Finding, check, refuse
 from armgpi.identification.estimate import Block, Fit, Prior
@@ -299,8 +299,13 @@ def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool
         ParameterError: for a robot whose joints follow others, or something that is no log.
         MissingPackage: when Clarabel is not installed.
     """
+    check_type(robot, "robot", Robot, "a Robot")
+    check_type(gravity, "gravity", bool, "True or False")
+    check_type(check_first, "check_first", bool, "True or False")
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
     data = _Data(robot, gravity).with_logs(list(logs) if several else [logs])
+    if not data.forms:
+        raise ParameterError("logs", logs, "at least one log")
     findings = data.findings(len(data.grids))
     if check_first:
         refuse(findings)
@@ -334,7 +339,11 @@ class _Data:
         self.sources: list[str] = []
 
     def with_logs(self, logs: Sequence[Any]) -> _Data:
-        """Return the same of other logs."""
+        """Return the same of other logs.
+
+        Raises:
+            UnfitLog: for one that is too short for a single moment.
+        """
         other = _Data(self.robot, self.gravity)
         other.width, other.lags = self.width, self.lags
         for each in logs:
@@ -342,6 +351,8 @@ class _Data:
             grid = resample(log)
             other.grids.append(grid)
             other.forms.append(WeakForm(self.model, grid))
+            if not len(other.forms[-1].starts):
+                raise UnfitLog([f"no second of it is without a gap: log longer ({log.source})"])
             other.phases.append(_phases(grid, other.forms[-1]))
             other.sources.append(log.source)
         return other

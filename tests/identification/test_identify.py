@@ -150,6 +150,7 @@ BAD = {
     "slow": (lambda x: x._replace(t=100.0 * x.t), "log faster"),
     "still": (lambda x: x._replace(q=np.full_like(x.q, 0.1)), "move it faster"),
     "short": (lambda x: Log(x.t[:500], x.q[:500], x.tau[:500]), "log longer"),
+    "hardly any": (lambda x: Log(x.t[:150], x.q[:150], x.tau[:150]), "log longer"),
     "clipped": (lambda x: x._replace(tau=np.clip(x.tau, -1.0, 1.0)), "clipped"),
     "zero torque": (lambda x: x._replace(tau=0.0 * x.tau), "zero throughout"),
     "no weight": (lambda x: x._replace(tau=x.tau - arm().gravity(x.q)), "weight|follow from its motion"),
