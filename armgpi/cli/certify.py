@@ -167,6 +167,7 @@ def certify(
         check_file(report, "--report")
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = load_arm(robot, how, rotor_inertia, drives)
+    _note_believed(arm)
     if refute is not None:
         _refuted(refute, arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
@@ -180,6 +181,29 @@ def certify(
     with progress() as told:
         found = certified(arm, 1e-3 if dt is None else dt, progress=told, **options)
     sys.exit(_told(found, arm, out, report, as_json))
+
+
+def _note_believed(arm: Any) -> None:
+    """Refuse an arm with believed rotors, and say of a file without them what a certificate is worth."""
+    import math
+
+    from armgpi.control.payload import certified_sector
+    from armgpi.robot import rotors
+
+    ratio = math.sqrt(certified_sector().upper)
+    if rotors.believed(arm):
+        say(
+            f"no certificate: rotors are believed within a factor of {rotors.SCATTER:g}, and a certificate "
+            f"takes D as exact; within a factor of {ratio:.2g}, without load, there could be one: "
+            "identify the rotors, and tell them by --rotor-inertia or --drives FILE"
+        )
+        sys.exit(FAILED)
+    if names := rotors.silent(arm):
+        say(
+            f"note: the file says nothing of rotors in {', '.join(names)}, so this is of an arm without "
+            "them; one with geared motors has them",
+            err=True,
+        )
 
 
 def _told(found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool) -> int:

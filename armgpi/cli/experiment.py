@@ -21,6 +21,7 @@ _LOOKS = 401
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
     from armgpi.config import Experiment
+    from armgpi.robot.robot import Robot
 
 
 @stoppable
@@ -103,6 +104,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     check_out(options, experiment)
+    note_rotors(experiment.robot)
     wanted = ("plot", "view", "html", "report", "interactive")
     pictures.check(**{name: options[name] for name in wanted})
     check_table(options["table"])
@@ -140,6 +142,14 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         say(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.INTERRUPTED: INTERRUPTED}
     return code.get(experiments.overall_status(records), FAILED)
+
+
+def note_rotors(robot: Robot) -> None:
+    """Say what is believed of an arm's rotors, or that somebody told it to have none."""
+    from armgpi.robot.rotors import describe
+
+    if said := describe(robot):
+        say(said, err=True)
 
 
 def check_out(options: dict[str, Any], experiment: Experiment) -> None:

@@ -128,6 +128,8 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
         f"from {facts['base']!r} to {facts['tip']!r}",
         f"file: {shown(facts['source'])}",
     ]
+    if facts["rotors"]:
+        said.insert(1, shown(facts["rotors"]))
     if facts["locked"]:
         said.append("locked: " + ", ".join(f"{shown(name)} at {x:g}" for name, x in facts["locked"].items()))
     return said

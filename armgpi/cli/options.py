@@ -156,7 +156,9 @@ def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str
     from armgpi.cli.parsing import per_joint
 
     found: dict[str, Any] = {}
-    if path is not None:
+    if str(path) in ("believed", "rigid"):
+        found["drives"] = str(path)
+    elif path is not None:
         from armgpi.robot.drives import Drives
 
         found["drives"] = Drives.read(path).plain()
@@ -177,7 +179,8 @@ Drives = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known.",
+        help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known; "
+        "'believed': rotors that nothing tells are believed, 'rigid': there are none.",
     ),
 ]
 PlantEngine = Annotated[

@@ -23,6 +23,7 @@ from armgpi.config.schema import (
 )
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, suited
+from armgpi.control.untuned import Untuned
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
@@ -37,6 +38,7 @@ from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, registered, subclasses
+from armgpi.robot import rotors
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
@@ -130,7 +132,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
         ConfigError: when something in it does not fit the robot; it names the key.
     """
     top = _Place(origin or Origin())
-    robot = _robot(config.robot, top.at("robot"))
+    config, robot = _believing(config, top)
     if config.reality is None:
         context = _context(config, robot, top)
         engine = config.plant.engine
@@ -190,7 +192,7 @@ def robot(config: ExperimentConfig, origin: Origin | None = None) -> Robot:
     Raises:
         ConfigError: when something does not fit the robot; it names the key.
     """
-    return _robot(config.robot, _Place(origin or Origin()).at("robot"))
+    return _believing(config, _Place(origin or Origin()))[1]
 
 
 class Parts:
@@ -244,6 +246,32 @@ class Parts:
         return made
 
 
+def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig, Robot]:
+    """Return the arm of an experiment, and the experiment with what is believed of its rotors filled in.
+
+    They are believed where the file asks for it, and where it says nothing and has the rule for untuned arms.
+    What is simulated then has them as well. A reality says itself what rotors there are.
+    """
+    section = config.robot
+    robot = _robot(section, top.at("robot"))
+    if section.drives == "rigid":
+        return config, rotors.without_rotors(robot)
+    untuned = any(each.type == Untuned.config_name for each in config.controllers)
+    if section.drives == "believed" or (untuned and config.reality is None):
+        if rotors.silent(robot):
+            robot = rotors.believe(robot)
+            given = section.drives if isinstance(section.drives, dict) else {}
+            known = {joint: dict(own) for joint, own in given.items()}
+            for joint, datum in robot.drives.data["rotor_inertia"].items():
+                if datum.source == "believed":
+                    known.setdefault(joint, {})["rotor_inertia"] = datum.plain()
+            section = section.model_copy(update={"drives": known})
+        elif section.drives == "believed":
+            section = section.model_copy(update={"drives": None})
+        config = config.model_copy(update={"robot": section})
+    return config, robot
+
+
 def _robot(section: RobotSection, place: _Place) -> Robot:
     """Return the arm."""
     # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.
@@ -263,7 +291,8 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         current = robot.limits.effort
         with place.at("effort").error_context():
             robot = robot.with_limits(effort=_per_joint(section.effort, robot, place.at("effort"), current))
-    robot = _with_drives(robot, section.drives, place.at("drives"))
+    if not isinstance(section.drives, str):
+        robot = _with_drives(robot, section.drives, place.at("drives"))
     if section.rotor_inertia is not None:
         here = place.at("rotor_inertia")
         robot = robot.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))

@@ -305,6 +305,8 @@ class RobotSection(Section):
         rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
         friction: joint friction that replaces the URDF's.
         drives: joint -> what is known of its drive (:mod:`armgpi.robot.drives`); the keys above come on top.
+            Or "believed": rotors of which the file says nothing are believed (:mod:`armgpi.robot.rotors`), as
+            they are where a controller has the rule for untuned arms; or "rigid": there are none.
         gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
             itself; then plant and nominal models have no gravity.
     """
@@ -317,7 +319,7 @@ class RobotSection(Section):
     effort: PerJointNotNegative | None = None
     rotor_inertia: PerJointNotNegative | None = None
     friction: FrictionSection | None = None
-    drives: dict[str, Any] | None = None
+    drives: dict[str, Any] | Literal["believed", "rigid"] | None = None
     gravity: Literal["arm", "robot"] = "arm"
 
 

@@ -30,6 +30,7 @@ from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import believe
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
@@ -257,7 +258,7 @@ class GPI(Controller):
         """Return a controller for an arm that nobody tuned, by the rule of `armgpi.control.untuned`.
 
         Args:
-            robot: nominal model.
+            robot: nominal model; rotors of which nothing is known are believed (:mod:`armgpi.robot.rotors`).
             dt: sample time [s].
             delay: transport delay in the loop [s].
             bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); None
@@ -268,6 +269,7 @@ class GPI(Controller):
             ArmgpiError: as the constructor, and for encoders that cannot be.
         """
         check_robot(robot)
+        robot = believe(robot) if isinstance(robot, Robot) else robot
         if isinstance(loads := given.get("payload"), tuple | list):
             given["payload"] = _load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
         chosen = untuned.untuned(robot, dt, delay, bits, given)

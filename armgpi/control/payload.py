@@ -46,8 +46,9 @@ _PHASE = 0.3
 DELAY_SHARE = _PHASE / PRINTED_PHASE
 #: Slower loops follow too badly [rad/s]: gravity alone pulls at rates of up to sqrt(g / 0.1 m) = 10 rad/s.
 _SLOWEST = 15.0
-#: A load that an arm is likely to carry, as a share of its mass, and the least delta that it should leave.
-_PLAUSIBLE, PLAUSIBLE_DELTA = 0.05, 0.5
+#: A load that an arm is likely to carry, as a share of what moves of it, how far beside its tip [m], as any
+#: gripper holds it, and the least delta that it should leave.
+_PLAUSIBLE, _BESIDE, PLAUSIBLE_DELTA = 0.05, 0.05, 0.5
 #: Configurations at which the mobility is evaluated.
 _CONFIGURATIONS = 512
 #: Configurations of the highest mobility around which others are tried.
@@ -292,12 +293,14 @@ class PlausibleLoad(NamedTuple):
     """A load that an arm is likely to carry.
 
     Attributes:
-        mass: 5 % of the arm's [kg].
+        mass: 5 % of what moves of the arm [kg].
+        com: where its centre is in the frame of the tip [m]: 5 cm beside it.
         delta: least eigenvalue of D^-1 D^ with it, of a nominal model without.
         mobility: largest eigenvalue of D^-1 B without load [1/kg].
     """
 
     mass: float
+    com: tuple[float, float, float]
     delta: float
     mobility: float
 
@@ -310,22 +313,30 @@ class PlausibleLoad(NamedTuple):
 
         Args:
             robot: the arm without load.
-            nominal: mass at the tip of the nominal model [kg].
+            nominal: mass there of the nominal model [kg].
         """
         if (delta := self.with_nominal(nominal)) >= PLAUSIBLE_DELTA:
             return ""
         carries = f"with {nominal:.2g} kg there" if nominal else "without it"
         return (
-            f"{self.mass:.2g} kg at {robot.tip!r}, 5 % of the arm's mass, makes a nominal D(q) {carries} "
-            f"{delta:.2g} of the true one, and below {PLAUSIBLE_DELTA:g} GPI loses arms"
+            f"{self.mass:.2g} kg 5 cm beside {robot.tip!r}, 5 % of what moves, makes a nominal D(q) "
+            f"{carries} {delta:.2g} of the true one, and below {PLAUSIBLE_DELTA:g} GPI loses arms"
         )
 
 
 def plausible_load(robot: Robot) -> PlausibleLoad:
     """Return the load that an arm is likely to carry at its tip, and what it does to the loop."""
-    mass = _PLAUSIBLE * robot.total_mass
-    mobility = _mobility(robot, robot.tip)
-    return PlausibleLoad(mass, 1.0 / (1.0 + mass * mobility), mobility)
+    mass = _PLAUSIBLE * float(sum(body.mass for body in robot.pinocchio_model().inertias[1:]))
+    com = _beside(robot)
+    mobility = _mobility(robot, robot.tip, com)
+    return PlausibleLoad(mass, com, 1.0 / (1.0 + mass * mobility), mobility)
+
+
+def _beside(robot: Robot) -> tuple[float, float, float]:
+    """Return the place 5 cm along an axis of the tip's frame where a load weighs most on the last joint."""
+    sides: list[tuple[float, float, float]] = [(_BESIDE, 0.0, 0.0), (0.0, _BESIDE, 0.0), (0.0, 0.0, _BESIDE)]
+    q = robot.middle()
+    return max(sides, key=lambda com: float(robot.with_payload(robot.tip, 1.0, com).mass_matrix(q)[-1, -1]))
 
 
 def balanced_load(robot: Robot, most: float) -> float:

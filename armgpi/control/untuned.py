@@ -40,6 +40,7 @@ from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import told_none
 
 #: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
 #: lateness limits the loop, which then has no count noise to spare it.
@@ -125,7 +126,9 @@ def untuned(
 def _spare(robot: AnyRobot, most: float) -> LoadRange:
     """Return the nominal load that the loop has delay margin to spare for: empty, delta is `most` at most."""
     heaviest: Any = _of_each(robot, lambda one: np.array([balanced_load(one, most)]))
-    return LoadRange(heaviest=heaviest if isinstance(robot, RobotBatch) else float(heaviest[0]))
+    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
+    com = plausible_load(first).com
+    return LoadRange(heaviest=heaviest if isinstance(robot, RobotBatch) else float(heaviest[0]), com=com)
 
 
 def _warn(robot: Robot, omega: Array | None, loads: LoadRange | None) -> None:
@@ -134,6 +137,13 @@ def _warn(robot: Robot, omega: Array | None, loads: LoadRange | None) -> None:
         warnings.warn(
             f"sample time, delay and encoders leave joint {robot.joint_names[j]!r} {omega[j]:.3g} rad/s, "
             f"and below {SLOWEST_DEFAULT:g} an arm follows badly; sample faster, or finer",
+            ArmgpiWarning,
+            stacklevel=4,
+        )
+    if names := told_none(robot):
+        warnings.warn(
+            f"{', '.join(names)}: told to have no rotor; where a geared motor drives a joint this law "
+            "loses the arm, a light wrist from 0.05 kg m^2 on: tell its rotor inertia, or let it be believed",
             ArmgpiWarning,
             stacklevel=4,
         )

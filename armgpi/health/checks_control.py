@@ -13,6 +13,7 @@ from armgpi.control.margins import SLOWEST_DEFAULT, slow_default
 from armgpi.control.untuned import COUNT_SHARE
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
+from armgpi.robot import rotors
 
 _LEAST_MASS = 1e-4
 _CONDITION, _LEAST_EIGENVALUE = 1e6, 1e-6
@@ -120,41 +121,45 @@ def strong_friction(subject: Subject) -> Iterator[Finding]:
         yield Finding("warning", where, message, fastest, bound, repair)
 
 
-@check("armature", "no rotor inertia, and what that does to the loop", "info")
+@check(
+    "armature",
+    "rotors that the file does not tell (info), or that somebody told not to be (warning)",
+    "info",
+    "warning",
+)
 def armature(subject: Subject) -> Iterator[Finding]:
-    """Find joints without rotor inertia, and what plausible ones would do to the loop."""
-    if subject.robot.armature.any():
+    """Find rotors that are believed or told away, and what that does to the loop."""
+    robot = subject.robot
+    none = rotors.told_none(robot)
+    names = none or rotors.silent(robot)
+    if not names:
         return
-    names = subject.robot.joint_names
-    typical = typical_rotor_inertia(subject)
-    whole, rotors = subject.inertia, np.diag(typical)
-    less = np.linalg.eigvals(np.linalg.solve(whole + rotors, whole)).real.min()
-    more = np.linalg.eigvals(np.linalg.solve(whole, whole + rotors)).real.max()
-    alone = np.array(
-        [1.0 / (1.0 + typical[j] * np.linalg.inv(whole)[:, j, j].max()) for j in range(len(names))]
-    )
-    each = ", ".join(f"{name} {value:.2g}" for name, value in zip(names, alone, strict=True))
+    every = zip(robot.joint_names, rotors.believable(robot), strict=True)
+    values = [float(x) if name in names else 0.0 for name, x in every]
+    whole, added = subject.inertia, np.diag(values)
+    less = np.linalg.eigvals(np.linalg.solve(whole + added, whole)).real.min()
+    wrong = np.linalg.eigvals(np.linalg.solve(whole + rotors.SCATTER * added, whole + added)).real.min()
     message = (
-        "no rotor inertia: URDFs have none, and real gears make light wrists heavier. With half of each "
-        "joint's mean inertia in truth and none in the nominal model, the eigenvalues delta of D^-1 D-hat go "
-        f"down to {less:.2g} (by joint: {each}), the other way round up to {more:.2g}; GPI needs 0.36"
+        f"with rotors as motors of such torque and speed have them, and none in the nominal model, the "
+        f"eigenvalues delta of D^-1 D-hat go down to {less:.2g}; GPI needs 0.36"
     )
-    proposed = ",".join(f"{name}={value:.2g}" for name, value in zip(names, typical, strict=True))
+    if not none:
+        message = (
+            "no rotor inertia in the file; the rule for untuned arms believes rotors as motors of such "
+            f"torque and speed have them. With {rotors.SCATTER:g} times those the eigenvalues delta of "
+            f"D^-1 D-hat go down to {wrong:.2g}, with none believed to {less:.2g}; GPI needs 0.36"
+        )
+    told = zip(robot.joint_names, values, strict=True)
+    proposed = ",".join(f"{name}={value:.2g}" for name, value in told if name in names)
     yield Finding(
-        "info",
+        "warning" if none else "info",
         "joints",
         message,
-        float(less),
+        float(less if none else wrong),
         0.36,
-        "give gear ratio squared times rotor from the data sheet, or values to try",
+        "give gear ratio squared times rotor from the data sheet, or what is believed",
         (Remedy("rotor_inertia", (), proposed),),
     )
-
-
-def typical_rotor_inertia(subject: Subject) -> Array:
-    """Return a plausible rotor inertia of every joint: half of the mean inertia that it moves, shape (n,)."""
-    typical: Array = 0.5 * np.diagonal(subject.inertia, axis1=1, axis2=2).mean(axis=0)
-    return typical
 
 
 @check(

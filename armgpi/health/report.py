@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import check_number, check_path, check_type, check_whole
+from armgpi.arrays import check_choice, check_number, check_path, check_type, check_whole
 from armgpi.control.gpi import GPI
 from armgpi.control.payload import PLAUSIBLE_DELTA, largest_payload, plausible_load
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
@@ -23,7 +23,7 @@ from armgpi.escape import html_table, json_data
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
-from armgpi.robot import repairs, robots, urdf, urdf_model
+from armgpi.robot import repairs, robots, rotors, urdf, urdf_model
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
@@ -82,7 +82,7 @@ def inspect(
     encoder_bits: int = 16,
     repair: str | Iterable[str] = (),
     rotor_inertia: PerJoint | None = None,
-    drives: Drives | Mapping[str, Any] | None = None,
+    drives: Drives | Mapping[str, Any] | str | None = None,
 ) -> HealthReport:
     """Load a robot and report what its model is, what will bite, and what a controller will do with it.
 
@@ -98,7 +98,8 @@ def inspect(
         encoder_bits: resolution of the position sensors.
         repair: names of repairs that may be made in the file.
         rotor_inertia: seen at the joints [kg m^2 or kg].
-        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`.
+        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or "rigid": there are no
+            rotors where nothing is told of them, which are believed otherwise.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
@@ -129,10 +130,13 @@ def inspect(
     document = urdf.parse(urdf.read_file(path), str(path), asked)
     if effort is not None:
         robot = robot.with_limits(effort=effort)
-    if drives is not None:
+    if drives is not None and not isinstance(drives, str):
         robot = robot.with_drives(drives)
     if rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
+    if isinstance(drives, str):
+        check_choice(drives, "drives", ("believed", "rigid"))
+        robot = rotors.without_rotors(robot) if drives == "rigid" else robot
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject)).with_findings(findings.find(subject))
 
@@ -157,13 +161,14 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
-    plausible = plausible_load(report.robot)
+    robot = rotors.believe(report.robot)
+    plausible = plausible_load(robot)
     law = report.facts["untuned"]
     carried = law["nominal_load"] if law is not None else 0.0
     # What the rule still cannot take is a warning, what the printed law cannot is worth knowing.
     levels: tuple[tuple[Level, float], ...] = (("warning", carried), ("info", 0.0))
     for level, nominal in levels:
-        if said := plausible.said(report.robot, nominal):
+        if said := plausible.said(robot, nominal):
             delta = plausible.with_nominal(nominal)
             repair = "tell the controller of the load (payload range), and of the rotor inertia"
             found.append(Finding(level, "robot", said, delta, PLAUSIBLE_DELTA, repair, (), "payload"))
@@ -199,6 +204,7 @@ def _facts(subject: Subject) -> dict[str, Any]:
         "locked": dict(subject.locked),
         "mimic": robot.provenance.get("mimic", "lock"),
         "repairs": list(robot.provenance.get("repairs", ())),
+        "rotors": rotors.describe(rotors.believe(robot)),
         "joints": _joints(subject),
         "least_eigenvalue": float(subject.eigenvalues[:, 0].min()),
         "condition": float((subject.eigenvalues[:, -1] / subject.eigenvalues[:, 0]).max()),

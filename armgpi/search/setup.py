@@ -70,7 +70,10 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     given = beside(config.check(data, origin), path)
     data = {**given.model_dump(exclude_unset=True)}
     data.setdefault("controllers", [{"type": "gpi"}])
+    if given.robot.drives is None and given.reality is None:  # what is found is for an arm that has rotors
+        given = given.model_copy(update={"robot": given.robot.model_copy(update={"drives": "believed"})})
     experiment = config.build(given, origin)
+    data["robot"] = experiment.config.robot.model_dump(exclude_unset=True)
     if experiment.supervisor is not None:
         said = "candidates are searched without the supervisor of the file; run what is found under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)

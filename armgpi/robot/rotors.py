@@ -1,0 +1,173 @@
+"""Rotors that a file does not tell: what is believed of them, and from which published drives.
+
+A motor that gives a torque T up to a speed v can turn its own rotor from rest to v in some time J v / T,
+all as seen at the joint. Over five decades of J that time is nearly the same, as larger motors and higher
+gear ratios raise T / v as they raise J: the gear ratio cancels. So a joint without a word of its rotor is
+believed to have J = SPIN_UP T / v.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.robot.drives import Drives
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+
+class Rotor(NamedTuple):
+    """A published drive, all as seen at the joint.
+
+    Attributes:
+        robot: which robot or servo.
+        joint: which of its joints, from 1.
+        wrist: whether it is one of the last three joints of an arm.
+        effort: torque limit [N m].
+        velocity: velocity limit [rad/s].
+        inertia: of the rotor, gear ratio squared [kg m^2].
+        part: "fit" or "held-out"; "set by hand" for values of simulation models, which nothing uses.
+    """
+
+    robot: str
+    joint: int
+    wrist: bool
+    effort: float
+    velocity: float
+    inertia: float
+    part: str
+
+
+def _arm(robot: str, part: str, effort: str, velocity: str, inertia: str, wrists: int = 3) -> list[Rotor]:
+    """Return the joints of an arm from lists in text."""
+    columns = ([float(x) for x in column.split()] for column in (effort, velocity, inertia))
+    rows = list(zip(*columns, strict=True))
+    return [Rotor(robot, i + 1, i >= len(rows) - wrists, e, v, J, part) for i, (e, v, J) in enumerate(rows)]
+
+
+#: Identified or manufacturers' own values, half of the robots to fit and half held out, and some that
+#: simulation models were given by hand. Sources, in this order: Franka's reflected inertias of the FR3
+#: (README of Drake's franka_description); the UR10e of shamilmamedov/dynamic_calibration, identified from
+#: its currents (its first three joints cannot be told from their links); ZeroErr's eRob and TA40 joints by
+#: their data sheets (four sizes, as in a model of their user); Dynamixel MX-106 and MX-64
+#: (mujoco_menagerie, dynamixel_2r, identified); Puma 560: Armstrong, Khatib, Burdick 1986, measured, limits
+#: of Corke's collection; Schunk Powerball, identified (AndreaGiusti/OTFCtrlModRob; limits of the data
+#: sheet); Feetech STS3215 and Dynamixel XL330: identified on a pendulum (Rhoban/bam); KUKA LWR 4+: Jubien,
+#: Gautier, Janot 2014, identified.
+PUBLISHED = (
+    *_arm("Franka FR3", "fit", "87 87 87 87 12 12 12", "2.62 2.62 2.62 2.62 5.26 4.18 5.26",
+          "0.606 0.606 0.462 0.462 0.206 0.206 0.206"),
+    *_arm("UR10e", "fit", "56 56 56", "3.14 3.14 3.14", "0.42 0.43 0.46"),
+    *_arm("eRob 70, 80", "fit", "12 23 30 36 44 56 70", "6.28 6.28 3.93 2.62 6.28 3.93 2.62",
+          "0.117 0.0653 0.167 0.376 0.112 0.288 0.647", 0),
+    *_arm("Dynamixel MX-106, MX-64", "fit", "8.4 6.0", "4.7 6.6", "0.025 0.012", 0),
+    *_arm("Puma 560", "held-out", "97.6 186 89.4 24.2 20.1 21.3", "1.43 1.29 2.13 3.98 4.21 3.98",
+          "1.14 4.71 0.83 0.2 0.18 0.19"),
+    *_arm("Schunk LWA 4P", "held-out", "75.5 75.5 75.5 75.5 20 20", "1.26 1.26 1.26 1.26 1.26 1.26",
+          "1.34 1.34 1.34 1.34 0.17 0.17"),
+    *_arm("Feetech STS3215, Dynamixel XL330", "held-out", "2.94 0.6", "6.3 10.9", "0.028 0.0022", 0),
+    *_arm("KUKA LWR 4+", "held-out", "176 176 100 100 100 38 38", "1.92 1.92 2.23 2.23 3.56 3.21 3.21",
+          "3.19 3.05 1.98 2.05 0.79 0.39 0.39"),
+    *_arm("Panda of mujoco_menagerie", "set by hand", "87 87 87 87 12 12 12",
+          "2.17 2.17 2.17 2.17 2.61 2.61 2.61",
+          "0.1 0.1 0.1 0.1 0.1 0.1 0.1"),
+    *_arm("UR5e of mujoco_menagerie", "set by hand", "150 150 150 28 28 28", "3.14 3.14 3.14 3.14 3.14 3.14",
+          "0.1 0.1 0.1 0.1 0.1 0.1"),
+)  # fmt: skip
+#: Time in which a motor turns its own rotor to the velocity limit [s]: the geometric mean of those to fit,
+#: each robot with the same weight (tools/rotors.py).
+SPIN_UP = 0.0226
+#: Factor either way of the believed value within which 95 % of the held-out joints are (tools/rotors.py).
+SCATTER = 2.5
+#: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s].
+_NO_EFFORT, _NO_VELOCITY = 1000.0, 100.0
+#: Most that an arm's strongest joint may have over its largest gravity torque: limits above are no motors'.
+_MOST_GRAVITY = 20.0
+#: Where nothing tells the torque or speed of a motor: so many times the joint's largest gravity torque,
+#: which is at least a share of the arm's; and that speed [rad/s or m/s].
+_GRAVITIES, _LEAST_SHARE, _SPEED = 3.0, 0.1, 3.0
+
+
+def silent(robot: Robot) -> tuple[str, ...]:
+    """Return the joints of whose rotors nothing is known."""
+    sources = robot.drives.sources("rotor_inertia")
+    known = zip(robot.joint_names, sources, robot.armature, strict=True)
+    return tuple(name for name, source, inertia in known if not source and not inertia)
+
+
+def believable(robot: Robot) -> Array:
+    """Return the rotor inertia that each joint of an arm is believed to have [kg m^2 or kg], (n,)."""
+    effort, velocity = (np.abs(x) for x in (robot.limits.effort, robot.limits.velocity))
+    gravity = np.abs(robot.gravity(random_configurations(robot, 50, seed=0))).max(axis=0)
+    largest = float(gravity.max())
+    told = (effort > 0.0) & (effort < _NO_EFFORT)
+    strongest = float(effort[told].max(initial=0.0))
+    if strongest > _MOST_GRAVITY * largest > 0.0:
+        effort = effort * _MOST_GRAVITY * largest / strongest
+    guessed = _GRAVITIES * np.maximum(gravity, _LEAST_SHARE * largest)
+    speed = np.where((velocity > 0.0) & (velocity < _NO_VELOCITY), velocity, _SPEED)
+    return np.asarray(SPIN_UP * np.where(told, effort, guessed) / speed)
+
+
+def believe(robot: Robot) -> Robot:
+    """Return the arm with believed rotors where nothing is known of them; the same arm where all is told."""
+    if not (names := silent(robot)):
+        return robot
+    every = zip(robot.joint_names, believable(robot).tolist(), strict=True)
+    value = {name: inertia for name, inertia in every if name in names}
+    low, high = ({name: factor * x for name, x in value.items()} for factor in (1.0 / SCATTER, SCATTER))
+    return robot.with_drives(
+        Drives(robot.joint_names).with_value("rotor_inertia", value, low, high, source="believed")
+    )
+
+
+def without_rotors(robot: Robot) -> Robot:
+    """Return the arm told to have no rotors where nothing is known of them."""
+    return robot.with_armature(dict.fromkeys(silent(robot), 0.0)) if silent(robot) else robot
+
+
+def believed(robot: Robot) -> tuple[str, ...]:
+    """Return the joints whose rotors are believed."""
+    sources = robot.drives.sources("rotor_inertia")
+    return tuple(
+        name for name, source in zip(robot.joint_names, sources, strict=True) if source == "believed"
+    )
+
+
+def told_none(robot: Robot) -> tuple[str, ...]:
+    """Return the joints that somebody, and no file of the arm, told to have no rotor."""
+    own = robot.drives.data.get("rotor_inertia", {})
+    return tuple(
+        joint for joint, datum in own.items() if datum.source == "told" and not (datum.value or datum.file)
+    )
+
+
+def describe(robot: Robot) -> str:
+    """Return in a line what is believed of an arm's rotors, or that it is told to have none; or nothing."""
+    if none := told_none(robot):
+        return (
+            f"no rotors, as it is told: {', '.join(none)}; an arm with geared motors is lost under such a law"
+        )
+    if not (names := believed(robot)):
+        return ""
+    values = robot.drives.value("rotor_inertia")
+    rows = [f"{name} {values[robot.joint_names.index(name)]:.2g}" for name in names]
+    return (
+        f"rotors believed, as the file is silent of them [kg m² or kg, within a factor of {SCATTER:g}]: "
+        f"{', '.join(rows)}; tell them by --rotor-inertia or --drives FILE, or none by --drives rigid"
+    )
+
+
+def spin_up(rotor: Rotor) -> float:
+    """Return in what time a published drive turns its own rotor to its velocity limit [s]."""
+    return rotor.inertia * rotor.velocity / rotor.effort
+
+
+def fitted(part: str = "fit") -> float:
+    """Return the geometric mean of that time over the robots of a part, each with the same weight [s]."""
+    robots = {rotor.robot for rotor in PUBLISHED if rotor.part == part}
+    each = [np.mean([math.log(spin_up(x)) for x in PUBLISHED if x.robot == name]) for name in sorted(robots)]
+    return math.exp(float(np.mean(each)))
