@@ -139,7 +139,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
         elif own < _EXPLAINED and match[i, best] > own + _BETTER and match[best, best] < match[i, best]:
             other = robot.joint_names[best]
             yield Finding("error", name, f"its torque fits the motion of {other!r}: check the joints' order")
-        elif own < _EXPLAINED:
+        elif own < _EXPLAINED and _with_load(form, terms[:, i], torque[:, i], i) < _EXPLAINED:
             yield Finding(
                 "error",
                 name,
@@ -158,6 +158,12 @@ def _terms(prior: Prior, form: WeakForm, n: int) -> Array:
     signs = form.signs(np.full(n, _WIDTH))
     own = [rows[:, j, j, ROTOR] * mean[:, ROTOR], signs, rows[:, j, j, VISCOUS], rows[:, j, j, OFFSET]]
     return np.stack([body, *own], axis=-1)
+
+
+def _with_load(form: WeakForm, terms: Array, torque: Array, joint: int) -> float:
+    """Return the share of a joint's torque that its terms and an unknown weight explain."""
+    weight = form.rows[:, joint, joint, 1:4]
+    return _explained(np.hstack([terms, weight, -weight]), torque)[0]
 
 
 def _explained(terms: Array, torque: Array) -> tuple[float, Array]:
