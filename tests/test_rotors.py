@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgpi import GPI, Robot, config
+from armgpi import GPI, Hold, RigidBodyPlant, Robot, config, simulate
 from armgpi.control import two_mass
 from armgpi.errors import ArmgpiWarning
 from armgpi.robot import rotors
@@ -48,6 +48,14 @@ def test_what_nothing_tells_is_believed_and_what_somebody_tells_is_not() -> None
     paper = Robot.load("anthropomorphic3")  # its file says that it has none
     assert rotors.believe(paper) is paper
     assert not rotors.told_none(paper)
+
+
+def test_an_arm_without_the_rotors_that_its_law_believes_is_warned_of() -> None:
+    law, move = GPI.untuned(UR5, 1e-3), Hold(UR5.middle())
+    with pytest.warns(ArmgpiWarning, match="the controller believes rotors in shoulder_pan_joint"):
+        simulate(RigidBodyPlant(UR5), law, move, 2e-3)
+    for arm in (rotors.believe(UR5), UR5.with_armature(0.1), rotors.without_rotors(UR5)):
+        assert not rotors.unlike(law.robot, arm)
 
 
 @pytest.mark.parametrize("effort", [0.0, 1000.0, math.inf])

@@ -25,6 +25,8 @@ from armgpi.loop.running import Running, Totals
 from armgpi.loop.variables import Variable, checked, rows_of, spread, variables, with_values
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import unlike
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,8 +90,12 @@ def prepare(
     check_type(supervisor, "supervisor", Supervisor | None, "a Supervisor")
     if supervisor is not None:
         controller = Supervised(controller, supervisor)
+    loop = ClosedLoop(plant, controller, reference)
+    nominal, arm = loop.controller.robot, loop.plant.robot
+    if isinstance(nominal, Robot) and isinstance(arm, Robot) and (said := unlike(nominal, arm)):
+        warnings.warn(said, ArmgpiWarning, stacklevel=3)
     return PreparedLoop(
-        ClosedLoop(plant, controller, reference),
+        loop,
         t_final,
         record=record,
         record_every=record_every,

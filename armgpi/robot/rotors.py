@@ -49,14 +49,13 @@ def _arm(robot: str, part: str, effort: str, velocity: str, inertia: str, wrists
 
 
 #: Identified or manufacturers' own values, half of the robots to fit and half held out, and some that
-#: simulation models were given by hand. Sources, in this order: Franka's reflected inertias of the FR3
-#: (README of Drake's franka_description); the UR10e of shamilmamedov/dynamic_calibration, identified from
-#: its currents (its first three joints cannot be told from their links); ZeroErr's eRob and TA40 joints by
-#: their data sheets (four sizes, as in a model of their user); Dynamixel MX-106 and MX-64
-#: (mujoco_menagerie, dynamixel_2r, identified); Puma 560: Armstrong, Khatib, Burdick 1986, measured, limits
-#: of Corke's collection; Schunk Powerball, identified (AndreaGiusti/OTFCtrlModRob; limits of the data
-#: sheet); Feetech STS3215 and Dynamixel XL330: identified on a pendulum (Rhoban/bam); KUKA LWR 4+: Jubien,
-#: Gautier, Janot 2014, identified.
+#: simulation models were given by hand. Looked up in public files: Franka's reflected inertias of the FR3
+#: (README of Drake's franka_description); eRob, MX and STS3215 as models of their users have them (a rotor
+#: and a gear ratio, or a pendulum's identification: Rhoban/bam), XL330 likewise; Schunk LWA 4P
+#: (AndreaGiusti/OTFCtrlModRob, identified). As cited, not looked up again: UR10e, identified from the
+#: currents of shamilmamedov/dynamic_calibration (its first three joints cannot be told from their links);
+#: Puma 560, measured (Armstrong, Khatib, Burdick 1986); KUKA LWR 4+, identified (Jubien, Gautier, Janot
+#: 2014); limits of both and of some servos; the values set by hand.
 PUBLISHED = (
     *_arm("Franka FR3", "fit", "87 87 87 87 12 12 12", "2.62 2.62 2.62 2.62 5.26 4.18 5.26",
           "0.606 0.606 0.462 0.462 0.206 0.206 0.206"),
@@ -142,6 +141,16 @@ def told_none(robot: Robot) -> tuple[str, ...]:
     own = robot.drives.data.get("rotor_inertia", {})
     return tuple(
         joint for joint, datum in own.items() if datum.source == "told" and not (datum.value or datum.file)
+    )
+
+
+def unlike(nominal: Robot, arm: Robot) -> str:
+    """Return in a line that a law believes rotors which a simulated arm lacks; nothing where all agree."""
+    both = set(believed(nominal)) & set(silent(arm))
+    names = ", ".join(name for name in arm.joint_names if name in both)
+    return names and (
+        f"the controller believes rotors in {names}, and the simulated arm has none, which such a law may "
+        "lose: simulate armgpi.robot.rotors.believe(robot), or tell both by robot.with_armature(...)"
     )
 
 
