@@ -159,11 +159,11 @@ class Certificate:
         """
         path = check_path(path, "path")
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = checker.read(path)
             if data["format"] != FORMAT:
-                raise ConfigError(path, "format", f"expected {FORMAT!r}, got {data['format']!r}")
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ConfigError(path, "", f"is not a certificate: {error!r}") from None
+                raise ConfigError(path, "format", f"expected {FORMAT!r}, got {checker.text(data['format'])}")
+        except checker.ERRORS as error:
+            raise ConfigError(path, "", f"is not a certificate: {checker.text(repr(error))}") from None
         return Certificate(data)
 
 
@@ -275,7 +275,7 @@ class _Known:
 
     def __init__(self, asked: Asked, found: Numbers) -> None:
         numbers = numbers_of(asked, found)
-        self.asked, self.law, self.numbers, self.limits = asked, law_of(asked), numbers, _limits(asked)
+        self.asked, self.law, self.numbers, self.limits = asked, law_of(asked), numbers, limits_of(asked)
         self.inputs: dict[str, Any] = {}
         self.solutions: dict[str, Any] = {}
         self.said: list[str] = []
@@ -385,7 +385,7 @@ def _robot(asked: Asked) -> dict[str, Any]:
     }
 
 
-def _limits(asked: Asked) -> dict[str, list[str]]:
+def limits_of(asked: Asked) -> dict[str, list[str]]:
     """Return what the claims have to stay within, and how fast the reference is."""
     values = {
         "effort": np.minimum(asked.robot.limits.effort, 1e300),

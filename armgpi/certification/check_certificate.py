@@ -295,6 +295,9 @@ def solution(data, name, n):
         key: numbers(s[key], f"{name}.{key}", deep)
         for key, deep in zip(("P", "alpha", "t", "a"), (2, 0, 1, 1))
     }
+    rows = [len(row) for row in found["P"]]
+    if [len(found["t"]), len(found["a"]), *rows] != [6, 5, *[len(rows)] * len(rows)]:
+        raise Refused(f"{name}: expected 6 numbers t, 5 numbers a and a square P")
     found["claims"] = {key: numbers(claims[key], f"{name}.claims.{key}", 1) for key in claims}
     sizes = {key: len(value) for key, value in found["claims"].items()}
     if sizes != {"errors": n, "speed": 1, "torques": n}:

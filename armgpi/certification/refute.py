@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import warnings
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.certification.asked import Asked, ask
-from armgpi.certification.certificate import Certificate
-from armgpi.certification.quantities import PER_JOINT, functions, points, ranges
+from armgpi.certification.asked import Asked, ask, law_of
+from armgpi.certification.certificate import Certificate, limits_of
+from armgpi.certification.quantities import PER_JOINT, Progress, functions, points, ranges
+from armgpi.certification.solve import checker
 from armgpi.control.payload import LoadRange
-from armgpi.errors import ParameterError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.robot.robot import Robot
 
 #: Configurations that are looked at together, and the share that rounding may add to a value.
@@ -33,36 +37,39 @@ class Refuted(NamedTuple):
     q: list[float]
 
 
-def refute(certificate: Certificate, robot: Robot, count: int = 20_000, seed: int = 0) -> list[Refuted]:
+def refute(
+    certificate: Certificate,
+    robot: Robot,
+    count: int = 20_000,
+    seed: int = 0,
+    progress: Progress = lambda _: None,
+) -> list[Refuted]:
     """Return the numbers of a certificate that drawn configurations exceed; none says nothing.
 
     Args:
         certificate: made or loaded.
         robot: the arm that it is for, without load, with the same rotor inertia, repairs and locks.
-        count: of configurations, for both ends of the loads and their middle.
+        count: of configurations, in portions: each for both ends of the loads and for another one between.
         seed: of the draws.
+        progress: told how far it is.
 
     Raises:
-        ParameterError: when the robot is not the one of the certificate.
+        ParameterError: when the robot is not the one of the certificate, or no certificate says what it does.
     """
     asked, rng = again(certificate, robot), np.random.default_rng(seed)
-    setting, n = asked.setting, robot.n
-    low, width = ranges(setting)
-    arms, loads = setting.arms, asked.controller.payload
-    if loads is not None:
-        middle = 0.5 * (loads.lightest + loads.heaviest)
-        arms = (*arms, robot.with_payload(loads.frame, middle, loads.com))
+    low, width = ranges(asked.setting)
+    loads = asked.controller.payload
     worst: dict[str, tuple[float, list[float]]] = {}
-    for _ in range(-(-count // _TOGETHER)):
+    portions = -(-count // _TOGETHER)
+    for portion in range(portions):
+        progress(f"{portion * _TOGETHER} of {count} configurations")
+        arms = asked.setting.arms
+        if loads is not None:
+            between = loads.lightest + rng.random() * (loads.heaviest - loads.lightest)
+            arms = (*arms, robot.with_payload(loads.frame, between, loads.com))
         # An end of the box and of the distance to the reference is as likely as what is between.
-        share = np.clip(rng.uniform(-0.3, 1.3, (_TOGETHER, 3 * n)), 0.0, 1.0)
-        at = points(setting, low + width * share)
-        for name, function in functions(setting).items():
-            for arm in arms:
-                values = function(setting, arm, at)
-                i = int(np.argmax(values))
-                if name not in worst or values[i] > worst[name][0]:
-                    worst[name] = float(values[i]), at.q[i].tolist()
+        share = np.clip(rng.uniform(-0.3, 1.3, (min(count, _TOGETHER), 3 * robot.n)), 0.0, 1.0)
+        _look(asked, arms, low + width * share, worst)
     found = []
     for name, (value, q) in worst.items():
         claimed, sign = _claimed(certificate, name), -1.0 if name.startswith("-") else 1.0
@@ -71,12 +78,66 @@ def refute(certificate: Certificate, robot: Robot, count: int = 20_000, seed: in
     return found
 
 
-def again(certificate: Certificate, robot: Robot) -> Asked:
-    """Return what a certificate was asked for, from its file.
+def _look(asked: Asked, arms: tuple[Robot, ...], z: Any, worst: dict[str, tuple[float, list[float]]]) -> None:
+    """Note where the numbers are larger than known so far, at coordinates z of points.
 
     Raises:
-        ParameterError: when the robot is not the one of the certificate.
+        ParameterError: when one is not finite.
     """
+    at = points(asked.setting, z)
+    for name, function in functions(asked.setting).items():
+        for arm in arms:
+            try:
+                with np.errstate(all="ignore"):
+                    values = function(asked.setting, arm, at)
+                i = int(np.argmax(values))
+                finite = bool(np.isfinite(values).all())
+            except np.linalg.LinAlgError:
+                finite = False
+            if not finite:
+                raise ParameterError("certificate", name, "numbers for which the arm's are finite")
+            if name not in worst or values[i] > worst[name][0]:
+                worst[name] = float(values[i]), at.q[i].tolist()
+
+
+def again(certificate: Certificate, robot: Robot) -> Asked:
+    """Return what a certificate was asked for, from its file, whatever that says.
+
+    Raises:
+        ParameterError: when the robot is not the one of the certificate, or no certificate says what it does.
+    """
+    data = certificate.data
+    try:
+        checker.facts(data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)
+            asked = _asked(certificate, robot)
+            same = law_of(asked) == data["law"] and limits_of(asked) == data["limits"]
+        shares = sum(_share(data["shares"], name) for name in data["shares"])
+        inputs = [x for name, x in data["inputs"].items() if name != "gain"]
+        sizes = [{key: checker.numbers(x[key], f"inputs.{key}") for key in checker.INPUTS} for x in inputs]
+        least = min((x["torque"] for x in sizes), default=shares)
+    except ParameterError as error:
+        if error.name.startswith("robot."):
+            raise
+        raise _unknown(error) from None
+    except (*checker.ERRORS, ArmgpiError, MemoryError) as error:
+        raise _unknown(error) from None
+    if not same:
+        raise ParameterError("certificate", "another law, or other limits", "of the ones that this arm gives")
+    if shares > least * (1 + Fraction(_ROUNDING)):
+        raise ParameterError("inputs.torque", float(least), f"{float(shares):g} at least, all shares")
+    return asked
+
+
+def _unknown(error: BaseException) -> ParameterError:
+    """Return the error for a file that says what no certificate does."""
+    said = checker.text(str(error) or type(error).__name__)
+    return ParameterError("certificate", said, "what a certificate of this version says")
+
+
+def _asked(certificate: Certificate, robot: Robot) -> Asked:
+    """Return what a certificate was asked for; any error for what no certificate says."""
     data = certificate.data
     known, law, limits = data["robot"], data["law"], data["limits"]
     same = {
@@ -87,7 +148,11 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
     }
     for name, value in same.items():
         if known[name] != value:
-            raise ParameterError(f"robot.{name}", value, f"{known[name]} as in the certificate")
+            raise ParameterError(f"robot.{name}", value, f"{checker.text(known[name])} as in the certificate")
+    if float(law["rate"]) > 0.0:  # as many bandwidths as the file has, before they are all made
+        steps = 1 / Fraction(law["omega"][0]) - 1 / Fraction(law["omega"][-1])
+        if steps > len(law["omega"]) * Fraction(law["rate"]) * Fraction(law["sample_time"]):
+            raise checker.Refused("omega does not have all that the rate leads to")
 
     def values(name: str) -> Any:
         return np.array([float(x) for x in limits[name]])
@@ -142,7 +207,15 @@ def _claimed(certificate: Certificate, name: str) -> float | None:
     if certificate.data["robot"]["feedforward"] == "model":  # its share has the model's as well
         del shares["acceleration"]
     if group in shares:
-        return float(certificate.data["shares"][shares[group]])
+        return float(_share(certificate.data["shares"], shares[group]))
     sizes = {"velocity": "reference", "shift": "shift", "encoder": "count", "zone": "zone"}
-    stated = certificate.data["inputs"].get("stated")
-    return None if stated is None or group not in sizes else float(stated[sizes[group]])
+    inputs = [x for claim, x in certificate.data["inputs"].items() if claim != "gain"]
+    return min((float(x[sizes[group]]) for x in inputs), default=None) if group in sizes else None
+
+
+def _share(shares: Any, name: str) -> Fraction:
+    """Return a bounded torque of a file, which is a number there."""
+    value = shares[name]
+    if not isinstance(value, float | int) or not math.isfinite(value) or value < 0.0:
+        raise checker.Refused(f"shares.{name} has to be a number, zero or positive")
+    return Fraction(value)

@@ -167,9 +167,9 @@ def certify(
         check_file(report, "--report")
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = load_arm(robot, how, rotor_inertia, drives)
-    _note_believed(arm)
     if refute is not None:
         _refuted(refute, arm)
+    _note_believed(arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: _numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
@@ -223,11 +223,17 @@ def _refuted(file: Path, arm: Any) -> None:
     """Say which numbers of a certificate drawn configurations exceed, and end."""
     from armgpi.certification.certificate import Certificate
     from armgpi.certification.refute import refute
+    from armgpi.certification.solve import checker
 
     certificate = Certificate.load(file)
-    wrong = certificate.check()
+    try:
+        wrong = checker.verify(certificate.data)
+    except checker.ERRORS as error:
+        raise refusal("--refute", f"{file} is no certificate: {checker.text(str(error))}") from None
     said = [f"the file does not hold: {x}" for x in wrong]
-    for name, claimed, found, q in [] if wrong else refute(certificate, arm):
+    with progress() as told:
+        exceeded = [] if wrong else refute(certificate, arm, progress=told)
+    for name, claimed, found, q in exceeded:
         where = ", ".join(f"{x:.4g}" for x in q)
         said.append(f"refuted: {name} is {found:.6g}, not {claimed:.6g}, at q = ({where})")
     say(

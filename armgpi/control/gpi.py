@@ -272,6 +272,8 @@ class GPI(Controller):
         robot = believe(robot) if isinstance(robot, Robot) else robot
         if isinstance(loads := given.get("payload"), tuple | list):
             given["payload"] = _load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
+        if given.get("gains", 0) is None:  # is none that was given
+            del given["gains"]
         chosen = untuned.untuned(robot, dt, delay, bits, given)
         if "payload" in chosen:  # which the feedforward knows nothing of
             chosen["bias_robot"] = robot

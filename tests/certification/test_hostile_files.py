@@ -7,22 +7,28 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import Answer
 
 import armgpi
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
+from armgpi.certification.refute import refute
 
 checker: Any = check_certificate
 
 
 @pytest.fixture(scope="module")
-def data() -> Any:
-    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
+def robot() -> armgpi.Robot:
+    return armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
+
+
+@pytest.fixture(scope="module")
+def data(robot: armgpi.Robot) -> Any:
     return armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, start="held", torque=0.001).data
 
 
@@ -109,6 +115,86 @@ def test_what_claims_nothing_or_too_much_is_refused(
     assert checker.check(other)
 
 
+#: What anything in a file is replaced by; beside that, it is left out.
+ODD: tuple[Any, ...] = (
+    None,
+    True,
+    -1,
+    1.5,
+    "nan",
+    "-inf",
+    "1e9999999999",
+    "1" * 5000,
+    "\u0661",
+    "",
+    [],
+    [[]],
+    {},
+    {"x": []},
+)
+#: Parts that the checker does not read: who makes a file says what is in them.
+UNREAD = "robot", "assumptions", "status", "shares"
+#: Parts that what refutes reads whole.
+READ = "law", "numbers", "limits"
+
+
+def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Give the path of everything in a file."""
+    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
+        yield (*path, key)
+        yield from places(data[key], (*path, key))
+
+
+def alterations(data: Any) -> list[tuple[tuple[Any, ...], Callable[[Any], None]]]:
+    """Return where a file is altered, and how."""
+    return [(at, change) for at in places(data) for change in (drop(*at), *(put(*at, x) for x in ODD))]
+
+
+def survive(data: Any, robot: armgpi.Robot, every: int) -> dict[str, int]:
+    """Alter a file under a new seal, and return how often the checker and what refutes ended how."""
+    ends = {"refused by the checker": 0, "refused by --refute": 0, "holds": 0}
+    for at, change in alterations(data)[::every]:
+        other = copy.deepcopy(data)
+        change(other)
+        if at != ("seal",):
+            other["seal"] = seal(other)
+        try:
+            wrong = checker.verify(other)
+            said = checker.describe(other)
+        except checker.ERRORS:
+            ends["refused by the checker"] += 1
+            assert at[0] not in READ or not refuted(other, robot), at
+            continue
+        assert said, at
+        assert not wrong, at
+        assert at[0] in UNREAD, at
+        ends["holds" if refuted(other, robot) else "refused by --refute"] += 1
+    return ends
+
+
+def refuted(data: Any, robot: armgpi.Robot) -> bool:
+    """Tell whether what refutes takes a file; it ends in one of our errors, of one line, if not."""
+    try:
+        refute(armgpi.Certificate(data), robot, count=1)
+    except armgpi.errors.ArmgpiError as error:
+        return "\n" in str(error)
+    return True
+
+
+def test_there_are_more_than_1400_alterations_and_some_are_tried(data: Any, robot: armgpi.Robot) -> None:
+    assert len(alterations(data)) >= 1400
+    ends = survive(data, robot, every=29)
+    assert sum(ends.values()) >= 50, ends
+
+
+@pytest.mark.search
+def test_all_alterations_end_in_one_line(data: Any, robot: armgpi.Robot) -> None:
+    """With -s, it prints how many there were, and how they ended."""
+    ends = survive(data, robot, every=1)
+    print(f"{sum(ends.values())} alterations: {ends}")
+    assert sum(ends.values()) == len(alterations(data))
+
+
 TEXTS = {
     "nothing": b"",
     "no JSON": b"{",
@@ -131,6 +217,25 @@ def test_what_is_no_certificate_ends_in_one_line(
     path.write_bytes(TEXTS[name])
     assert checker.main([str(path)]) == 2
     assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", [*TEXTS, *HOSTILE])
+def test_what_refutes_refuses_it_likewise(
+    data: Any, tmp_path: Path, cli: Callable[..., Answer], name: str
+) -> None:
+    path = tmp_path / "other.json"
+    if name in TEXTS:
+        path.write_bytes(TEXTS[name])
+    else:
+        other = copy.deepcopy(data)
+        HOSTILE[name](other)
+        if "seal" in other:
+            other["seal"] = seal(other)
+        path.write_text(json.dumps(other), encoding="utf-8")
+    answer = cli("certify", "anthropomorphic3", "--rotor-inertia", "0.1", "--refute", path)
+    assert answer.code == 2
+    assert not answer.out
+    assert len(answer.err.splitlines()) == 1
 
 
 def test_a_pipe_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:

@@ -54,6 +54,25 @@ def test_planted_wrong_sizes_of_what_disturbs_are_refuted(
     assert found == {"inverse.2", "torque", "velocity"}
 
 
+def test_sizes_below_their_shares_and_limits_of_another_arm_are_refused(
+    robot: armgpi.Robot, made: armgpi.Certificate
+) -> None:
+    for section, key, expected in (("inputs", "torque", "shares"), ("limits", "effort", "limits")):
+        data = copy.deepcopy(made.data)
+        if section == "inputs":
+            data["inputs"]["stated"][key] = repr(0.9 * float(data["inputs"]["stated"][key]))
+        else:
+            data["limits"][key][0] = "1e6"
+        with pytest.raises(armgpi.errors.ParameterError, match=expected):
+            refute(armgpi.Certificate(data), robot, count=1)
+
+
+def test_it_says_how_far_it_is(robot: armgpi.Robot, made: armgpi.Certificate) -> None:
+    said: list[str] = []
+    refute(made, robot, count=501, progress=said.append)
+    assert said == ["0 of 501 configurations", "500 of 501 configurations"]
+
+
 def test_what_was_asked_for_is_read_from_the_file(robot: armgpi.Robot, made: armgpi.Certificate) -> None:
     asked = again(made, robot)
     assert asked.loads == (0.0, 0.25)

@@ -56,6 +56,11 @@ def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay
     assert law.margins().delay == pytest.approx(delay_margin(loop))
 
 
+def test_no_gains_given_are_those_of_the_rule() -> None:
+    chosen, none = (GPI.untuned(ARM, 1e-3, **given) for given in ({}, {"gains": None}))
+    np.testing.assert_array_equal(none.gains.nominal().omega_c, chosen.gains.nominal().omega_c)
+
+
 @pytest.mark.filterwarnings("ignore:sample time, delay and encoders leave")  # 12 bits are coarse
 @pytest.mark.parametrize("bits", [12, 16, 20])
 def test_counts_make_no_more_noise_than_is_allowed(bits: int) -> None:
