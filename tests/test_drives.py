@@ -72,18 +72,24 @@ def test_what_a_transmission_says_wrongly_is_named() -> None:
 
 def test_an_arm_has_the_drives_that_it_was_told(tmp_path: Path) -> None:
     drives = Drives.read(write(tmp_path, FILE), ARM.joint_names)
+    before = ARM.drives.plain()
     robot = ARM.with_drives(drives.with_value("torque_limit", {"q1": 2.0}))
     np.testing.assert_allclose(robot.armature, [0.2, 0.1, 0.0])
     np.testing.assert_allclose(robot.friction.viscous, [0.0, 0.25, 0.0])
     np.testing.assert_allclose(robot.friction.coulomb, [0.5, 0.0, 0.0])
     np.testing.assert_allclose(robot.limits.effort, [2.0, *ARM.limits.effort[1:]])
     assert robot.drives.data["stiffness"]["q2"].source == "measured"
-    assert ARM.drives == Drives(ARM.joint_names)
+    # Its file says that it has no rotors, and nothing else of its drives.
+    assert ARM.drives.plain() == before
+    assert {name: set(own) for name, own in before.items()} == {key: {"rotor_inertia"} for key in before}
+    assert list(before) == list(ARM.joint_names)
 
 
 def test_edits_of_an_arm_are_in_its_drives() -> None:
     robot = ARM.with_armature({"q2": 0.4}).with_friction(viscous=0.2)
-    assert robot.drives.sources("rotor_inertia") == ("", "told", "")
+    assert robot.drives.sources("rotor_inertia") == ("told", "told", "told")
+    own = robot.drives.data["rotor_inertia"]
+    assert [bool(own[name].file) for name in ARM.joint_names] == [True, False, True]
     assert robot.scaled_inertia(2.0).drives.value("rotor_inertia", 0.0).tolist() == [0.0, 0.8, 0.0]
     assert robot.drives.value("viscous").tolist() == [0.2, 0.2, 0.2]
     assert robot.varied(payload=[0.0, 1.0]).drives == robot.drives

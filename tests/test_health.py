@@ -19,6 +19,7 @@ from armgpi.cli.parsing import as_option
 from armgpi.errors import ArmgpiError, NameNotFound, Remedy, UrdfError
 from armgpi.health import findings
 from armgpi.health.findings import Finding
+from armgpi.robot import rotors
 
 BODY = (
     '<inertial><origin xyz="0.1 0 0" rpy="0 0 0"/><mass value="1.0"/>'
@@ -338,15 +339,20 @@ def test_a_new_check_is_one_function(report: Any, monkeypatch: pytest.MonkeyPatc
     assert "| `reach` | warning | an arm longer than 10 cm |" in findings.table()
 
 
-def test_a_likely_load_that_endangers_the_loop_is_said() -> None:
+@pytest.mark.parametrize("drives", ["believed", "rigid"])
+def test_a_likely_load_that_endangers_the_loop_is_said(drives: str) -> None:
+    told = False
     for name, lock in (("panda", ["panda_finger_joint1"]), ("panda", ()), ("ur5", ())):
-        report = health.with_payload(health.inspect(name, lock=lock), 0.0)
-        robot = report.robot
-        load = 0.05 * robot.total_mass
+        report = health.with_payload(health.inspect(name, lock=lock, drives=drives), 0.0)
+        robot = rotors.believe(report.robot)
+        load = 0.05 * sum(body.mass for body in robot.pinocchio_model().inertias[1:])  # of what moves
+        sides = 0.05 * np.eye(3)  # beside the tip, where the last joint feels it most
+        middle = robot.middle()
+        side = max(sides, key=lambda com: robot.with_payload(robot.tip, 1.0, com).mass_matrix(middle)[-1, -1])
         # The least eigenvalue of D^-1 D-hat at random configurations, which the search undercuts.
         empty, loaded = (
             arm.mass_matrix(robot.random_positions(200))
-            for arm in (robot, robot.with_payload(robot.tip, load))
+            for arm in (robot, robot.with_payload(robot.tip, load, side))
         )
         sampled = float(np.linalg.eigvals(np.linalg.solve(loaded, empty)).real.min())
         said = [f for f in report.findings if f.kind == "payload" and "5 %" in f.message]
@@ -354,6 +360,8 @@ def test_a_likely_load_that_endangers_the_loop_is_said() -> None:
         assert bool(said) >= (sampled < 0.5)
         assert delta <= max(sampled, 0.5) + 1e-9
         assert all(f.level == ("warning" if delta < 0.36 else "info") for f in said)
+        told |= bool(said)
+    assert told == (drives == "rigid")  # typical rotors carry such a load
 
 
 def test_a_slow_default_bandwidth_and_missing_rotors_are_said() -> None:

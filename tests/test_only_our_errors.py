@@ -270,6 +270,7 @@ INVERSE = armgpi.TrackingInverse(ARM, TIP)
 LINE = paths.line(POINT, [POINT[0], POINT[1], POINT[2] + 0.01], 0.5)
 BOUND = {"lower": -1.0, "upper": 1.0, "velocity": 2.0, "effort": 3.0}
 TENSOR = np.diag([0.01, 0.01, 0.01])
+BODIES = np.array([body.toDynamicParameters() for body in ARM.pinocchio_model().inertias[1:]])
 TASK = {
     "rotation": None,
     "direction": None,
@@ -571,6 +572,7 @@ CASES: dict[str, Case] = {
     "Robot.with_payload": Case(
         ARM.with_payload, {"frame": TIP, "mass": 0.1, "com": [0.0, 0.0, 0.0], "inertia": TENSOR}, dynamics
     ),
+    "Robot.with_bodies": Case(ARM.with_bodies, {"parameters": BODIES}, dynamics),
     "Robot.varied": Case(
         ARM.varied,
         {

@@ -81,6 +81,7 @@ _Jump = Annotated[
 _Law = Annotated[
     str,
     typer.Option(
+        *("--controller", "--controllers"),
         metavar="NAME",
         help="gpi; or untuned, what the rule for untuned arms makes and export writes, with one omega.",
     ),

@@ -27,7 +27,7 @@ from pydantic import (
     create_model,
     model_serializer,
 )
-from pydantic_core import PydanticKnownError
+from pydantic_core import PydanticKnownError, PydanticSerializationError
 
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervisor
@@ -155,6 +155,15 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     #: Keys that are not written where they are null.
     quiet: ClassVar[frozenset[str]] = frozenset({"drives"})
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """Return it as plain data; Ctrl-C meanwhile stays what it is, where pydantic makes an error of it."""
+        try:
+            return super().model_dump(**options)
+        except PydanticSerializationError as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
 
     @model_serializer(mode="wrap")
     def _written(self, handler: Any) -> dict[str, Any]:
