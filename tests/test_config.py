@@ -692,6 +692,7 @@ def test_a_mapping_may_be_merged_into_many() -> None:
     assert len(config.parse(text, "x").config.controllers) == 21
 
 
+@pytest.mark.filterwarnings("ignore:sample time, delay and encoders leave")  # its encoder is coarse
 def test_a_sensor_that_is_defined_later_is_no_key_and_does_no_harm() -> None:
     class Later(Wrapper):
         config_name = "later"

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import signal
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, TypeAlias
@@ -148,6 +149,10 @@ class _Sections(MutableMapping[str, Any]):
 SECTIONS = _Sections()
 
 
+#: Timers, whose handlers may raise as well.
+_ALARM = {signal.SIGALRM} if hasattr(signal, "SIGALRM") else set()
+
+
 class Section(BaseModel):
     """A part of the file; unknown keys are errors."""
 
@@ -157,13 +162,18 @@ class Section(BaseModel):
     quiet: ClassVar[frozenset[str]] = frozenset({"drives"})
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """Return it as plain data; Ctrl-C meanwhile stays what it is, where pydantic makes an error of it."""
+        """Return it as plain data; Ctrl-C waits meanwhile, as pydantic makes an error or a warning of it."""
+        # Windows has no masks.
+        mask = getattr(signal, "pthread_sigmask", lambda *_: ())
+        before = mask(getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT, signal.SIGTERM, *_ALARM})
         try:
             return super().model_dump(**options)
-        except PydanticSerializationError as error:
+        except PydanticSerializationError as error:  # another thread took the signal
             if isinstance(error.__cause__, KeyboardInterrupt):
                 raise error.__cause__ from None
             raise
+        finally:
+            mask(getattr(signal, "SIG_SETMASK", 0), before)
 
     @model_serializer(mode="wrap")
     def _written(self, handler: Any) -> dict[str, Any]:
