@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import FOLLOWS, robots
 
-from armgpi import Robot
+from armgpi import Robot, certify
 from armgpi.arrays import Array
 from armgpi.certification import quantities
 from armgpi.certification.quantities import MARGIN, Points, Setting
@@ -36,11 +36,13 @@ class Drawn(NamedTuple):
         return float(np.sqrt(x @ np.linalg.solve(self.arm.mass_matrix(self.q), x)))
 
 
-def draw(robot: Robot, load: float, share: float, seed: int, feedforward: str = "gravity") -> Drawn:
+def draw(
+    robot: Robot, load: float, share: float, seed: int, feedforward: str = "gravity", box: Any = (-1.0, 1.0)
+) -> Drawn:
     """Return what a claim allows: corners of the speeds are as likely as what is between."""
     rng, n = np.random.default_rng(seed), robot.n
     heavy, arm = (robot.with_payload(robot.tip, x) for x in (load, share * load))
-    star = rng.uniform(-1.0, 1.0, n)
+    star = rng.uniform(*box, n)
     q = star + 0.02 * rng.uniform(-1.0, 1.0, n)
     speed, viscous = rng.uniform(0.1, 1.0, n), rng.uniform(0.0, 5.0, n)
     rest = np.zeros(n)
@@ -123,6 +125,32 @@ def test_nor_of_one_with_many_joints(robot: Robot, load: float, share: float, se
 @pytest.mark.parametrize("seed", range(5))
 def test_nor_of_one_whose_joint_follows_another(seed: int) -> None:
     check(draw(Robot.from_xml(FOLLOWS, mimic="follow"), 1.0, 0.4, seed))
+
+
+LONG = """<robot name='long'><link name='base'/>
+<link name='table'><inertial><mass value='1'/>
+<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>
+<link name='slide'><inertial><mass value='2'/>
+<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>
+<joint name='turns' type='revolute'><parent link='base'/><child link='table'/><axis xyz='0 0 1'/>
+<limit lower='-1' upper='1' effort='1000' velocity='1'/></joint>
+<joint name='slides' type='prismatic'><parent link='table'/><child link='slide'/><axis xyz='1 0 0'/>
+<limit lower='1' upper='11' effort='1000' velocity='1'/></joint></robot>"""
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nor_of_one_that_slides_by_ten_meters(seed: int) -> None:
+    check(draw(Robot.from_xml(LONG), 1.0, 0.4, seed, box=([-1.0, 1.0], [1.0, 11.0])))
+
+
+def test_all_of_a_long_slide_is_kept_and_printed() -> None:
+    made = certify(Robot.from_xml(LONG), payload=(0.0, 0.1), speed=0.01, start="held")
+    assert made.data["limits"]["lower"] == ["-1.0", "1.0"]
+    assert made.data["limits"]["upper"] == ["1.0", "11.0"]
+    (said,) = (line for line in str(made).splitlines() if "box" in line)
+    assert "1 to 11" in said, said
+    assert made.certified, made.reasons
+    assert made.check() == []
 
 
 def test_corners_are_all_up_to_twelve_joints() -> None:
