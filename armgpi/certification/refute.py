@@ -19,6 +19,7 @@ from armgpi.robot.robot import Robot
 
 #: Configurations that are looked at together, and the share that rounding may add to a value.
 _TOGETHER, _ROUNDING = 500, 1e-9
+_SHARES = "disturbance", "friction", "velocity of the reference", "acceleration of the reference"
 
 
 class Refuted(NamedTuple):
@@ -109,11 +110,11 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
     data = certificate.data
     try:
         checker.facts(data)
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore", ArmgpiWarning)
             asked = _asked(certificate, robot)
             same = law_of(asked) == data["law"] and limits_of(asked) == data["limits"]
-        shares = sum(_share(data["shares"], name) for name in data["shares"])
+        shares = sum(_share(checker.section(data["shares"], "shares", _SHARES), name) for name in _SHARES)
         inputs = [x for name, x in data["inputs"].items() if name != "gain"]
         sizes = [{key: checker.numbers(x[key], f"inputs.{key}") for key in checker.INPUTS} for x in inputs]
         least = min((x["torque"] for x in sizes), default=shares)

@@ -150,10 +150,10 @@ def alterations(data: Any) -> list[tuple[tuple[Any, ...], Callable[[Any], None]]
     return [(at, change) for at in places(data) for change in (drop(*at), *(put(*at, x) for x in ODD))]
 
 
-def survive(data: Any, robot: armgpi.Robot, every: int) -> dict[str, int]:
+def survive(data: Any, robot: armgpi.Robot, some: slice) -> dict[str, int]:
     """Alter a file under a new seal, and return how often the checker and what refutes ended how."""
     ends = {"refused by the checker": 0, "refused by --refute": 0, "holds": 0}
-    for at, change in alterations(data)[::every]:
+    for at, change in alterations(data)[some]:
         other = copy.deepcopy(data)
         change(other)
         if at != ("seal",):
@@ -183,16 +183,16 @@ def refuted(data: Any, robot: armgpi.Robot) -> bool:
 
 def test_there_are_more_than_1400_alterations_and_some_are_tried(data: Any, robot: armgpi.Robot) -> None:
     assert len(alterations(data)) >= 1400
-    ends = survive(data, robot, every=29)
+    ends = survive(data, robot, slice(None, None, 29))
     assert sum(ends.values()) >= 50, ends
 
 
 @pytest.mark.search
-def test_all_alterations_end_in_one_line(data: Any, robot: armgpi.Robot) -> None:
+@pytest.mark.parametrize("part", range(16))
+def test_all_alterations_end_in_one_line(data: Any, robot: armgpi.Robot, part: int) -> None:
     """With -s, it prints how many there were, and how they ended."""
-    ends = survive(data, robot, every=1)
-    print(f"{sum(ends.values())} alterations: {ends}")
-    assert sum(ends.values()) == len(alterations(data))
+    ends = survive(data, robot, slice(part, None, 16))
+    print(f"{sum(ends.values())} of {len(alterations(data))} alterations: {ends}")
 
 
 TEXTS = {
