@@ -38,29 +38,23 @@ class Interface(NamedTuple):
 
 #: Versions by the changelogs of libfranka and of UR's client library, and ur_rtde's own page; the rate is
 #: libfranka's kMaxTorqueRate, "without gravity and friction" its franka::Torques.
+_FR3 = Interface(
+    target="fci",
+    robot="Franka Research 3, system 5.7.2",
+    library="libfranka 0.15 and later (C++17), pylibfranka 0.16",
+    joints=7,
+    dt=1e-3,
+    rate=1000.0,
+    adds=("gravity", "friction"),
+    echo="tau_J_d",
+    late="period",
+    tried="compiled with libfranka 0.15.0 and 0.21.2; simulated beside stubs",
+)
 INTERFACES = (
-    Interface(
-        target="fci",
-        robot="Franka Research 3, system 5.7.2",
-        library="libfranka 0.15 and later (C++17), pylibfranka 0.16",
-        joints=7,
-        dt=1e-3,
-        rate=1000.0,
-        adds=("gravity", "friction"),
-        echo="tau_J_d",
-        late="period",
-        tried="compiled with libfranka 0.15.0 and 0.21.2; simulated beside stubs",
-    ),
-    Interface(
-        target="fci",
+    _FR3,
+    _FR3._replace(
         robot="Panda (FER), system 4.2.1",
         library="libfranka 0.9 alone (C++17), no pylibfranka",
-        joints=7,
-        dt=1e-3,
-        rate=1000.0,
-        adds=("gravity", "friction"),
-        echo="tau_J_d",
-        late="period",
         tried="compiled with libfranka 0.9.2; simulated beside stubs",
     ),
     Interface(
