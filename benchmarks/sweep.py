@@ -26,8 +26,8 @@ from dask.distributed import Client, LocalCluster
 
 import armgpi
 from armgpi.config import parse
-from armgpi.sweep import workers
-from armgpi.sweep.study import Study, run_chunk, save
+from armgpi.studies import workers
+from armgpi.studies.sample import Sweep, run_chunk
 
 #: The paper's arm with networks, all that is common varied.
 STUDY = """
@@ -93,10 +93,10 @@ def _said(kept: bool) -> str:
     return "yes" if kept else "no"
 
 
-def _study(folder: Path, t_final: float) -> Study:
+def _study(folder: Path, t_final: float) -> Sweep:
     """Return a study in its folder."""
-    found = Study.of(*parse(STUDY.format(hold=t_final - 0.6, t_final=t_final), "study.yaml"))
-    save(found, folder)
+    found = Sweep.of(*parse(STUDY.format(hold=t_final - 0.6, t_final=t_final), "study.yaml"))
+    found.enter(folder)
     return found
 
 

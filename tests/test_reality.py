@@ -14,6 +14,7 @@ from scipy import stats
 from armgpi import GPI, PIDInversion, Reality, Robot, config, robots, simulate
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError
 from armgpi.health import reality as health
+from armgpi.intervals import clopper_pearson, wilson
 from armgpi.plants.reality import Numbers, batches, scales, together
 
 ARM = Robot.load("anthropomorphic3")
@@ -301,17 +302,17 @@ def xr_pulse(run, size, where):  # type: ignore[no-untyped-def]
 def test_intervals_hold_the_share_at_both_ends_too() -> None:
     for total in (1, 5, 100):
         for count in range(total + 1):
-            low, high = health.interval(count, total)
-            assert 0.0 <= low <= count / total <= high <= 1.0
+            share, low, high = wilson(count, total)
+            assert 0.0 <= low <= share <= high <= 1.0
             assert high - low > 0.0
     # Wilson's closed form at 3 of 10, z = 1.96.
     z = float(stats.norm.ppf(0.975))
     centre, width = (0.3 + z * z / 20.0), z * math.sqrt(0.3 * 0.7 / 10.0 + z * z / 400.0)
     expected = np.array([centre - width, centre + width]) / (1.0 + z * z / 10.0)
-    np.testing.assert_allclose(health.interval(3, 10), expected, rtol=1e-12)
+    np.testing.assert_allclose(wilson(3, 10)[1:], expected, rtol=1e-12)
     # Clopper and Pearson's by the beta distribution.
     ends = stats.beta.ppf(0.025, 3, 8), stats.beta.ppf(0.975, 4, 7)
-    np.testing.assert_allclose(health.interval(3, 10, method="exact"), ends, rtol=1e-9)
+    np.testing.assert_allclose(clopper_pearson(3, 10)[1:], ends, rtol=1e-9)
 
 
 def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_delay() -> None:

@@ -17,19 +17,19 @@ import pytest
 import xarray as xr
 from test_sweep import RARE, TEXT, called, contents
 
-from armgpi.config import build, identity, parse, read
+from armgpi.config import build, parse, read
 from armgpi.config import experiment as experiments
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.robot import robots
-from armgpi.sweep import results, study
-from armgpi.sweep.study import Study
+from armgpi.studies import results, sample, study
+from armgpi.studies.sample import Sweep
 
 SMALL = TEXT.replace("anthropomorphic3", "arm.urdf")
 
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "_MOST", 16)
+    monkeypatch.setattr(sample, "_MOST", 16)
 
 
 @pytest.fixture
@@ -74,10 +74,10 @@ def test_another_arm_under_the_same_name_is_another_study(
     ],
 )
 def test_what_differs_is_said(asked: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
-    study.save(Study.of(*read(asked)), tmp_path / "out")
+    Sweep.of(*read(asked)).enter(tmp_path / "out")
     asked.write_text(SMALL.replace(*change))
     with pytest.raises(RolloutError, match=said):
-        study.save(Study.of(*read(asked)), tmp_path / "out")
+        Sweep.of(*read(asked)).enter(tmp_path / "out")
 
 
 def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
@@ -85,9 +85,9 @@ def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
 ) -> None:
     out = tmp_path / "out"
     assert not called("sweep", str(asked), "--rollouts", "16", "--out", str(out))
-    other = {**identity.code(), "numpy": "1.0.0"}
-    monkeypatch.setattr(identity, "code", lambda: other)
-    study.load.cache_clear()
+    other = {**study.code(), "numpy": "1.0.0"}
+    monkeypatch.setattr(study, "code", lambda: other)
+    sample.load.cache_clear()
     capsys.readouterr()
     assert sweep(asked, out) == 2
     said = capsys.readouterr().err.splitlines()[-1]
@@ -98,13 +98,13 @@ def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
     assert len({head["code"] for head in heads}) == 2
     assert len({head["study"] for head in heads}) == 1
     assert not sweep(asked, out)
-    study.load.cache_clear()
+    sample.load.cache_clear()
 
 
 def test_draws_depend_on_seed_rollout_and_name_alone() -> None:
-    whole = Study.of(*parse(TEXT, "study.yaml"))
+    whole = Sweep.of(*parse(TEXT, "study.yaml"))
     other = TEXT.replace("omega: 20", "omega: 25").replace("  plant.delay: {choices: [0, 1, 2]}\n", "")
-    fewer = Study.of(*parse(other, "study.yaml"))
+    fewer = Sweep.of(*parse(other, "study.yaml"))
     a = dict(zip(whole.drawn, whole.numbers(2, 16).T, strict=True))
     b = dict(zip(fewer.drawn, fewer.numbers(2, 16).T, strict=True))
     for name, values in b.items():
@@ -112,7 +112,7 @@ def test_draws_depend_on_seed_rollout_and_name_alone() -> None:
     # Neither on how rollouts are cut into chunks.
     object.__setattr__(fewer, "size", 32)
     np.testing.assert_array_equal(fewer.numbers(1, 16), np.column_stack(list(b.values())))
-    again = Study.of(*parse(TEXT.replace("t_final", "seed: 1\nt_final"), "study.yaml"))
+    again = Sweep.of(*parse(TEXT.replace("t_final", "seed: 1\nt_final"), "study.yaml"))
     assert not np.array_equal(again.numbers(2, 16), whole.numbers(2, 16))
 
 
@@ -158,17 +158,17 @@ def spoiled(content: bytes, random: np.random.Generator) -> bytes:
 
 def damaged(folder: Path, count: int) -> int:
     """Return how many damaged files were refused; none may pass for whole."""
-    found = Study.of(*parse(TEXT, "study.yaml"))
-    study.save(found, folder)
-    study.run_chunk(folder, 0, 16)
+    found = Sweep.of(*parse(TEXT, "study.yaml"))
+    found.enter(folder)
+    sample.run_chunk(folder, 0, 16)
     random, refused = np.random.default_rng(0), 0
-    for place in (study.chunk_file(folder, 0, 16), folder / identity.IDENTITY):
+    for place in (found.enter(folder).place(sample.chunk_name(0, 16)), folder / study.IDENTITY):
         whole = place.read_bytes()
-        right = results.collect(found, folder, 16)
+        right = results.collect(found, found.enter(folder), 16)
         for _ in range(count):
             place.write_bytes(spoiled(whole, random))
             try:
-                again = results.collect(found, folder, 16)
+                again = results.collect(found, found.enter(folder), 16)
             except ArmgpiError:
                 refused += 1
             else:

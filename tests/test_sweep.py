@@ -20,15 +20,15 @@ from armgpi.codegen import build
 from armgpi.config import build as build_experiment
 from armgpi.config import experiment as experiments
 from armgpi.config import parse, read
-from armgpi.config.identity import IDENTITY
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
+from armgpi.intervals import clopper_pearson, quantile, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
 from armgpi.parameter import Parameter
-from armgpi.sweep import rare, results, study, workers
-from armgpi.sweep.distributions import Distribution, shares
-from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
-from armgpi.sweep.study import Study
+from armgpi.studies import rare, results, sample, workers
+from armgpi.studies.distributions import Distribution, shares
+from armgpi.studies.sample import Sweep
+from armgpi.studies.study import IDENTITY
 
 TEXT = """
 robot: {name: anthropomorphic3}
@@ -54,20 +54,20 @@ failure: {peak_error: 0.01}
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "_MOST", 16)
+    monkeypatch.setattr(sample, "_MOST", 16)
 
 
-def made(text: str = TEXT, sampling: str = "random") -> Study:
-    return Study.of(*parse(text, "study.yaml"), sampling)
+def made(text: str = TEXT, sampling: str = "random") -> Sweep:
+    return Sweep.of(*parse(text, "study.yaml"), sampling)
 
 
 def run(folder: Path, count: int = 40, text: str = TEXT, **options: Any) -> xr.Dataset:
     found = made(text)
-    study.save(found, folder)
+    found.enter(folder)
     chunks = [(i, found.rows(i, count)) for i in range(-(-count // found.size))]
     assert workers.run(folder, chunks, lambda rows: None, **options) == {}
-    whole = results.collect(found, folder, count)
-    results.write(found, whole, folder)
+    whole = results.collect(found, found.enter(folder), count)
+    results.write(found, whole, results.summary(found, whole), folder)
     return whole
 
 
@@ -80,7 +80,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "_MOST", 16)
+        patch.setattr(sample, "_MOST", 16)
         folder = tmp_path_factory.mktemp("sweep")
         run(folder)
     return folder
@@ -89,11 +89,11 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_sweep_that_was_stopped_goes_on_to_the_same_bytes(done: Path, tmp_path: Path) -> None:
     # As if it had been killed in its second chunk, of which a part was written.
     first = made()
-    study.save(first, tmp_path)
-    study.run_chunk(tmp_path, 2, 8)
-    (tmp_path / study.CHUNKS / ".000001-16.chunk.abc").write_bytes(b"half")
+    first.enter(tmp_path)
+    sample.run_chunk(tmp_path, 2, 8)
+    (tmp_path / sample.CHUNKS / ".000001-16.chunk.abc").write_bytes(b"half")
     run(tmp_path)
-    (tmp_path / study.CHUNKS / ".000001-16.chunk.abc").unlink()
+    (tmp_path / sample.CHUNKS / ".000001-16.chunk.abc").unlink()
     assert contents(tmp_path) == contents(done)
 
 
@@ -122,10 +122,10 @@ vary:
 
 def test_a_sweep_runs_under_the_supervisor_of_its_file(tmp_path: Path) -> None:
     under = made(SUPERVISED)
-    study.save(under, tmp_path)
-    study.run_chunk(tmp_path, 0, 16)
-    found = results.collect(under, tmp_path, 16)
-    results.write(under, found, tmp_path)
+    under.enter(tmp_path)
+    sample.run_chunk(tmp_path, 0, 16)
+    found = results.collect(under, under.enter(tmp_path), 16)
+    results.write(under, found, results.summary(under, found), tmp_path)
     faults = found["fault"].values
     assert 0 < (faults > 0).sum() < 16
     for place, i in list(enumerate(results.worst(found), start=1)):
@@ -165,15 +165,15 @@ def test_workers_of_dask_write_the_same_bytes(
 ) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # as the workers do
-    study.save(made(), tmp_path)
+    made().enter(tmp_path)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp"
     ) as local:
         chunks = [(0, 16), (1, 16), (2, 8)]
         broken = workers.run(tmp_path, chunks, lambda rows: None, cluster=local.scheduler_address)
     assert broken == {}
-    for place in (done / study.CHUNKS).iterdir():
-        assert (tmp_path / study.CHUNKS / place.name).read_bytes() == place.read_bytes()
+    for place in (done / sample.CHUNKS).iterdir():
+        assert (tmp_path / sample.CHUNKS / place.name).read_bytes() == place.read_bytes()
 
 
 @pytest.mark.slow
@@ -182,9 +182,9 @@ def test_a_worker_of_dask_that_is_killed_loses_nothing(
 ) -> None:
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    monkeypatch.setattr(study, "_MOST", 4096)  # as in the worker, which is another process
+    monkeypatch.setattr(sample, "_MOST", 4096)  # as in the worker, which is another process
     for name in ("here", "there", "broken"):
-        study.save(made(), tmp_path / name)
+        made().enter(tmp_path / name)
     (tmp_path / "broken" / IDENTITY).unlink()
     options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
     with distributed.LocalCluster(n_workers=1, **options) as local:
@@ -258,8 +258,8 @@ RARE = TEXT.replace("peak_error: 0.01}", "peak_error: 0.4}")
 
 def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) -> None:
     found = made(RARE)
-    study.save(found, tmp_path)
-    once, last, check = rare.simulate(found, tmp_path, 300)
+    found.enter(tmp_path)
+    once, last, check = rare.simulate(found, found.enter(tmp_path), 300)
     drawn = np.vstack([found.numbers(i, 16) for i in range(128)])
     failed = found.failed(found.table(drawn, np.arange(len(drawn))))
     plain = clopper_pearson(int(failed.sum()), len(failed))
@@ -269,7 +269,7 @@ def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) ->
     for level in (tmp_path / "rare").iterdir():
         if level.name != "300-00.chunk":
             level.unlink()
-    again, same, _ = rare.simulate(found, tmp_path, 300)
+    again, same, _ = rare.simulate(found, found.enter(tmp_path), 300)
     assert again == once
     np.testing.assert_array_equal(same, last)
     said = rare.summary(found, once, last, check)["plain check"]
@@ -292,9 +292,9 @@ def test_rare_failures_that_cannot_be_found_are_named(
     tmp_path: Path, text: str, count: int, said: str
 ) -> None:
     found = made(text)
-    study.save(found, tmp_path)
+    found.enter(tmp_path)
     with pytest.raises(ArmgpiError, match=said):
-        rare.simulate(found, tmp_path, count)
+        rare.simulate(found, found.enter(tmp_path), count)
 
 
 def test_the_command_of_rare_failures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -438,24 +438,24 @@ def test_bad_studies_are_refused(text: str, said: str) -> None:
 
 def test_a_folder_of_another_study_is_refused(done: Path) -> None:
     with pytest.raises(RolloutError, match="another study"):
-        study.save(made(TEXT.replace("0.05", "0.07")), done)
-    for name in (study.EXPERIMENT, "study.yaml"):  # of a run, of a search
+        made(TEXT.replace("0.05", "0.07")).enter(done)
+    for name in (sample.EXPERIMENT, "study.yaml"):  # of a run, of a search
         (done / "other").mkdir(exist_ok=True)
         (done / "other" / name).write_text("robot: {name: ur5}")
         with pytest.raises(RolloutError, match="something else"):
-            study.save(made(), done / "other")
+            made().enter(done / "other")
         (done / "other" / name).unlink()
-    damaged = done / study.CHUNKS / "000000-16.chunk"
+    damaged = done / sample.CHUNKS / "000000-16.chunk"
     before = damaged.read_bytes()
     damaged.write_bytes(b"x")
     with pytest.raises(RolloutError, match=r"000000-16.chunk: is damaged"):
-        results.collect(made(), done, 40)
+        results.collect(made(), made().enter(done), 40)
     damaged.write_bytes(before)
 
 
 def test_a_broken_chunk_is_named_and_not_fatal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = made()
-    study.save(found, tmp_path)
+    found.enter(tmp_path)
     monkeypatch.setattr(build, "library", lambda *_: (_ for _ in ()).throw(ArmgpiError("no disk")))
     monkeypatch.setattr(build, "known", lambda *_: None)
     monkeypatch.setattr("armgpi.compiled.run._generated", {})
@@ -484,7 +484,7 @@ def test_a_disk_that_fills_up_ends_the_sweep_and_loses_nothing(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "000001-16.chunk: cannot be written: No space left" in said
-    assert [path.name for path in (out / study.CHUNKS).iterdir()] == ["000000-16.chunk"]
+    assert [path.name for path in (out / sample.CHUNKS).iterdir()] == ["000000-16.chunk"]
     assert not called("sweep", str(file), "--rollouts", "40", "--out", str(out))
 
 
@@ -535,4 +535,4 @@ def test_parameters_say_whether_they_vary() -> None:
     assert Parameter("x").varies
     assert not Parameter("x", structural=True).varies
     with pytest.raises(ParameterError):
-        Study.of(*parse(TEXT, "study.yaml"), "halton")
+        Sweep.of(*parse(TEXT, "study.yaml"), "halton")

@@ -16,10 +16,10 @@ from armgpi.control.gpi import GPI
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import Parameter, parameters
 from armgpi.play.controls import stops_of
-from armgpi.search import space
-from armgpi.search.space import Range, Space
-from armgpi.sweep.distributions import distribution
-from armgpi.sweep.study import Study
+from armgpi.studies import space
+from armgpi.studies.distributions import distribution
+from armgpi.studies.sample import Sweep
+from armgpi.studies.space import Range, Space
 
 PLAIN = Parameter("a number", name="x")
 
@@ -78,8 +78,8 @@ def test_an_old_name_is_taken_and_says_the_new_one() -> None:
         for name in ("plant.payload", "plant.payload.mass")
     ]
     with pytest.warns(ArmgpiWarning, match=r"plant\.payload is called"):
-        before = Study.of(named[0])
-    after = Study.of(named[1])
+        before = Sweep.of(named[0])
+    after = Sweep.of(named[1])
     assert list(before.varied) == list(after.varied) == ["plant.payload.mass"]
     assert before.digest == after.digest  # and so the draws
 

@@ -19,11 +19,11 @@ import numpy as np
 
 from armgpi import Delayed, Encoder, RigidBodyPlant, Robot, Saturated, Sine, Waypoints, config, prepare
 from armgpi.registry import Context
-from armgpi.search.contend import CONTENDERS, Contender
-from armgpi.search.evaluation import Evaluated, by_rollout, with_keys
-from armgpi.search.objective import Objective
-from armgpi.search.space import Range, Space
-from armgpi.search.study import KEPT, Problem, Study
+from armgpi.studies.contend import CONTENDERS, Contender
+from armgpi.studies.evaluation import Evaluated, by_rollout, with_keys
+from armgpi.studies.objective import Objective
+from armgpi.studies.optimise import KEPT, Problem, Search
+from armgpi.studies.space import Range, Space
 
 ARM = Robot.load("anthropomorphic3")
 DT, BITS, T_FINAL = 1e-3, 16, 40.0
@@ -72,7 +72,7 @@ class Runs:
         self.draws, self._loops = list(runs), {}
 
     def __call__(self, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) -> Evaluated:
-        """Run them; as :class:`armgpi.search.evaluation.Evaluator`."""
+        """Run them; as :class:`armgpi.studies.evaluation.Evaluator`."""
         shape = (len(candidates), len(self.draws))
         values = {name: np.empty(shape) for name in KEPT}
         failed = np.empty(shape, dtype=bool)
@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
         space = Space(contender.section, config.controller(contender.section, CONTEXT), contender.free)
         found: dict[float, list[Any]] = {budget: [] for budget in BUDGETS}
         for seed in range(given.seeds):
-            study = Study(
+            search = Search(
                 Problem(
                     *(space, Objective("itae"), Runs(RUNS[:1]), Runs(RUNS[1:])),
                     budgets=BUDGETS,
@@ -122,8 +122,8 @@ def main(arguments: list[str] | None = None) -> int:
                     seed=seed,
                 )
             )
-            study.run()
-            for each in study.validated():
+            search.run()
+            for each in search.validated():
                 found[each.budget].append((each.row.objective, each.held_out.objective))
         cells = [
             " / ".join(f"{x:.3g}" for x in np.median(each, axis=0)) if each else "-"

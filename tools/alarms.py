@@ -28,6 +28,7 @@ from armgpi import Reality, Supervisor
 from armgpi.control.supervisor import Reason
 from armgpi.errors import ArmgpiError
 from armgpi.health import reality as health
+from armgpi.intervals import clopper_pearson
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw
 
@@ -119,7 +120,7 @@ def table(found: Iterable[Run], groups: Mapping[str, Callable[[Run], Any]]) -> s
 
 def share(those: list[Run]) -> str:
     """Return the share that was stopped, with its interval."""
-    return health.share([run.stopped for run in those], "exact")
+    return health.share([run.stopped for run in those], clopper_pearson)
 
 
 def reasons(those: Iterable[Run]) -> str:

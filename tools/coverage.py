@@ -14,8 +14,8 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from armgpi.arrays import Array
-from armgpi.sweep import rare
-from armgpi.sweep.intervals import clopper_pearson
+from armgpi.intervals import clopper_pearson
+from armgpi.studies import rare
 
 
 def _plane(points: Array) -> Array:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("robot", "plants", "loop", "sweep", "certification")
+PACKAGES = ("robot", "plants", "loop", "studies", "certification")
 #: Longest time that the tests of a mutant may take [s]: who never ends is found.
 PATIENCE = 600.0
 
@@ -56,7 +56,7 @@ PLANTED = (
         "model.armature = 1.0 * model.armature",
     ),
     (
-        "armgpi/sweep/intervals.py",
+        "armgpi/intervals.py",
         "high = int(binom.ppf(1.0 - tail, n, share))",
         "high = int(binom.ppf(1.0 - tail, n, share)) - 1",
     ),

@@ -30,10 +30,11 @@ from armgpi.control import payload, untuned
 from armgpi.errors import ArmgpiError
 from armgpi.health import reality as health
 from armgpi.plants.reality import Draw
-from armgpi.search.evaluation import Evaluated
-from armgpi.search.objective import Judged
-from armgpi.search.space import Dimension, Space
-from armgpi.search.study import KEPT, Problem, Row, Study
+from armgpi.studies.evaluation import Evaluated
+from armgpi.studies.objective import Judged
+from armgpi.studies.optimise import KEPT, Problem, Search
+from armgpi.studies.space import Dimension, Space
+from armgpi.studies.study import Identity, Study, code
 
 #: The halves of the arms.
 PARTS = ("fit", "held-out")
@@ -95,7 +96,7 @@ def rule(numbers: Mapping[str, float]) -> Iterator[dict[str, Any]]:
 
 
 class Arms:
-    """Runs candidates on draws of arms; an evaluator of a :class:`Study`."""
+    """Runs candidates on draws of arms; an evaluator of a :class:`Search`."""
 
     def __init__(self, names: Sequence[str], reality: Reality, every: int) -> None:
         """Draw so many of every arm that has motors."""
@@ -115,7 +116,7 @@ class Arms:
             return [x for name, own in self.by_arm.items() for x in health.outcomes(own, name, section)]
 
     def __call__(self, section: Mapping[str, Any], candidates: Sequence[Mapping[str, float]]) -> Evaluated:
-        """Return what came out of candidates; see :class:`armgpi.search.evaluation.Evaluator`."""
+        """Return what came out of candidates; see :class:`armgpi.studies.evaluation.Evaluator`."""
         found = [self.outcomes(each) for each in candidates]
         values = {
             name: np.array([[float(getattr(x, name)) for x in row] for row in found])
@@ -126,7 +127,7 @@ class Arms:
 
 
 class Wanted:
-    """What the fit minimises; an objective of a :class:`Study`."""
+    """What the fit minimises; an objective of a :class:`Search`."""
 
     names = ("itae", *WEIGHTS)
 
@@ -143,7 +144,7 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
     """Return the numbers that are best on draws of the arms to fit that the search did not see."""
     names = health.arms("fit")
     space = Rule()
-    study = Study(
+    search = Search(
         Problem(
             space,
             Wanted(),  # type: ignore[arg-type]
@@ -154,20 +155,17 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
             seed=seed,
         )
     )
-    there, begun = folder / "rows.json", time.monotonic()
+    asked = {"method": "rule", "evaluations": evaluations, "every": every, "seed": seed}
+    study, begun = Study.enter(folder, Identity(asked, code())), time.monotonic()
 
-    def told(study: Study) -> None:
-        files.write(there, json.dumps([{**row._asdict(), "x": row.x.tolist()} for row in study.rows]) + "\n")
-        best = min(study.rows, key=lambda row: row.objective)
+    def told(search: Search) -> None:
+        best = min(search.rows, key=lambda row: row.objective)
         at = dict(zip(space.names, space.values(best.x).round(5).tolist(), strict=True))
-        print(f"{len(study.rows)}: {best.objective:.4f} {at}, {time.monotonic() - begun:.0f} s", flush=True)
+        print(f"{len(search.rows)}: {best.objective:.4f} {at}, {time.monotonic() - begun:.0f} s", flush=True)
 
-    kept = []
-    if there.exists():
-        kept = [Row(**{**row, "x": np.array(row["x"])}) for row in json.loads(there.read_text("utf-8"))]
-    study.run(told, kept)
-    given, chosen = study.given(), study.ranked()[:6]
-    held = study.judged(study.problem.held_out, [row.x for row in chosen])
+    search.run(told, study.part)
+    given, chosen = search.given(), search.ranked()[:6]
+    held = search.judged(search.problem.held_out, [row.x for row in chosen])
     best = min(held, key=lambda row: row.objective)
     print(f"other draws of these arms: {given.objective:.4f} today, {best.objective:.4f} the best one")
     return {name: float(f"{value:.3g}") for name, value in space.keys(best.x).items()}

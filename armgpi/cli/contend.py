@@ -54,7 +54,7 @@ def contend(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import files
     from armgpi.robot import robots
-    from armgpi.search import contend as contests
+    from armgpi.studies import contend as contests
 
     names = list(dict.fromkeys(split(arms or list(contests.ARMS))))
     for name in names:
@@ -65,19 +65,16 @@ def contend(
         raise refusal("--seeds", f"must be from 1 to 1000, got {seeds}")
     setting = contests.QUICK if quick else contests.Setting(evaluations, seeds)
     chosen = laws or list(contests.CONTENDERS)
-    entries = contests.run(out, names, chosen, setting, lambda text: say(text, err=True), accept_code)
-    tables = [contests.markdown(entries), contests.verdict(entries)]
-    tables.append(contests.untuned_table([contests.untuned(out, name, setting) for name in names]))
-    if found := contests.transferred(entries, setting):
-        tables.append(contests.transfer_table(found))
-    paths = [files.write(out / "contest.md", "\n".join(tables))]
+    study = contests.enter(out, setting, accept_code)
+    entries = contests.run(study, names, chosen, setting, lambda text: say(text, err=True))
+    text = f"{contests.markdown(entries)}\n{contests.verdict(entries)}"
+    paths = [files.write(out / "contest.md", text)]
     picture = b""
     if find_spec("matplotlib") is not None:
-        from armgpi.search.pictures import contest_picture
+        from armgpi.studies.pictures import contest_picture
 
         picture = contest_picture(entries)
         paths.append(files.write(out / "contest.png", picture))
-    text = "\n".join(tables)
     say(json.dumps(json_data([entry._asdict() for entry in entries])) if as_json else text, lines=True)
     if report is not None:
         paths.append(files.write(report, page("Contest of the laws", text, picture)))

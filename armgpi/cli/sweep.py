@@ -20,7 +20,8 @@ from armgpi.escape import json_data
 
 # What takes long to import is imported by the command, so that --help answers at once.
 if TYPE_CHECKING:
-    from armgpi.sweep.study import Study
+    from armgpi.studies.sample import Sweep
+    from armgpi.studies.study import Study
 
 #: Most rollouts of a sweep.
 _MOST = 10**9
@@ -74,66 +75,72 @@ def sweep(
     armgpi sweep study.yaml --rollouts 2000 --out study --rare
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.config import read
-    from armgpi.sweep.study import Study, save
+    from armgpi.studies.sample import Sweep
 
     count = _count(rollouts)
-    study = Study.of(*read(file), sampling)
-    save(study, out, accept_code)
+    asked = Sweep.of(*read(file), sampling)
+    study = asked.enter(out, accept_code)
     if rare:
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
         for option in (name for name, given in others.items() if given):
             raise refusal(option, "--rare has its levels one after the other in this process, and no page")
-        _rare(study, out, count, as_json)
+        _rare(asked, study, count, as_json)
         return
-    sys.exit(FAILED if _ran(study, out, count, workers, cluster, report, as_json) else OK)
+    sys.exit(FAILED if _ran(asked, study, count, workers, cluster, report, as_json) else OK)
 
 
 def _ran(
-    study: Study, out: Path, count: int, workers: int, cluster: str | None, report: Path | None, as_json: bool
+    sweep: Sweep,
+    study: Study,
+    count: int,
+    workers: int,
+    cluster: str | None,
+    report: Path | None,
+    as_json: bool,
 ) -> bool:
     """Run and print a sweep, and tell whether a chunk is broken."""
-    from armgpi.sweep import results
-    from armgpi.sweep import workers as running
-    from armgpi.sweep.study import chunk_file
+    from armgpi.studies import results
+    from armgpi.studies import workers as running
+    from armgpi.studies.sample import chunk_name
 
-    chunks = [(i, study.rows(i, count)) for i in range(-(-count // study.size))]
-    missing = [(i, rows) for i, rows in chunks if not chunk_file(out, i, rows).is_file()]
+    chunks = [(i, sweep.rows(i, count)) for i in range(-(-count // sweep.size))]
+    missing = [(i, rows) for i, rows in chunks if not study.has(chunk_name(i, rows))]
     with _progress(count, count - sum(rows for _, rows in missing)) as done:
-        broken = running.run(out, missing, done, workers, cluster)
+        broken = running.run(study.folder, missing, done, workers, cluster)
     for chunk, reason in broken.items():
         say(f"chunk {chunk} is broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):
         return True
-    found = results.collect(study, out, count)
-    written = results.write(study, found, out)
-    said = results.summary(study, found)
+    found = results.collect(sweep, study, count)
+    said = results.summary(sweep, found)
+    written = results.write(sweep, found, said, study.folder)
     if as_json:
         say(json.dumps(json_data(said)))
     else:
-        _print(study, said, results.sentences(said))
+        _print(sweep, said, results.sentences(said))
     if report is not None:
-        from armgpi.sweep import pictures
+        from armgpi.studies import page
         from armgpi.viz.report import write
 
-        written.append(write(pictures.html(study, found, said), report))
-    say(f"wrote {len(written)} files to {out}", err=True)
+        written.append(write(page.html(sweep, found, said), report))
+    say(f"wrote {len(written)} files to {study.folder}", err=True)
     return bool(broken)
 
 
-def _rare(study: Study, out: Path, count: int, as_json: bool) -> None:
+def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> None:
     """Say how probable failures are that are too rare to be met at random."""
-    from armgpi.sweep import rare
-    from armgpi.sweep.results import write_worst
+    from armgpi.studies import rare
+    from armgpi.studies.results import write_worst
 
     found, last, check = rare.simulate(
-        study, out, count, lambda rows: say(f"a level of {rows} rollouts", err=True)
+        sweep, study, count, lambda rows: say(f"a level of {rows} rollouts", err=True)
     )
-    said = rare.summary(study, found, last, check)
+    said = rare.summary(sweep, found, last, check)
     for sentence in [json.dumps(json_data(said))] if as_json else rare.sentences(said):
         say(sentence)
-    written = [files.write(out / "rare.json", json.dumps(said, indent=2) + "\n")]
-    written += write_worst(out / "rare", rare.worst(study, last))
-    say(f"wrote {len(written)} files to {out}", err=True)
+    written = [files.write(study.folder / "rare.json", json.dumps(said, indent=2) + "\n")]
+    written += write_worst(study.folder / "rare", rare.worst(sweep, last))
+    say(f"wrote {len(written)} files to {study.folder}", err=True)
 
 
 def _count(text: str) -> int:
@@ -147,15 +154,15 @@ def _count(text: str) -> int:
     return int(count)
 
 
-def _print(study: Study, said: dict[str, Any], sentences: list[str]) -> None:
+def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
     from armgpi.loop import metrics
-    from armgpi.sweep.results import failure_words
+    from armgpi.studies.results import failure_words
 
-    say(f"{study.label} on {study.robot.name}; failed is {failure_words(study)}")
+    say(f"{sweep.label} on {sweep.robot.name}; failed is {failure_words(sweep)}")
     for sentence in sentences:
         say(sentence)
-    sliding = bool(study.robot.prismatic.all())
+    sliding = bool(sweep.robot.prismatic.all())
     for each in metrics.shown_in("terminal"):
         if each.name in said["quantiles"]:
             values = said["quantiles"][each.name]

@@ -18,7 +18,7 @@ from armgpi.cli.terminal import say
 from armgpi.escape import json_data
 
 if TYPE_CHECKING:
-    from armgpi.search.study import Study
+    from armgpi.studies.optimise import Search
 
 
 @stoppable
@@ -48,35 +48,30 @@ def tune(
     armgpi tune study.yaml --out study --resume
     armgpi compare --config study/best.yaml
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.search import results, setup
-    from armgpi.search.study import Study
+    from armgpi.studies import found as results
+    from armgpi.studies import setup
+    from armgpi.studies.optimise import Search
 
     given = {"evaluations": evaluations, "seed": seed}
     changes = {key: value for key, value in given.items() if value is not None}
     wanted = setup.read(file, changes, known_backend(backend))
     if resume and not (out / results.STUDY).exists():
         raise refusal("--resume", f"{out} holds no study")
-    kept = results.begin(out, wanted, resume, accept_code)
-    study = Study(wanted.problem)
+    study, search = results.enter(out, wanted, resume, accept_code), Search(wanted.problem)
     begun = time.monotonic()
-
-    def told(study: Study) -> None:
-        results.keep(out, wanted, study)
-        _progress(study, time.monotonic() - begun, len(kept))
-
-    study.run(told, kept)
-    found, default = study.validated(), study.given()
-    paths = results.finish(out, wanted, study, found, default)
+    search.run(lambda search: _progress(search, time.monotonic() - begun), study.part)
+    found, default = search.validated(), search.given()
+    paths = results.finish(out, wanted, search, found, default)
     picture = b""
     if find_spec("matplotlib") is not None:
-        from armgpi.search.pictures import study_picture
+        from armgpi.studies.pictures import study_picture
 
-        picture = study_picture(study, found, default)
+        picture = study_picture(search, found, default)
         paths.append(files.write(out / "study.png", picture))
     else:
         say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
-    text = results.report(study, found, default)
-    say(json.dumps(json_data(results.as_data(study, found, default))) if as_json else text, lines=True)
+    text = results.report(search, found, default)
+    say(json.dumps(json_data(results.as_data(search, found, default))) if as_json else text, lines=True)
     if report is not None:
         paths.append(files.write(report, page(f"Search on {file.name}", text, picture)))
     for path in paths:
@@ -95,10 +90,10 @@ def page(title: str, markdown: str, picture: bytes) -> str:
     return page.document(title, "", sections)
 
 
-def _progress(study: Study, spent: float, kept: int) -> None:
+def _progress(search: Search, spent: float) -> None:
     """Say how far a search is."""
-    done, total = len(study.rows), max(study.problem.evaluations, len(study.rows))
-    best = min((row.objective for row in study.rows if row.sound), default=float("inf"))
-    rate = max(done - kept, 1) / max(spent, 1e-9)
+    done, total = len(search.rows), max(search.problem.evaluations, len(search.rows))
+    best = min((row.objective for row in search.rows if row.sound), default=float("inf"))
+    rate = search.fresh / max(spent, 1e-9)
     left = (total - done) / rate
     say(f"{done} of {total} candidates, best {best:.4g}, {rate:.3g} per s, {left:.0f} s left", err=True)

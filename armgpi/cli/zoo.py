@@ -146,7 +146,7 @@ def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]
 def _tuned(evaluations: int, seed: int, count: int) -> Callable[[list[str]], _Shown]:
     """Return what tunes arms and shows them beside the rule."""
     from armgpi.errors import ArmgpiError, BackendError
-    from armgpi.search.zoo import MOST, markdown, run
+    from armgpi.studies.zoo import MOST, markdown, run
 
     if seed < 0:
         raise refusal("--seed", f"expected 0 or more, got {seed}")

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy import stats
 
 from armgpi import config
 from armgpi.arrays import Array, check_whole
@@ -28,6 +27,7 @@ from armgpi.control.gpi import KNOWS
 from armgpi.control.supervisor import Supervisor, suited
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.health.zoo import fingers
+from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status, describe_measurement
 from armgpi.loop.simulation import simulate
@@ -78,24 +78,6 @@ class Outcome(NamedTuple):
     def feasible(self) -> bool:
         """Whether the motors can follow the reference."""
         return self.demand <= 1.0
-
-
-class Interval(NamedTuple):
-    """Ends of an interval of a share."""
-
-    low: float
-    high: float
-
-
-def interval(count: int, total: int, confidence: float = 0.95, method: str = "wilson") -> Interval:
-    """Return the interval of a share that was found `count` times in `total`.
-
-    It is Wilson's (E. B. Wilson 1927); by the method "exact" that of C. J. Clopper and E. S. Pearson (1934).
-    """
-    if total == 0:
-        return Interval(0.0, 1.0)
-    found = stats.binomtest(count, total).proportion_ci(confidence, method=method)
-    return Interval(float(found.low), float(found.high))
 
 
 def families() -> dict[str, list[str]]:
@@ -349,7 +331,7 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-def share(happened: Sequence[bool], method: str = "wilson") -> str:
-    """Return a share with its interval, in per cent; see :func:`interval`."""
-    low, high = interval(sum(happened), len(happened), method=method)
-    return f"{100.0 * sum(happened) / max(len(happened), 1):.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"
+def share(happened: Sequence[bool], interval: Callable[[int, int], Estimate] = wilson) -> str:
+    """Return a share with its interval of 95 %, in per cent; see :mod:`armgpi.intervals`."""
+    value, low, high = interval(sum(happened), len(happened))
+    return f"{100.0 * (value if happened else 0.0):.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"

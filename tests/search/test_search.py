@@ -6,6 +6,7 @@ import builtins
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,12 @@ from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
 from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.plants.reality import together
-from armgpi.search.evaluation import Evaluated, Evaluator, with_keys
-from armgpi.search.objective import Constraint, Expression, Objective
-from armgpi.search.optimisers import METHODS, make
-from armgpi.search.space import Range, Space, numbers
-from armgpi.search.study import Problem, Study, rows_of
+from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
+from armgpi.studies.objective import Constraint, Expression, Objective
+from armgpi.studies.optimise import Problem, Search
+from armgpi.studies.optimisers import METHODS, make
+from armgpi.studies.space import Range, Space, numbers
+from armgpi.studies.study import Identity, Study
 
 ARM = Robot.load("anthropomorphic3")
 REALITY = Reality.geared(
@@ -249,32 +251,42 @@ def problem(**options: Any) -> Problem:
 
 
 def test_a_candidate_that_fails_where_nobody_looked_is_never_the_best() -> None:
-    study = Study(problem())
-    study.run()
-    assert study.problem.space.values(study.ranked()[0].x)[0] > 100.0
-    found = study.validated()
-    assert all(study.problem.space.values(each.row.x)[0] <= 100.0 for each in found)
+    search = Search(problem())
+    search.run()
+    assert search.problem.space.values(search.ranked()[0].x)[0] > 100.0
+    found = search.validated()
+    assert all(search.problem.space.values(each.row.x)[0] <= 100.0 for each in found)
+
+
+def assert_same(ours: Search, others: Search) -> None:
+    for one, other in zip(ours.rows, others.rows, strict=True):
+        np.testing.assert_array_equal(one.x, other.x)
+        assert one._replace(x=other.x) == other
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("budgets", [(math.inf,), (400.0, 2500.0)])
-def test_a_search_that_was_stopped_ends_as_one_that_was_not(method: str, budgets: Any) -> None:
+def test_a_search_that_was_stopped_ends_as_one_that_was_not(
+    method: str, budgets: Any, tmp_path: Path
+) -> None:
     count = 40 if method == "optuna" else 120  # which takes 5 ms a candidate
-    whole = Study(problem(method=method, budgets=budgets, evaluations=count))
+    whole = Search(problem(method=method, budgets=budgets, evaluations=count))
     whole.run()
-    lines = whole.table().splitlines(keepends=True)
-    generations = [int(line.split(",")[0]) for line in lines[1:]]
-    for last in (0, 1, max(generations) // 2, max(generations)):
-        kept = "".join([lines[0], *(x for x, g in zip(lines[1:], generations, strict=True) if g <= last)])
-        again = Study(problem(method=method, budgets=budgets, evaluations=count))
-        again.run(kept=rows_of(kept, again.problem))
-        assert again.table() == whole.table()
+    last = whole.rows[-1].generation
+    study = Study.enter(tmp_path, Identity({}, {}))
+    for stop in (0, 1, last // 2, last):
+        for generation in range(stop + 1, last + 1):
+            study.place(f"generations/{generation:06d}").unlink(missing_ok=True)
+        again = Search(problem(method=method, budgets=budgets, evaluations=count))
+        again.run(part=study.part)
+        assert_same(again, whole)
+        assert again.fresh == sum(row.generation > stop or stop == 0 for row in whole.rows)
 
 
 def test_budgets_are_kept_and_a_larger_one_is_never_worse() -> None:
-    study = Study(problem(budgets=(400.0, 2500.0, 8000.0), evaluations=300))
-    study.run()
-    found = study.validated()
+    search = Search(problem(budgets=(400.0, 2500.0, 8000.0), evaluations=300))
+    search.run()
+    found = search.validated()
     assert [each.budget for each in found] == [400.0, 2500.0, 8000.0]
     assert all(each.row.means["total_variation"] <= each.budget for each in found)
     errors = [each.row.objective for each in found]
@@ -283,21 +295,24 @@ def test_budgets_are_kept_and_a_larger_one_is_never_worse() -> None:
     np.testing.assert_allclose(errors, 10.0 / np.sqrt([400.0, 2500.0, 8000.0]) + 0.1, rtol=0.05)
 
 
-def test_what_another_search_kept_is_refused() -> None:
-    study = Study(problem())
-    study.run()
+def test_what_another_search_kept_is_refused(tmp_path: Path) -> None:
+    study = Study.enter(tmp_path, Identity({}, {}))
+    Search(problem()).run(part=study.part)
     with pytest.raises(RolloutError, match="not those of this search"):
-        Study(problem(seed=5)).run(kept=study.rows)
-    for damaged in ("", "a,b\n", study.table().replace("omega", "zeta", 1), study.table()[:-30]):
-        with pytest.raises(RolloutError):
-            rows_of(damaged, study.problem)
+        Search(problem(seed=5)).run(part=study.part)
+    place = study.place("generations/000001")
+    whole = place.read_bytes()
+    for damaged in (b"", whole[:-8], whole + bytes(8), whole.replace(b"000001", b"000002")):
+        place.write_bytes(damaged)
+        with pytest.raises(RolloutError, match="is damaged"):
+            Search(problem()).run(part=study.part)
 
 
 def test_an_objective_without_a_value_anywhere_is_named() -> None:
     hopeless = problem()._replace(objective=Objective("sqrt(-itae)"))
     for each in (hopeless, hopeless._replace(evaluations=9)):
         with pytest.raises(ParameterError, match="sqrt"):
-            Study(each).run()
+            Search(each).run()
 
 
 # What candidates are, on real rollouts.

@@ -16,8 +16,8 @@ from armgpi.control.payload import DELAY_SHARE
 from armgpi.errors import RolloutError
 from armgpi.health import reality as health
 from armgpi.plants.reality import Reality
-from armgpi.search import zoo
-from armgpi.search.evaluation import Evaluator
+from armgpi.studies import zoo
+from armgpi.studies.evaluation import Evaluator
 
 ARM = "anthropomorphic3"
 

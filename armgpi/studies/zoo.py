@@ -21,10 +21,10 @@ from armgpi.health.zoo import BITS, DELAY, DT, fingers
 from armgpi.loop import metrics
 from armgpi.plants.reality import Draw, Reality
 from armgpi.robot.robot import Robot
-from armgpi.search.evaluation import Evaluated, Evaluator
-from armgpi.search.objective import Objective
-from armgpi.search.space import Range, Space
-from armgpi.search.study import KEPT, Problem, Study
+from armgpi.studies.evaluation import Evaluated, Evaluator
+from armgpi.studies.objective import Objective
+from armgpi.studies.optimise import KEPT, Problem, Search
+from armgpi.studies.space import Range, Space
 
 #: The rule, and by which factor bandwidths may leave its own: searches of a hundred candidates begin nearby.
 RULE = {"type": "untuned"}
@@ -105,7 +105,7 @@ def run(name: str, evaluations: int, held_out: int, seed: int = 0) -> Row:
     # As much as the rule spends, whose numbers differ a little from draw to draw, or where the search begins.
     spent = searched(RULE, [{}]), searched(RULE, [space.keys(space.start)])
     budget = max(float(each.values["total_variation"].mean()) for each in spent)
-    study = Study(
+    search = Search(
         Problem(
             space,
             Objective(WANTED),
@@ -117,8 +117,8 @@ def run(name: str, evaluations: int, held_out: int, seed: int = 0) -> Row:
             seed=seed,
         )
     )
-    study.run()
-    found = study.validated()
+    search.run()
+    found = search.validated()
     values: dict[str, Any] = {}
     tuned = None
     if found:

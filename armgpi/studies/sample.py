@@ -1,4 +1,4 @@
-"""A study: an experiment, what varies in it and when it has failed; a chunk depends on it and its number."""
+"""Sweeps: an experiment, what varies in it and when it has failed; a chunk depends on it and its number."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, read
-from armgpi.config.identity import Identity, claim, identify, kept, read_chunk, write_chunk
-from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError, RolloutError
+from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
@@ -25,7 +23,8 @@ from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.reality import Draw, Reality, batches, together
 from armgpi.registry import registered
-from armgpi.sweep.distributions import SAMPLINGS, Distribution, distribution, shares
+from armgpi.studies.distributions import SAMPLINGS, Distribution, distribution, shares
+from armgpi.studies.study import Identity, Study, identify, kept
 
 #: Rollout-steps of a chunk, about: some seconds of compiled code.
 _WORK = 1 << 23
@@ -49,7 +48,7 @@ _DRAWN = (
 
 
 @dataclass(frozen=True)
-class Study:
+class Sweep:
     """An experiment, what varies in it, and how it is drawn.
 
     Attributes:
@@ -73,8 +72,8 @@ class Study:
     identity: Identity
 
     @classmethod
-    def of(cls, config: ExperimentConfig, origin: Origin | None = None, sampling: str = "random") -> Study:
-        """Return the study that an experiment file describes.
+    def of(cls, config: ExperimentConfig, origin: Origin | None = None, sampling: str = "random") -> Sweep:
+        """Return the sweep that an experiment file describes.
 
         Raises:
             ConfigError: when something in it does not fit; it names the key.
@@ -118,9 +117,13 @@ class Study:
         object.__setattr__(found, "varied", varied)
         return found
 
+    def enter(self, folder: Path, accept_code: bool = False) -> Study:
+        """Make a folder that of this sweep, or find that it is; see :meth:`Study.enter`."""
+        return Study.enter(folder, self.identity, EXPERIMENT, accept_code)
+
     @property
     def digest(self) -> str:
-        """A name for what the study is: another one has another."""
+        """A name for what the sweep is: another one has another."""
         return self.identity.digest
 
     @property
@@ -312,82 +315,52 @@ def _compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds
             raise BackendError(f"a sweep needs generated code: {reason}") from None
 
 
-class NoRoom(RolloutError):
-    """A chunk cannot be written, and so none can."""
-
-
 #: The prepared loop of this process's study.
 _loops: dict[str, PreparedLoop] = {}
 
 
-def save(study: Study, folder: Path, accept_code: bool = False) -> None:
-    """Write a study into its folder, or find it there.
-
-    Raises:
-        RolloutError: when the folder holds another one, or one of other code, or cannot be written to.
-    """
-    claim(folder, study.identity, EXPERIMENT, accept_code)
-    files.make_folder(folder / CHUNKS)
-
-
 @lru_cache(maxsize=4)
-def load(folder: Path) -> Study:
-    """Return the study of a folder.
+def load(folder: Path) -> tuple[Sweep, Study]:
+    """Return the sweep of a folder.
 
     Raises:
         RolloutError: when there is none, or other code has to run it.
         ConfigError: when its experiment is damaged.
     """
     sampling = kept(folder)["what"].get("sampling")
-    study = Study.of(*read(folder / EXPERIMENT), sampling)
-    claim(folder, study.identity, EXPERIMENT)
-    return study
+    sweep = Sweep.of(*read(folder / EXPERIMENT), sampling)
+    return sweep, sweep.enter(folder)
 
 
-def chunk_file(folder: Path, chunk: int, rows: int) -> Path:
-    """Return the file of a chunk with so many rollouts."""
-    return folder / CHUNKS / f"{chunk:06d}-{rows}.chunk"
+def chunk_name(chunk: int, rows: int) -> str:
+    """Return the name of a chunk with so many rollouts."""
+    return f"{CHUNKS}/{chunk:06d}-{rows}"
 
 
-def run_chunk(folder: Path, chunk: int, rows: int) -> Path:
+def run_chunk(folder: Path, chunk: int, rows: int) -> None:
     """Run a chunk, where it is not there already, and write it whole before returning.
 
     Raises:
         ArmgpiError: when it cannot be run.
         NoRoom: when it cannot be written.
     """
-    place = chunk_file(folder, chunk, rows)
-    if place.is_file():
-        return place
-    study = load(folder.resolve())
-    found = study.run(chunk, rows)
-    try:
-        return write_chunk(place, found, study.identity, place.name)
-    except RolloutError as error:
-        raise NoRoom(str(error)) from None
+    if not (folder / f"{chunk_name(chunk, rows)}.chunk").is_file():
+        sweep, study = load(folder.resolve())
+        study.write(chunk_name(chunk, rows), sweep.run(chunk, rows))
 
 
-def known_chunk(study: Study, folder: Path, place: Path, shape: tuple[int, ...]) -> Array:
-    """Return the numbers of a chunk that was written.
-
-    Raises:
-        RolloutError: when it is damaged, or of another study or other code.
-    """
-    return read_chunk(place, shape, study.digest, kept(folder)["codes"], place.name)
-
-
-def with_value(study: Study, name: str, value: Any) -> None:
+def with_value(sweep: Sweep, name: str, value: Any) -> None:
     """Refuse a parameter that has no key in an experiment file: its worst cases could not be written."""
-    _put(study.experiment.config.model_dump(exclude={"vary", "failure"}), name, value, study)
+    _put(sweep.experiment.config.model_dump(exclude={"vary", "failure"}), name, value, sweep)
 
 
-def _put(data: dict[str, Any], name: str, value: Any, study: Study) -> None:
+def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
     """Write a number of a rollout into an experiment file."""
     part, *steps = name.split(".")
     if name == "plant.payload.mass":
         data["plant"]["payload"] = {**(data["plant"]["payload"] or {}), "mass": value}
     elif name in ("plant.viscous", "plant.coulomb"):
-        now = study.experiment.plant.robot.friction if study.config.plant.friction == "urdf" else None
+        now = sweep.experiment.plant.robot.friction if sweep.config.plant.friction == "urdf" else None
         shown = {key: getattr(now, key).tolist() if now else 0.0 for key in ("viscous", "coulomb")}
         if data["plant"]["friction"] != "urdf" or data["robot"]["friction"] is None:
             data["robot"]["friction"] = shown
@@ -405,7 +378,7 @@ def _put(data: dict[str, Any], name: str, value: Any, study: Study) -> None:
                 moves[key] = [moves[key]] * count
         _deep(moves, steps, value, name)
     else:
-        if steps[0] == "loads" and len(study.config.plant.loads) != len(_arm(study.experiment.plant).loads):
+        if steps[0] == "loads" and len(sweep.config.plant.loads) != len(_arm(sweep.experiment.plant).loads):
             raise ParameterError(name, value, "the number of a load that is one entry of the file")
         if steps[0] in data["plant"] and data["plant"][steps[0]] is None and len(steps) > 1:
             data["plant"][steps[0]] = {}

@@ -12,8 +12,8 @@ from armgpi.arrays import Array
 from armgpi.config import build, dump
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
-from armgpi.sweep.results import QUANTILES, of_arm, sentences, worst
-from armgpi.sweep.study import Study
+from armgpi.studies.results import QUANTILES, of_arm, sentences, worst
+from armgpi.studies.sample import Sweep
 from armgpi.viz import page, report
 
 #: Bars of a histogram, and size of a picture [px].
@@ -22,27 +22,27 @@ _BARS, _WIDTH, _HEIGHT, _HEIGHT_2 = 40, 300, 110, 218
 _BAR, _BAD, _LINE, _TEXT = "#4878a8", "#c44e52", "#1b2127", "#5a6570"
 
 
-def html(study: Study, found: xr.Dataset, said: Mapping[str, Any]) -> str:
+def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
     """Return the page.
 
     Args:
-        study: what was run.
-        found: its rollouts, from :func:`armgpi.sweep.results.collect`.
-        said: from :func:`armgpi.sweep.results.summary`.
+        sweep: what was run.
+        found: its rollouts, from :func:`armgpi.studies.results.collect`.
+        said: from :func:`armgpi.studies.results.summary`.
 
     Raises:
         MissingPackage: when Plotly or MeshCat is not installed.
     """
     i = int(worst(found, 1)[0])
-    row = {name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn}
-    config = study.config_of(row, int(found["rollout"].values[i]))
+    row = {name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn}
+    config = sweep.config_of(row, int(found["rollout"].values[i]))
     experiment = build(config)
-    rollout = experiments.join({study.label: experiments.run(experiment, study.label, progress=False)})
+    rollout = experiments.join({sweep.label: experiments.run(experiment, sweep.label, progress=False)})
     parts = [
         page.bullets(sentences(said)),
-        _table(study, said),
+        _table(sweep, said),
         "<h3>Distribution of every metric</h3>",
-        _figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in study.metrics),
+        _figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in sweep.metrics),
         "<h3>Share of failures by what was drawn</h3>",
         _figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
         _figures((" × ".join(pair["of"]), _square(pair["parts"])) for pair in said["failure by two of them"]),
@@ -51,16 +51,16 @@ def html(study: Study, found: xr.Dataset, said: Mapping[str, Any]) -> str:
     return report.build(
         rollout,
         experiment.robot,
-        title=f"Sweep of {study.robot.name}: {found.sizes['rollout']} rollouts",
+        title=f"Sweep of {sweep.robot.name}: {found.sizes['rollout']} rollouts",
         configuration=dump(config),
         before="".join(parts),
     )
 
 
-def _table(study: Study, said: Mapping[str, Any]) -> str:
+def _table(sweep: Sweep, said: Mapping[str, Any]) -> str:
     """Return the quantiles of the metrics as a table."""
-    rows, sliding = [], bool(study.robot.prismatic.all())
-    for name in study.metrics:
+    rows, sliding = [], bool(sweep.robot.prismatic.all())
+    for name in sweep.metrics:
         cells = [_cell(said["quantiles"][name][str(share)]) for share in QUANTILES]
         rows.append(
             [f"{metrics.ALL[name].heading} [{metrics.ALL[name].unit.symbol(sliding) or '-'}]", *cells]

@@ -21,10 +21,11 @@ from armgpi.config import experiment as experiments
 from armgpi.control.supervisor import Reason
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
+from armgpi.intervals import clopper_pearson, quantile, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import FAULTS, Status
-from armgpi.sweep.intervals import clopper_pearson, quantile, wilson
-from armgpi.sweep.study import Study, chunk_file, known_chunk
+from armgpi.studies.sample import Sweep, chunk_name
+from armgpi.studies.study import Study
 
 #: Quantiles that are told of every metric.
 QUANTILES = (0.5, 0.9, 0.99)
@@ -36,34 +37,32 @@ _PARTS, _LEAST = 8, 20
 _PAIRED = 4
 
 
-def collect(study: Study, folder: Path, rollouts: int) -> xr.Dataset:
+def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
     """Return the rollouts whose chunks are there, in order: what was drawn, metrics, status and end.
 
     Raises:
         RolloutError: when there is no chunk, or one is damaged.
     """
     tables, places = [], []
-    for chunk in range(-(-rollouts // study.size)):
-        rows = study.rows(chunk, rollouts)
-        place = chunk_file(folder, chunk, rows)
-        if not place.is_file():
-            continue
-        tables.append(known_chunk(study, folder, place, (rows, len(study.columns))))
-        places.append(np.arange(rows) + chunk * study.size)
+    for chunk in range(-(-rollouts // sweep.size)):
+        rows = sweep.rows(chunk, rollouts)
+        if study.has(name := chunk_name(chunk, rows)):
+            tables.append(study.read(name, (rows, len(sweep.columns))))
+            places.append(np.arange(rows) + chunk * sweep.size)
     if not tables:
-        raise RolloutError(f"{folder}: there is no rollout")
-    return _dataset(study, np.vstack(tables), np.concatenate(places))
+        raise RolloutError(f"{study.folder}: there is no rollout")
+    return _dataset(sweep, np.vstack(tables), np.concatenate(places))
 
 
-def _dataset(study: Study, table: Array, places: Any) -> xr.Dataset:
+def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
     """Return the numbers of rollouts as a dataset."""
-    robot, n = study.robot, study.robot.n
+    robot, n = sweep.robot, sweep.robot.n
     found: dict[str, Any] = {}
-    for name, column in zip(study.drawn, table.T, strict=False):
+    for name, column in zip(sweep.drawn, table.T, strict=False):
         found[f"drawn.{name}"] = ("rollout", column, {"long_name": f"{name}, as drawn"})
-    begin = len(study.drawn)
+    begin = len(sweep.drawn)
     sliding = bool(robot.prismatic.all())
-    for name in study.metrics:
+    for name in sweep.metrics:
         declared = metrics.ALL[name]
         unit = {"long_name": declared.long_name, "units": declared.unit.symbol(sliding, ascii=True)}
         found[name] = (("rollout", "joint"), table[:, begin : begin + n], unit)
@@ -73,25 +72,25 @@ def _dataset(study: Study, table: Array, places: Any) -> xr.Dataset:
         "t_end": {"long_name": "end of the rollout", "units": "s"},
         **FAULTS,
     }
-    for name, column in zip(study.ends, table.T[begin:], strict=True):
+    for name, column in zip(sweep.ends, table.T[begin:], strict=True):
         found[name] = ("rollout", column if name.startswith("t_") else column.astype(np.int32), told[name])
     dataset = xr.Dataset(
         found,
         coords={"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))},
         attrs={
             "title": f"armgpi sweep of {robot.name}",
-            "study": study.digest,
-            "experiment": study.identity.text,
-            "code": study.identity.code_digest,
-            "sampling": study.sampling,
+            "study": sweep.digest,
+            "experiment": sweep.identity.text,
+            "code": sweep.identity.code_digest,
+            "sampling": sweep.sampling,
         },
     )
-    failed = study.failed({name: dataset[name].values for name in (*study.metrics, "status")})
-    attributes = {"long_name": failure_words(study)}
+    failed = sweep.failed({name: dataset[name].values for name in (*sweep.metrics, "status")})
+    attributes = {"long_name": failure_words(sweep)}
     return dataset.assign(failed=("rollout", failed, attributes))
 
 
-def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
+def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
     """Return what the rollouts of a study say, as plain data: probabilities and quantiles with intervals."""
     n, stops = found.sizes["rollout"], {}
     if "fault" in found:
@@ -104,18 +103,18 @@ def summary(study: Study, found: xr.Dataset) -> dict[str, Any]:
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
     said: dict[str, Any] = {
-        "study": study.digest,
-        "controller": study.label,
+        "study": sweep.digest,
+        "controller": sweep.label,
         "rollouts": n,
-        "failure": {"diverged": None, **study.failure},
+        "failure": {"diverged": None, **sweep.failure},
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         **stops,
         "quantiles": {
             name: {str(share): quantile(of_arm(found, name), share)._asdict() for share in QUANTILES}
-            for name in study.metrics
+            for name in sweep.metrics
         },
-        "failure by what was drawn": (maps := {name: failure_map(found, [name]) for name in study.drawn}),
+        "failure by what was drawn": (maps := {name: failure_map(found, [name]) for name in sweep.drawn}),
         "failure by two of them": [
             {"of": list(pair), "parts": failure_map(found, pair)}
             for pair in combinations(_paired(maps, failed), 2)
@@ -194,19 +193,19 @@ def worst(found: xr.Dataset, count: int = WORST) -> Any:
     return np.lexsort((found["rollout"].values, found["t_end"].values, -peak))[:count]
 
 
-def write(study: Study, found: xr.Dataset, folder: Path) -> list[Path]:
+def write(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], folder: Path) -> list[Path]:
     """Write ``results.nc``, ``summary.json`` and the worst rollouts as experiments that run (``worst/``).
 
     Raises:
         RolloutError: when something cannot be written.
     """
     chosen = worst(found)
-    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in study.drawn} for i in chosen]
+    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn} for i in chosen]
     places = found["rollout"].values[chosen].tolist()
     return [
         files.write(folder / "results.nc", _netcdf(found)),
-        files.write(folder / "summary.json", json.dumps(summary(study, found), indent=2) + "\n"),
-        *write_worst(folder, [study.config_of(row, i) for row, i in zip(rows, places, strict=True)]),
+        files.write(folder / "summary.json", json.dumps(said, indent=2) + "\n"),
+        *write_worst(folder, [sweep.config_of(row, i) for row, i in zip(rows, places, strict=True)]),
     ]
 
 
@@ -237,8 +236,8 @@ def _netcdf(found: xr.Dataset) -> bytes:
     return content.getvalue()
 
 
-def failure_words(study: Study) -> str:
+def failure_words(sweep: Sweep) -> str:
     """Return when a rollout of a study has failed, in words."""
-    stopped = [] if study.experiment.supervisor is None else ["stopped"]
-    beyond = (f"{metrics.ALL[name].heading} > {most:g}" for name, most in study.failure.items())
+    stopped = [] if sweep.experiment.supervisor is None else ["stopped"]
+    beyond = (f"{metrics.ALL[name].heading} > {most:g}" for name, most in sweep.failure.items())
     return " or ".join(["diverged", *stopped, *beyond])

@@ -11,22 +11,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 from scipy.stats import norm as normal
 
-from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import ExperimentConfig
-from armgpi.config.identity import write_chunk
 from armgpi.errors import ConfigError, ParameterError
-from armgpi.sweep.distributions import draw_key
-from armgpi.sweep.intervals import LEVEL, Estimate, clopper_pearson
-from armgpi.sweep.results import WORST
-from armgpi.sweep.study import Study, known_chunk
+from armgpi.intervals import LEVEL, Estimate, clopper_pearson
+from armgpi.studies.distributions import draw_key
+from armgpi.studies.results import WORST
+from armgpi.studies.sample import Sweep
+from armgpi.studies.study import Study
 
 #: Share of a level from which the next one starts, and so one over the length of a chain.
 _SHARE = 0.1
@@ -183,13 +181,13 @@ def _related(chains: Array, share: float) -> float:
 
 
 def simulate(
-    study: Study, folder: Path, count: int, told: Callable[[int], None] = lambda rows: None
+    sweep: Sweep, study: Study, count: int, told: Callable[[int], None] = lambda rows: None
 ) -> tuple[Rare, Array, Array]:
     """Run subset simulation of a study, level by level; levels that are in the folder are not run again.
 
     Args:
-        study: with `vary`, and bounds of failure above 0.
-        folder: of the study.
+        sweep: with `vary`, and bounds of failure above 0.
+        study: its folder.
         count: points of a level, made a multiple of 10.
         told: is given the points of each level.
 
@@ -201,32 +199,28 @@ def simulate(
         ParameterError: when there are too few points, or failures do not depend on what is drawn.
         RolloutError: when a level cannot be written or read.
     """
-    if study.config.reality is not None:
+    if sweep.config.reality is not None:
         raise ConfigError("", "reality", "rare failures are those of `vary`: nothing is between two draws")
-    for name, most in study.failure.items():
+    for name, most in sweep.failure.items():
         if most <= 0.0:
             raise ConfigError("", f"failure.{name}", f"a bound above 0 for rare failures, not {most:g}")
     if count < FEWEST:
         raise ParameterError("rollouts", count, f"at least {FEWEST} in each level")
     count = -(-count // _LENGTH) * _LENGTH
-    margin = _margin(study)
+    margin = _margin(sweep)
 
     def kept(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
-        file = folder / "rare" / f"{count}-{place:02d}.chunk"
-        if file.is_file():
-            return known_chunk(study, folder, file, (count, study.width + 2))
-        random = np.random.Generator(np.random.Philox(key=_key(study, count), counter=place << 192))
-        found = level(random)
-        write_chunk(files.make_folder(file.parent) / file.name, found, study.identity, file.name)
-        return found
+        random = np.random.Generator(np.random.Philox(key=_key(sweep, count), counter=place << 192))
+        shape = (count, sweep.width + 2)
+        return study.part(f"rare/{count}-{place:02d}", shape, lambda: level(random))
 
-    levels = climb(margin, study.width, count, kept, told)
+    levels = climb(margin, sweep.width, count, kept, told)
     bound = bounds_of(levels)[-1][0]
     if bound < 1.0:
         near = f"bounds that can be reached: the nearest comes to {bound:.3g} of one"
         stuck = "bounds that what is drawn comes nearer to: the levels do not rise"
-        raise ParameterError("failure", dict(study.failure), near if len(levels) == _LEVELS else stuck)
-    check = kept(_LEVELS, partial(first, margin, study.width, count))
+        raise ParameterError("failure", dict(sweep.failure), near if len(levels) == _LEVELS else stuck)
+    check = kept(_LEVELS, partial(first, margin, sweep.width, count))
     told(count)
     return estimate(levels), levels[-1], check
 
@@ -258,25 +252,25 @@ def climb(
         levels.append(kept(len(levels), lambda random: following(margin, level, random, before)))  # noqa: B023
 
 
-def _key(study: Study, count: int) -> int:
+def _key(sweep: Sweep, count: int) -> int:
     """Return the key of a study's random numbers: others than those of its chunks."""
-    return draw_key(study.config.seed, *study.streams, f"rare {count}")
+    return draw_key(sweep.config.seed, *sweep.streams, f"rare {count}")
 
 
-def _margin(study: Study) -> Margin:
+def _margin(sweep: Sweep) -> Margin:
     """Return how near points come to a failure of a study: the largest metric over its bound."""
 
     def margin(points: Array, seeds: Any) -> Array:
-        table = study.table(study.drawn_at(ndtr(points)), seeds)
-        nearest = np.max([table[name].max(axis=1) / most for name, most in study.failure.items()], axis=0)
+        table = sweep.table(sweep.drawn_at(ndtr(points)), seeds)
+        nearest = np.max([table[name].max(axis=1) / most for name, most in sweep.failure.items()], axis=0)
         # Failed is what the study says, however a division rounds.
         above = np.nextafter(1.0, 2.0)
-        return np.asarray(np.where(study.failed(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
+        return np.asarray(np.where(sweep.failed(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
 
     return margin
 
 
-def summary(study: Study, found: Rare, last: Array, check: Array) -> dict[str, Any]:
+def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, Any]:
     """Return what was found as plain data, with where failures are: quantiles of what was drawn.
 
     `check` is points drawn at random, of which so many reach the bound of the second level as the levels say,
@@ -286,12 +280,12 @@ def summary(study: Study, found: Rare, last: Array, check: Array) -> dict[str, A
     margins, bound = check[:, -1], found.bounds[second]
     reached = int((margins > 1.0 if bound == 1.0 else margins >= bound).sum())
     failed = last[last[:, -1] > 1.0]
-    drawn = study.drawn_at(ndtr(failed[:, :-2]))
+    drawn = sweep.drawn_at(ndtr(failed[:, :-2]))
     shares = (0.05, 0.5, 0.95)
     return {
-        "study": study.digest,
-        "controller": study.label,
-        "failure": {"diverged": None, **study.failure},
+        "study": sweep.digest,
+        "controller": sweep.label,
+        "failure": {"diverged": None, **sweep.failure},
         "rollouts": found.points,
         "probability of failure": found.probability._asdict(),
         "coefficient of variation": found.deviation,
@@ -308,7 +302,7 @@ def summary(study: Study, found: Rare, last: Array, check: Array) -> dict[str, A
         "unseen is more probable than": 3.0 / (len(check) + len(last)),
         "failures are at": {
             name: dict(zip(map(str, shares), np.quantile(column, shares).tolist(), strict=True))
-            for name, column in zip(study.drawn, drawn.T, strict=True)
+            for name, column in zip(sweep.drawn, drawn.T, strict=True)
         },
     }
 
@@ -340,11 +334,11 @@ def _checked(check: Mapping[str, Any]) -> str:
     )
 
 
-def worst(study: Study, last: Array, count: int = WORST) -> list[ExperimentConfig]:
+def worst(sweep: Sweep, last: Array, count: int = WORST) -> list[ExperimentConfig]:
     """Return the worst rollouts of the last level as experiments, each once."""
     found: list[ExperimentConfig] = []
     _, places = np.unique(last[:, :-1], axis=0, return_index=True)
     for i in sorted(places, key=lambda i: (-last[i, -1], i))[:count]:
-        row = dict(zip(study.drawn, study.drawn_at(ndtr(last[i : i + 1, :-2]))[0].tolist(), strict=True))
-        found.append(study.config_of(row, seed=int(last[i, -2])))
+        row = dict(zip(sweep.drawn, sweep.drawn_at(ndtr(last[i : i + 1, :-2]))[0].tolist(), strict=True))
+        found.append(sweep.config_of(row, seed=int(last[i, -2])))
     return found

@@ -1,4 +1,4 @@
-"""A study's folder: what was asked, every candidate, and what was found."""
+"""What a search found, as files: tables, a report, and the experiment with the best numbers."""
 
 from __future__ import annotations
 
@@ -15,47 +15,43 @@ import yaml
 
 from armgpi import files
 from armgpi.config import experiment as experiments
-from armgpi.config.identity import claim
 from armgpi.errors import RolloutError
-from armgpi.search.setup import Wanted, best_file
-from armgpi.search.study import Row, Study, Validated, kept_rows
+from armgpi.studies.optimise import Row, Search, Validated
+from armgpi.studies.setup import Wanted, best_file
+from armgpi.studies.study import Study
 
-STUDY, EVALUATIONS = "study.yaml", "evaluations.csv"
+STUDY = "study.yaml"
 
 
-def begin(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False) -> list[Row]:
-    """Make or enter a study's folder, and return the candidates that it has.
+def enter(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False) -> Study:
+    """Make a folder that of a search, or go on in it.
 
     Raises:
         RolloutError: when it holds another study, one of other code, this one and is not to be resumed, or
             cannot be written to.
     """
-    experiments.prepare(folder)
     tune = yaml.safe_dump({"tune": wanted.tune.model_dump()}, sort_keys=False, allow_unicode=True)
-    asked = wanted.identity
-    if not claim(folder, replace(asked, text=asked.text + tune), STUDY, accept_code):
-        return []
-    if not resume:
+    asked = replace(wanted.identity, text=wanted.identity.text + tune)
+    study = Study.enter(folder, asked, STUDY, accept_code)
+    if study.there and not resume:
         raise RolloutError(f"{folder}: holds this study already; resume it, or choose another folder")
-    return kept_rows(folder / EVALUATIONS, wanted.problem, asked.digest)
+    return study
 
 
-def keep(folder: Path, wanted: Wanted, study: Study) -> None:
-    """Write all candidates so far."""
-    files.write(folder / EVALUATIONS, study.table(wanted.identity.digest))
-
-
-def finish(folder: Path, wanted: Wanted, study: Study, found: Sequence[Validated], given: Row) -> list[Path]:
+def finish(
+    folder: Path, wanted: Wanted, search: Search, found: Sequence[Validated], given: Row
+) -> list[Path]:
     """Write what was found.
 
     Returns:
         The paths of the files.
     """
     contents: dict[str, str | bytes] = {
-        "front.csv": front_table(study, found),
-        "gains.csv": gains_table(study, found),
-        "convergence.csv": convergence_table(study),
-        "report.md": report(study, found, given),
+        "front.csv": front_table(search, found),
+        "gains.csv": gains_table(search, found),
+        "convergence.csv": convergence_table(search),
+        "evaluations.csv": evaluations_table(search),
+        "report.md": report(search, found, given),
     }
     for each in found:
         name = "best.yaml" if math.isinf(each.budget) else f"best-{each.budget:g}.yaml"
@@ -81,23 +77,23 @@ def _csv(rows: Sequence[Sequence[Any]]) -> str:
     return text.getvalue()
 
 
-def front(study: Study) -> list[Row]:
+def front(search: Search) -> list[Row]:
     """Return the candidates of the search that no other beats in both costs, by what they spend."""
-    against = study.problem.against
+    against = search.problem.against
     found: list[Row] = []
-    for row in sorted(study.ranked(), key=lambda row: (row.means[against], row.objective)):
+    for row in sorted(search.ranked(), key=lambda row: (row.means[against], row.objective)):
         if not found or row.objective < found[-1].objective:
             found.append(row)
     return found
 
 
-def front_table(study: Study, found: Sequence[Validated]) -> str:
+def front_table(search: Search, found: Sequence[Validated]) -> str:
     """Return the front as CSV; what was validated has its values on the held-out scenarios as well."""
-    problem, against = study.problem, study.problem.against
+    problem, against = search.problem, search.problem.against
     held = {each.row.x.tobytes(): each.held_out for each in found}
     head = ["objective", against, "held_out_objective", f"held_out_{against}", *problem.space.names]
     rows: list[list[Any]] = [head]
-    every = {row.x.tobytes(): row for row in (*front(study), *(each.row for each in found))}
+    every = {row.x.tobytes(): row for row in (*front(search), *(each.row for each in found))}
     for row in sorted(every.values(), key=lambda row: row.means[against]):
         other = held.get(row.x.tobytes())
         seen = ["", ""] if other is None else [other.objective, other.means[against]]
@@ -106,9 +102,9 @@ def front_table(study: Study, found: Sequence[Validated]) -> str:
     return _csv(rows)
 
 
-def gains_table(study: Study, found: Sequence[Validated]) -> str:
+def gains_table(search: Search, found: Sequence[Validated]) -> str:
     """Return what was searched, number by number and joint by joint, against what it was before."""
-    space = study.problem.space
+    space = search.problem.space
     budgets = ["best" if math.isinf(each.budget) else f"best_{each.budget:g}" for each in found]
     rows: list[list[Any]] = [["number", "joint", "default", *budgets, "low", "high"]]
     starts = [each.start for each in space.dimensions]
@@ -127,36 +123,48 @@ def gains_table(study: Study, found: Sequence[Validated]) -> str:
     return _csv(rows)
 
 
-def convergence_table(study: Study) -> str:
+def evaluations_table(search: Search) -> str:
+    """Return every candidate as CSV."""
+    names, space = search.problem.names, search.problem.space
+    head = ["generation", "search", "objective", "failed", "violation"]
+    rows: list[list[Any]] = [[*head, *names, *space.names, *(f"x {name}" for name in space.names)]]
+    for row in search.rows:
+        numbers = (row.objective, row.failed, row.violation, *(row.means[name] for name in names))
+        values = (*numbers, *space.values(row.x), *row.x)
+        rows.append([row.generation, row.search, *map(float, values)])
+    return _csv(rows)
+
+
+def convergence_table(search: Search) -> str:
     """Return the best objective after each candidate, for every budget."""
-    budgets = study.problem.budgets
-    best = convergence(study)
+    budgets = search.problem.budgets
+    best = convergence(search)
     heads = ["best" if math.isinf(budget) else f"best_{budget:g}" for budget in budgets]
     rows: list[list[Any]] = [["evaluation", "generation", *heads]]
-    for index, row in enumerate(study.rows):
+    for index, row in enumerate(search.rows):
         rows.append([index + 1, row.generation, *(float(value) for value in best[:, index])])
     return _csv(rows)
 
 
-def convergence(study: Study) -> Any:
+def convergence(search: Search) -> Any:
     """Return the best objective after each candidate for every budget, (budgets, candidates)."""
-    against = study.problem.against
+    against = search.problem.against
     values = [
-        [row.objective if row.sound and row.means[against] <= budget else math.inf for row in study.rows]
-        for budget in study.problem.budgets
+        [row.objective if row.sound and row.means[against] <= budget else math.inf for row in search.rows]
+        for budget in search.problem.budgets
     ]
     return np.minimum.accumulate(np.array(values), axis=1)
 
 
-def report(study: Study, found: Sequence[Validated], given: Row) -> str:
+def report(search: Search, found: Sequence[Validated], given: Row) -> str:
     """Return what was found as Markdown."""
-    problem, against = study.problem, study.problem.against
+    problem, against = search.problem, search.problem.against
     fit, held = len(problem.search.draws), len(problem.held_out.draws)
     head = (
         *("", f"{problem.objective.expression.text}, {fit} scenarios", f"{against}, {fit} scenarios"),
         *(f"the same, {held} held out", f"{against}, held out"),
     )
-    lines = [head, ("---",) * len(head), ("default", *_cells(study.rows[0], given, against))]
+    lines = [head, ("---",) * len(head), ("default", *_cells(search.rows[0], given, against))]
     for each in found:
         name = "best" if math.isinf(each.budget) else f"best, {against} up to {each.budget:g}"
         lines.append((name, *_cells(each.row, each.held_out, against)))
@@ -164,14 +172,14 @@ def report(study: Study, found: Sequence[Validated], given: Row) -> str:
     missing = len(problem.budgets) - len(found)
     remark = ""
     if missing and math.isinf(problem.budgets[0]):
-        where = "held-out scenarios" if study.ranked() else "scenarios that were searched on"
+        where = "held-out scenarios" if search.ranked() else "scenarios that were searched on"
         remark = f"\nNo candidate holds on the {where}: there is no best one.\n"
     elif missing:
         remark = f"\nFor {missing} of the budgets no candidate holds.\n"
-    return f"{len(study.rows)} candidates.\n\n{table}\n{remark}"
+    return f"{len(search.rows)} candidates.\n\n{table}\n{remark}"
 
 
-def as_data(study: Study, found: Sequence[Validated], given: Row) -> dict[str, Any]:
+def as_data(search: Search, found: Sequence[Validated], given: Row) -> dict[str, Any]:
     """Return the same as plain data: the default and what was found, searched on and held out."""
 
     def told(row: Row) -> dict[str, Any]:
@@ -180,8 +188,8 @@ def as_data(study: Study, found: Sequence[Validated], given: Row) -> dict[str, A
     rows = [
         {"budget": each.budget, "searched": told(each.row), "held_out": told(each.held_out)} for each in found
     ]
-    default = {"searched": told(study.rows[0]), "held_out": told(given)}
-    return {"candidates": len(study.rows), "default": default, "found": rows}
+    default = {"searched": told(search.rows[0]), "held_out": told(given)}
+    return {"candidates": len(search.rows), "default": default, "found": rows}
 
 
 def _cells(row: Row, held_out: Row, against: str) -> list[str]:

@@ -12,16 +12,16 @@ import numpy as np
 
 from armgpi import config
 from armgpi.config import Experiment, Origin
-from armgpi.config.identity import Identity, identify
 from armgpi.config.reading import beside, checked, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Reality
-from armgpi.search.evaluation import Evaluator
-from armgpi.search.objective import Objective, known_names
-from armgpi.search.space import Range, Space
-from armgpi.search.spec import TuneSection
-from armgpi.search.study import KEPT, Problem
+from armgpi.studies.evaluation import Evaluator
+from armgpi.studies.objective import Objective, known_names
+from armgpi.studies.optimise import KEPT, Problem
+from armgpi.studies.space import Range, Space
+from armgpi.studies.spec import TuneSection
+from armgpi.studies.study import Identity, identify
 
 #: Held-out draws begin so many draws after those that are searched on.
 _APART = 1 << 20

@@ -1,23 +1,21 @@
-"""A search and what it found: proposed, run, judged, kept in a folder after each generation, validated."""
+"""A search and what it found: proposed, run, judged, generation by generation, and validated."""
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ParameterError, RolloutError
-from armgpi.search.evaluation import Evaluator
-from armgpi.search.objective import Judged, Objective
-from armgpi.search.optimisers import make
-from armgpi.search.space import Space
+from armgpi.studies.evaluation import Evaluator
+from armgpi.studies.objective import Judged, Objective
+from armgpi.studies.optimisers import make
+from armgpi.studies.space import Space
+from armgpi.studies.study import Part, unkept
 
 #: Metrics that are kept of every candidate besides those of the objective.
 KEPT = ("itae", "total_variation", "peak_error")
@@ -106,12 +104,13 @@ class Problem(NamedTuple):
         return len(self.space.names)
 
 
-class Study:
+class Search:
     """A search in progress.
 
     Attributes:
         problem: what is searched.
         rows: all candidates so far, the section as it was given first.
+        fresh: how many of them were run here, and not kept by a study.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -125,24 +124,24 @@ class Study:
         seeds = np.random.SeedSequence(problem.seed).generate_state(len(problem.budgets), np.uint64)
         self._searches = [make(problem.method, start, int(seed) >> 1, problem.population) for seed in seeds]
         self.rows: list[Row] = []
+        self.fresh = 0
 
     @property
     def done(self) -> bool:
         """Whether all evaluations are used."""
         return len(self.rows) >= self.problem.evaluations
 
-    def run(self, told: Callable[[Study], None] = lambda study: None, kept: Sequence[Row] = ()) -> None:
+    def run(self, told: Callable[[Search], None] = lambda search: None, part: Part = unkept) -> None:
         """Search to the end.
 
         Args:
-            told: is given the study after each generation.
-            kept: candidates of a search that was stopped, whole generations: they are not run again.
+            told: is given the search after each generation that was not kept.
+            part: of a study, which keeps each generation: it is not run again.
 
         Raises:
             RolloutError: when what was kept is not what this search proposes.
             ParameterError: when no candidate has an objective.
         """
-        waiting = list(kept)
         while not self.done:
             generation = self.rows[-1].generation + 1 if self.rows else 0
             asked = (
@@ -150,10 +149,10 @@ class Study:
                 if generation
                 else [self.problem.space.start[None]]
             )
-            known, waiting = waiting[: sum(map(len, asked))], waiting[sum(map(len, asked)) :]
-            new = self._replayed(asked, known) if known else self._ran(generation, asked)
+            before = self.fresh
+            new = self._generation(generation, asked, part)
             if generation:
-                self._tell(new, [len(part) for part in asked])
+                self._tell(new, [len(places) for places in asked])
             self.rows += new
             enough = self.done or len(self.rows) >= _HOPELESS
             if enough and all(row.failed == 1.0 for row in self.rows):
@@ -161,18 +160,42 @@ class Study:
                     f"something that has a value: none of {len(self.rows)} candidates had one in any scenario"
                 )
                 raise ParameterError("objective", self.problem.objective.expression.text, said)
-            if not known:
+            if self.fresh > before:
                 told(self)
 
-    def _ran(self, generation: int, asked: Sequence[Array]) -> list[Row]:
-        """Run the candidates of a generation."""
-        places = np.concatenate(asked)
-        found = self.judged(self.problem.search, places)
-        which = np.repeat(np.arange(len(asked)), [len(part) for part in asked])
-        return [
-            row._replace(generation=generation, search=int(search))
-            for row, search in zip(found, which, strict=True)
-        ]
+    def _generation(self, generation: int, asked: Sequence[Array], part: Part) -> list[Row]:
+        """Return the candidates of a generation, run or kept.
+
+        Raises:
+            RolloutError: when those that were kept are not those asked for.
+        """
+        places, names = np.concatenate(asked), self.problem.names
+        which = np.repeat(np.arange(len(asked)), [len(each) for each in asked])
+        shape = (len(places), 3 + len(names) + self.problem.width)
+        table = part(f"generations/{generation:06d}", shape, partial(self._ran, places))
+        if not np.array_equal(table[:, 3 + len(names) :], places):
+            raise RolloutError(
+                "the folder's generations are not those of this search: another version of armgpi or of its "
+                "optimiser wrote them; choose another folder"
+            )
+        found = []
+        for search, x, (objective, failed, violation, *means) in zip(
+            which.tolist(), places, table.tolist(), strict=True
+        ):
+            by_name = dict(zip(names, means, strict=False))
+            found.append(Row(generation, search, x, objective, failed, violation, by_name))
+        return found
+
+    def _ran(self, places: Array) -> Array:
+        """Run candidates and return their numbers, their places last."""
+        self.fresh += len(places)
+        rows, names = self.judged(self.problem.search, places), self.problem.names
+        return np.array(
+            [
+                [row.objective, row.failed, row.violation, *(row.means[name] for name in names), *row.x]
+                for row in rows
+            ]
+        )
 
     def judged(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
         """Return what candidates are on some scenarios."""
@@ -192,16 +215,6 @@ class Study:
             )
             for i, x in enumerate(places)
         ]
-
-    def _replayed(self, asked: Sequence[Array], known: list[Row]) -> list[Row]:
-        """Return the candidates of a generation that was run before."""
-        places = np.concatenate(asked)
-        if len(known) != len(places) or not np.array_equal(places, [row.x for row in known]):
-            raise RolloutError(
-                "the folder's evaluations are not those of this search: another version of armgpi or of its "
-                "optimiser wrote them; choose another folder"
-            )
-        return known
 
     def _tell(self, new: list[Row], counts: Sequence[int]) -> None:
         """Tell each search what its candidates are worth, and the best one that another has found."""
@@ -251,79 +264,3 @@ class Study:
     def given(self) -> Row:
         """Return what the section as it was given is on the held-out scenarios."""
         return self.judged(self.problem.held_out, [self.problem.space.start])[0]
-
-    def table(self, key: str = "") -> str:
-        """Return all candidates as CSV, exact: what :func:`rows_of` reads.
-
-        Args:
-            key: of what they are part of. Each row ends with a hash of the key and of all up to it: no row of
-                another study, and none that was changed, passes for one of this.
-        """
-        names = self.problem.names
-        places = [f"x {name}" for name in self.problem.space.names]
-        head = ("generation", "search", "objective", "failed", "violation")
-        lines: list[list[Any]] = [[*head, *names, *self.problem.space.names, *places]]
-        for row in self.rows:
-            numbers = (row.objective, row.failed, row.violation, *(row.means[name] for name in names))
-            values = (*numbers, *self.problem.space.values(row.x), *row.x)
-            lines.append([row.generation, row.search, *(repr(float(value)) for value in values)])
-        text = io.StringIO()
-        for line, chained in zip(lines, _chain(lines, key), strict=True):
-            csv.writer(text, lineterminator="\n").writerow([*line, chained])
-        return text.getvalue()
-
-
-def _chain(lines: Iterable[Sequence[Any]], key: str) -> Iterator[str]:
-    """Yield the last cell of each line: of the first its name, of others the hash of all until there."""
-    sums = hashlib.sha256(key.encode())
-    for place, line in enumerate(lines):
-        sums.update(",".join(map(str, line)).encode() + b"\n")
-        yield sums.hexdigest()[:16] if place else "hash"
-
-
-def kept_rows(path: Path, problem: Problem, key: str) -> list[Row]:
-    """Return the candidates of a file; none where there is no file.
-
-    Raises:
-        RolloutError: when it is damaged, or of something else.
-    """
-    try:
-        if not path.exists():
-            return []
-        # As many rows of as many cells as there may be: a generation more than asked for.
-        if path.stat().st_size > (problem.evaluations + 100_000) * 32 * (
-            8 + len(problem.names) + 2 * problem.width
-        ):
-            raise RolloutError(f"{path}: is too large for what was asked; remove it")
-        return rows_of(path.read_text(encoding="utf-8"), problem, key)
-    except (OSError, ValueError) as error:
-        raise RolloutError(f"{path}: cannot be read: {error}") from None
-
-
-def rows_of(text: str, problem: Problem, key: str = "") -> list[Row]:
-    """Return candidates from :meth:`Study.table`.
-
-    Raises:
-        RolloutError: when it is no such table.
-    """
-    names, d = problem.names, problem.width
-    try:
-        lines = list(csv.reader(io.StringIO(text)))
-        body = [line[:-1] for line in lines]
-        if [line[-1] for line in lines] != list(_chain(body, key)):
-            raise ValueError
-        head, *body = body
-        if head[5:] != [*names, *problem.space.names, *(f"x {name}" for name in problem.space.names)]:
-            raise ValueError
-        found = []
-        for line in body:
-            numbers = [float(cell) for cell in line[2:]]
-            if len(numbers) != 3 + len(names) + 2 * d:
-                raise ValueError
-            means = dict(zip(names, numbers[3:], strict=False))
-            x = np.array(numbers[len(numbers) - d :])
-            objective, failed, violation = numbers[:3]
-            found.append(Row(int(line[0]), int(line[1]), x, objective, failed, violation, means))
-    except (ValueError, IndexError, csv.Error):
-        raise RolloutError("the folder's evaluations.csv is not that of this search, or is damaged") from None
-    return found

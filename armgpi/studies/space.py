@@ -14,7 +14,7 @@ from armgpi.config.schema import KINDS, Kind
 from armgpi.control.controller import Controller
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.parameter import Parameter, parameters
-from armgpi.search.evaluation import with_keys
+from armgpi.studies.evaluation import with_keys
 
 #: Searched where nothing is said only while the key that each is for is not zero, or asked for by name alone.
 _NEEDS = {"rolloff_ratio": "rolloff", "second_ratio": "", "second_zeta": ""}

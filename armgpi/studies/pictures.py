@@ -11,20 +11,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armgpi.search.contend import CONTENDERS, Entry, classes, medians
-from armgpi.search.results import convergence, front
-from armgpi.search.study import Row, Study, Validated
+from armgpi.studies.contend import CONTENDERS, Entry, classes, medians
+from armgpi.studies.found import convergence, front
+from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.viz import plots, style
 
 
-def study_picture(study: Study, found: Sequence[Validated], given: Row) -> bytes:
+def study_picture(search: Search, found: Sequence[Validated], given: Row) -> bytes:
     """Return a figure of a study as PNG: how it converged, its front, and what became of the numbers."""
     with plots.styled():
         figure = Figure(figsize=(11.0, 3.6), layout="constrained")
         left, middle, right = figure.subplots(1, 3)
-        _convergence(left, study)
-        _front(middle, study, found, given)
-        _gains(right, study, found)
+        _convergence(left, search)
+        _front(middle, search, found, given)
+        _gains(right, search, found)
     return png(figure)
 
 
@@ -39,23 +39,23 @@ def _name(budget: float) -> str:
     return "best" if math.isinf(budget) else f"up to {budget:g}"
 
 
-def _convergence(axes: Axes, study: Study) -> None:
+def _convergence(axes: Axes, search: Search) -> None:
     """Draw the best objective over the candidates."""
-    for index, (budget, best) in enumerate(zip(study.problem.budgets, convergence(study), strict=True)):
+    for index, (budget, best) in enumerate(zip(search.problem.budgets, convergence(search), strict=True)):
         shown = np.where(np.isfinite(best), best, np.nan)
         axes.plot(np.arange(1, len(best) + 1), shown, color=style.look(index).color, label=_name(budget))
-    _log(axes.set_yscale, [row.objective for row in study.rows])
+    _log(axes.set_yscale, [row.objective for row in search.rows])
     axes.set_xlabel("candidate")
-    axes.set_ylabel(plots.text(study.problem.objective.expression.text))
+    axes.set_ylabel(plots.text(search.problem.objective.expression.text))
     axes.set_title("convergence")
-    if len(study.problem.budgets) > 1:
+    if len(search.problem.budgets) > 1:
         axes.legend(fontsize="x-small")
 
 
-def _front(axes: Axes, study: Study, found: Sequence[Validated], given: Row) -> None:
+def _front(axes: Axes, search: Search, found: Sequence[Validated], given: Row) -> None:
     """Draw what candidates cost, which no other beats, and what was found on held-out scenarios."""
-    against = study.problem.against
-    rows, best = study.ranked(), front(study)
+    against = search.problem.against
+    rows, best = search.ranked(), front(search)
     axes.scatter(*_costs(rows, against), s=6, color=style.QUIET, alpha=0.5, label="candidates", linewidths=0)
     axes.plot(
         *_costs(best, against), color=style.PALETTE[0], linewidth=1.2, label="front", drawstyle="steps-post"
@@ -72,14 +72,14 @@ def _front(axes: Axes, study: Study, found: Sequence[Validated], given: Row) -> 
     _log(axes.set_xscale, [row.means[against] for row in shown])
     _log(axes.set_yscale, [row.objective for row in shown])
     axes.set_xlabel(plots.text(against))
-    axes.set_ylabel(plots.text(study.problem.objective.expression.text))
+    axes.set_ylabel(plots.text(search.problem.objective.expression.text))
     axes.set_title("front")
     axes.legend(fontsize="x-small")
 
 
-def _gains(axes: Axes, study: Study, found: Sequence[Validated]) -> None:
+def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
     """Draw where the numbers are in their ranges, before and after."""
-    space = study.problem.space
+    space = search.problem.space
     places = np.arange(len(space.names))
     axes.scatter(space.start, places, marker="s", s=28, color=style.PALETTE[2], label="default")
     for index, each in enumerate(found):

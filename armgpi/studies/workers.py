@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from armgpi.errors import ArmgpiError, BackendError, MissingPackage
-from armgpi.sweep.study import NoRoom, run_chunk
+from armgpi.studies.sample import run_chunk
+from armgpi.studies.study import NoRoom
 
 #: How long to wait for a cluster [s].
 _PATIENCE = 10.0

@@ -50,7 +50,8 @@ def wilson(k: int, n: int, level: float = LEVEL) -> Estimate:
     share, scale = k / n, 1.0 + z * z / n
     centre = (share + 0.5 * z * z / n) / scale
     half = z / scale * float(np.sqrt(share * (1.0 - share) / n + 0.25 * z * z / n**2))
-    return Estimate(share, max(0.0, centre - half), min(1.0, centre + half))
+    # Which is 0 for k = 0 and 1 for k = n but for rounding.
+    return Estimate(share, centre - half if k else 0.0, centre + half if k < n else 1.0)
 
 
 def quantile(values: Array, share: float, level: float = LEVEL) -> Estimate:

@@ -1,0 +1,333 @@
+"""A study: what was asked, which code runs it, and a folder whose parts are each run once.
+
+What was asked is plain data and the bytes of every file that it names. The code is the package with its
+sources, what it computes with, and the compiler. Both have a short name (digest). A part is an array of
+numbers in a file of its own (a chunk): of rollouts, of a level of rare ones, of a generation of candidates.
+It carries both names and its own hash, so that numbers of two arms, or of two versions, are never taken for
+those of one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from armgpi import files
+from armgpi.arrays import Array
+from armgpi.codegen import build
+from armgpi.config.experiment import portable
+from armgpi.config.schema import ExperimentConfig
+from armgpi.errors import BackendError, RolloutError
+from armgpi.loop.provenance import versions
+from armgpi.robot import robots
+
+#: The file of a folder that says what study it holds.
+IDENTITY = "study.json"
+#: Packages whose sources no number of a study depends on.
+_SHOWS = {"cli", "viz", "play", "export", "realtime", "validation", "paper", "health", "certification"}
+#: Largest file of identity, and longest first line of a chunk [bytes].
+_MOST, _HEAD = 10_000_000, 4096
+#: Differences that are told.
+_TOLD = 3
+#: Whatever else marks a folder as that of a run or of a study of an earlier version.
+_OTHERS = ("rollout.nc", "experiment.yaml", "study.yaml", "contest.json")
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What a study is, and which code runs it.
+
+    Attributes:
+        what: everything that was asked, with the hashes of the files that it names; plain data.
+        code: versions, and a hash of the sources that compute.
+        copies: files that belong beside the experiment, name -> bytes.
+        text: the experiment as YAML, which finds these beside it.
+    """
+
+    what: Mapping[str, Any]
+    code: Mapping[str, str]
+    copies: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    text: str = field(default="", repr=False)
+
+    @property
+    def digest(self) -> str:
+        """Short name of what the study is."""
+        return _digest(self.what)
+
+    @property
+    def code_digest(self) -> str:
+        """Short name of the code."""
+        return _digest(self.code)
+
+
+def identify(config: ExperimentConfig, settings: Mapping[str, Any]) -> Identity:
+    """Return the identity of a study of an experiment.
+
+    Args:
+        config: of the experiment.
+        settings: what was asked besides, plain data.
+
+    Raises:
+        RolloutError: when a file that the experiment names cannot be read.
+    """
+    import yaml
+
+    text, copies = portable(config)
+    contents = dict(copies)
+    if config.robot.name in robots.names():
+        contents[config.robot.name] = robots.locate(config.robot.name)[0].read_bytes()
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
+    what = {"experiment": yaml.safe_load(text), "files": hashes, **settings}
+    return Identity(json.loads(json.dumps(what)), code(), copies, text)
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """Return a hash of the sources of the package that compute."""
+    root = Path(__file__).parent.parent
+    found = hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        parts = path.relative_to(root).parts
+        if path.suffix in (".py", ".h", ".c") and parts[0] not in _SHOWS:
+            found.update("/".join(parts).encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+def code() -> dict[str, str]:
+    """Return which code runs here: versions of what computes, a hash of its sources, and the compiler."""
+    try:
+        compiler = build.compiler().version.partition("\n")[0].strip()
+    except BackendError:
+        compiler = "none"
+    return {**versions(), "sources": _sources(), "compiler": compiler}
+
+
+#: Shape of a part; None for any size, of a part that is small.
+Shape = tuple[int | None, ...]
+
+
+class NoRoom(RolloutError):
+    """A part cannot be written, and so none can."""
+
+
+class Part(Protocol):
+    """What gives the numbers of a part of a study: those that are kept, or those that `run` gives."""
+
+    def __call__(self, name: str, shape: Shape, run: Callable[[], Array]) -> Array:
+        """Return the numbers of a part by its name, of a shape."""
+
+
+def unkept(name: str, shape: Shape, run: Callable[[], Array]) -> Array:
+    """Run a part of a study that has no folder; a :class:`Part`."""
+    return run()
+
+
+@dataclass(frozen=True)
+class Study:
+    """A folder with an identity, and its parts.
+
+    Attributes:
+        folder: where.
+        identity: what it is, and the code that runs here.
+        codes: codes that may have run its parts, by their digests.
+        there: whether it was there before it was entered.
+    """
+
+    folder: Path
+    identity: Identity
+    codes: Mapping[str, Any]
+    there: bool = True
+
+    @classmethod
+    def enter(cls, folder: Path, identity: Identity, name: str = "", accept_code: bool = False) -> Study:
+        """Make a folder that of a study, or find that it is: with its experiment and copies of all files.
+
+        Args:
+            folder: which.
+            identity: of the study.
+            name: of the experiment file.
+            accept_code: go on with what other code has begun; the folder keeps which.
+
+        Raises:
+            RolloutError: when the folder holds another study, one of other code, or something else; it says
+                what differs.
+        """
+        if (folder / IDENTITY).exists():
+            return cls(folder, identity, _known_codes(folder, identity, accept_code))
+        for other in _OTHERS:
+            own = identity.text if other == name else None
+            if (folder / other).exists() and not _same(folder / other, own):
+                raise RolloutError(f"{folder}: holds something else ({other}); choose another folder")
+        files.make_folder(folder)
+        for copy, content in identity.copies.items():
+            files.write(folder / copy, content)
+        if identity.text:
+            files.write(folder / name, identity.text)
+        codes = {identity.code_digest: dict(identity.code)}
+        _write(folder, {"digest": identity.digest, "what": identity.what, "codes": codes})
+        return cls(folder, identity, codes, there=False)
+
+    def place(self, name: str) -> Path:
+        """Return the file of a part."""
+        return self.folder / f"{name}.chunk"
+
+    def has(self, name: str) -> bool:
+        """Tell whether a part is there."""
+        return self.place(name).is_file()
+
+    def part(self, name: str, shape: Shape, run: Callable[[], Array]) -> Array:
+        """Return the numbers of a part; where it is not there, run it and write it whole. A :class:`Part`.
+
+        Raises:
+            RolloutError: when it is damaged, or of another study or other code.
+            NoRoom: when it cannot be written.
+        """
+        return self.read(name, shape) if self.has(name) else self.write(name, run())
+
+    def write(self, name: str, array: Array) -> Array:
+        """Write the numbers of a part and return them.
+
+        Raises:
+            NoRoom: when it cannot be written.
+        """
+        content = np.ascontiguousarray(array, dtype="<f8").tobytes()
+        own = {"study": self.identity.digest, "code": self.identity.code_digest}
+        head: dict[str, Any] = {**own, "name": name, "shape": array.shape}
+        head["sha256"] = _hash(head, content)
+        place = self.place(name)
+        try:
+            files.make_folder(place.parent)
+            files.write(place, json.dumps(head).encode() + b"\n" + content)
+        except RolloutError as error:
+            raise NoRoom(str(error)) from None
+        return array
+
+    def read(self, name: str, shape: Shape) -> Array:
+        """Return the numbers of a part that is there.
+
+        Raises:
+            RolloutError: when it is damaged, or of another study or other code.
+        """
+        place, remedy = self.place(name), "remove it, and run again"
+        most = _MOST if None in shape else 8 * math.prod(filter(None, shape))
+        try:
+            if place.stat().st_size > most + _HEAD:
+                raise ValueError
+            with place.open("rb") as file:
+                head = json.loads(file.readline(_HEAD))
+                content = file.read(most + 1)
+            whole = head.pop("sha256") == _hash(head, content) and len(content) == 8 * math.prod(
+                head["shape"]
+            )
+            fits = len(head["shape"]) == len(shape) and all(
+                size in (None, own) for size, own in zip(shape, head["shape"], strict=True)
+            )
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            whole = False
+        if not whole:
+            raise RolloutError(f"{place}: is damaged; {remedy}")
+        if (head["study"], head["name"], fits) != (self.identity.digest, name, True):
+            raise RolloutError(f"{place}: is part of another study; {remedy}")
+        if head["code"] not in self.codes:
+            raise RolloutError(f"{place}: was run by other code; {remedy}")
+        return np.frombuffer(content, dtype="<f8").reshape(head["shape"])
+
+
+def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping[str, Any]:
+    """Return the codes that may have run the parts of a folder, which is that of a study.
+
+    Raises:
+        RolloutError: when it is another study, or other code ran it; it says what differs.
+    """
+    known = kept(folder)
+    if known["digest"] != identity.digest:
+        said = ", ".join(_differences(known["what"], identity.what)) or "its files"
+        raise RolloutError(f"{folder}: holds another study ({said}); choose another folder")
+    codes: dict[str, Any] = known["codes"]
+    if identity.code_digest not in codes:
+        said = ", ".join(_differences(list(codes.values())[-1], identity.code))
+        if not accept_code:
+            remedy = "choose another folder, or go on all the same with --accept-code"
+            raise RolloutError(f"{folder}: was run by other code ({said}); {remedy}")
+        codes = {**codes, identity.code_digest: dict(identity.code)}
+        _write(folder, {**known, "codes": codes})
+    return codes
+
+
+def kept(folder: Path) -> dict[str, Any]:
+    """Return what a folder says of its study: `digest`, `what`, and `codes` by their digests.
+
+    Raises:
+        RolloutError: when there is none, or it is damaged.
+    """
+    place = folder / IDENTITY
+    try:
+        if not place.is_file() or place.stat().st_size > _MOST:
+            raise RolloutError(f"{folder}: holds no study")
+        known = json.loads(place.read_text(encoding="utf-8"))
+        if known["digest"] != _digest(dict(known["what"])) or not known["codes"]:
+            raise ValueError
+        if any(name != _digest(each) for name, each in known["codes"].items()):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise RolloutError(f"{place}: is damaged, or of another version; choose another folder") from None
+    return dict(known)
+
+
+def _hash(head: Mapping[str, Any], content: bytes) -> str:
+    """Return the hash of a chunk."""
+    return hashlib.sha256(json.dumps(head, sort_keys=True).encode() + content).hexdigest()
+
+
+def _digest(data: Any) -> str:
+    """Return a short name of plain data."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _write(folder: Path, data: Mapping[str, Any]) -> None:
+    files.write(folder / IDENTITY, json.dumps(data, indent=1) + "\n")
+
+
+def _same(path: Path, text: str | None) -> bool:
+    """Tell whether a file has a text: that of a study which was killed before its last file."""
+    try:
+        return text is not None and path.read_text(encoding="utf-8") == text
+    except (OSError, ValueError):
+        return False
+
+
+def _differences(there: Any, here: Any) -> list[str]:
+    """Return in words what differs between two sets of plain data, the first ones."""
+    a, b = dict(_flat(there)), dict(_flat(here))
+    names = [name for name in {**a, **b} if a.get(name) != b.get(name)]
+    # The experiment says it already where a file has another name.
+    words = [
+        name.replace("files.", "the bytes of ")
+        if name.startswith("files.")
+        else f"{name.removeprefix('experiment.')}: {_short(a.get(name))} there, {_short(b.get(name))} here"
+        for name in names
+    ]
+    return words[:_TOLD] + (["..."] if len(words) > _TOLD else [])
+
+
+def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value of plain data with its path of keys."""
+    if isinstance(data, Mapping | list) and data:
+        for key, value in data.items() if isinstance(data, Mapping) else enumerate(data):
+            yield from _flat(value, f"{path}.{key}" if path else str(key))
+    else:
+        yield path, data
+
+
+def _short(value: Any) -> str:
+    """Return a value, cut where it is long."""
+    text = "nothing" if value is None else str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
