@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from armgpi.loop.weights import save_weights as save_weights
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
+    from armgpi.plants.elastic import ElasticPlant as ElasticPlant
     from armgpi.plants.faults import MotorFault as MotorFault
     from armgpi.plants.faults import SensorFault as SensorFault
     from armgpi.plants.loads import Load as Load
@@ -137,6 +138,7 @@ _NAMES = {
     "plants.mujoco": ("MuJoCoPlant",),
     "plants.plant": ("Plant", "Wrapper"),
     "plants.reality": ("Draw", "Reality"),
+    "plants.elastic": ("ElasticPlant",),
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
     "plants.turns": ("SingleTurn", "Unwrapped"),

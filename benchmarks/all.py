@@ -23,6 +23,7 @@ SCRIPTS = {
     "batch": True,
     "first_result": True,
     "prepared": True,
+    "elastic": True,
     "references": True,
     "start": True,
     "sweep": True,

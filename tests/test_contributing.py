@@ -202,12 +202,12 @@ def test_the_sensor_is_in_files_help_provenance_and_c(run: Run, folder: Path) ->
 
 def test_the_plant_is_in_files_help_sweeps_provenance_and_c(run: Run, folder: Path) -> None:
     helped = run("run", "--help-all")
-    assert all(word in helped for word in ("springs", "--gear-stiffness", "--rotor "))
+    assert all(word in helped for word in ("springs", "--spring-stiffness", "--rotor "))
     said = shown(run, "springs.yaml")
     written = (folder / "sprung" / "experiment.yaml").read_text(encoding="utf-8")
     assert "engine: springs" in written
     described = Provenance.from_rollout(armgpi.load(folder / "sprung" / "rollout.nc")).first.data["plant"]
-    assert (described["plant"], described["gear_stiffness"]) == ("SpringArm", [4000.0, 2000.0, 2000.0])
+    assert (described["plant"], described["spring_stiffness"]) == ("SpringArm", [4000.0, 2000.0, 2000.0])
     assert "plant.rotor" in said["sweep"] + (folder / "swept" / "experiment.yaml").read_text(encoding="utf-8")
     same_in_c(run, folder, "springs.yaml")
 

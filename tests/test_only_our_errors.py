@@ -496,6 +496,25 @@ CASES: dict[str, Case] = {
         },
         moved,
     ),
+    "ElasticPlant": Case(
+        armgpi.ElasticPlant,
+        {
+            "robot": ARM.with_armature(0.1),
+            "loads": [armgpi.Step(0.1)],
+            "friction": "urdf",
+            "substeps": 1,
+            "gear_stiffness": 1e3,
+            "gear_damping": 1.0,
+            "current_bandwidth": 500.0,
+            "encoder_side": "motor",
+            "link_viscous": 0.1,
+            "link_coulomb": [0.1, 0.0, 0.2],
+            "torque_ripple": 0.01,
+            "cogging": 0.1,
+            "ripple_period": 0.03,
+        },
+        moved,
+    ),
     "MuJoCoPlant": Case(
         armgpi.MuJoCoPlant,
         {

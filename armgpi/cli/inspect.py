@@ -130,6 +130,8 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
     ]
     if facts["rotors"]:
         said.insert(1, shown(facts["rotors"]))
+    if facts["sag"]:
+        said.append(facts["sag"])
     if facts["locked"]:
         said.append("locked: " + ", ".join(f"{shown(name)} at {x:g}" for name, x in facts["locked"].items()))
     return said

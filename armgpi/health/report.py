@@ -23,6 +23,7 @@ from armgpi.escape import html_table, json_data
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
+from armgpi.plants.elastic import sag
 from armgpi.robot import repairs, robots, rotors, urdf, urdf_model
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
@@ -205,6 +206,7 @@ def _facts(subject: Subject) -> dict[str, Any]:
         "mimic": robot.provenance.get("mimic", "lock"),
         "repairs": list(robot.provenance.get("repairs", ())),
         "rotors": rotors.describe(rotors.believe(robot)),
+        "sag": sag(robot),
         "joints": _joints(subject),
         "least_eigenvalue": float(subject.eigenvalues[:, 0].min()),
         "condition": float((subject.eigenvalues[:, -1] / subject.eigenvalues[:, 0]).max()),

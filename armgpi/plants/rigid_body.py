@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import ClassVar, NamedTuple, cast
 
@@ -15,6 +16,8 @@ from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction: 1e-9 of it is left after 16 for all of 12,000 random arms.
 _NEWTON_STEPS = 16
+#: Speed below which Coulomb friction is smoothed [rad/s or m/s], where nobody says another.
+STICK_VELOCITY = 1e-3
 
 
 class _StepSizes(NamedTuple):
@@ -49,7 +52,7 @@ class RigidBodyPlant(Arm):
     stick_velocity: float = parameter(
         "speed below which Coulomb friction is smoothed",
         unit="rad/s or m/s",
-        default=1e-3,
+        default=STICK_VELOCITY,
         least=0.0,
         above=True,
         in_file=False,
@@ -108,33 +111,39 @@ class RigidBodyPlant(Arm):
         assert self.friction is not None
         q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
         inertia = self.robot.dynamics.mass_matrix(q)
-        steps = _NEWTON_STEPS if self._sticks else 0
-        new = _after_friction(inertia, v_free, h, self.friction, self.stick_velocity, steps)
+        momentum = np.matmul(inertia, v_free[..., None])
+        diagonal = np.arange(v_free.shape[-1])
+
+        def braked(resistance: Array, push: Array) -> Array:
+            """Solve (D + h diag(resistance)) v = D v_free - h push."""
+            matrix = inertia.copy()
+            matrix[..., diagonal, diagonal] += h * resistance
+            return solve(matrix, momentum - h * push[..., None])
+
+        new = after_friction(braked, v_free, self.friction, self.stick_velocity, self._sticks)
         return q_free + 0.5 * h * (new - v_free), new
 
 
-def _after_friction(
-    inertia: Array, v_free: Array, h: float, friction: Friction, stick: float, steps: int
+def after_friction(
+    braked: Callable[[Array, Array], Array], v_free: Array, friction: Friction, stick: float, sticks: bool
 ) -> Array:
-    """Return the velocity v that friction leaves of v_free after the time h.
+    """Return the velocity v that friction leaves of v_free.
 
-    It solves D (v - v_free) + h (f_v v + f_c v / |v|) = 0 with |v| smoothed to sqrt(v^2 + stick^2), by
+    The torque of friction is -(f_v v + f_c v / |v|), with |v| smoothed to sqrt(v^2 + stick^2). It solves by
     Newton's method on v and on the share of Coulomb friction in use together (Chan, Golub, Mulet 1999),
     which unlike Newton's method on v alone converges from v_free, in some ten steps. Each step is one
     linear equation per rollout, however the others fare.
+
+    Args:
+        braked: the velocity under the torque -(resistance v + push), from (resistance, push).
+        v_free: velocities without friction [rad/s or m/s].
+        friction: its coefficients.
+        stick: speed below which Coulomb friction is smoothed [rad/s or m/s].
+        sticks: whether there is Coulomb friction.
     """
     viscous, coulomb = friction
-    momentum = np.matmul(inertia, v_free[..., None])
-    diagonal = np.arange(v_free.shape[-1])
-
-    def braked(resistance: Array, push: Array) -> Array:
-        """Solve (D + h diag(resistance)) v = D v_free - h push."""
-        matrix = inertia.copy()
-        matrix[..., diagonal, diagonal] += h * resistance
-        return _solve(matrix, momentum - h * push[..., None])
-
     v, share = v_free, np.zeros_like(v_free)
-    for _ in range(steps):
+    for _ in range(_NEWTON_STEPS if sticks else 0):
         speed = np.sqrt(v * v + stick * stick)
         sign = v / speed
         slope = (1.0 - share * sign) / speed
@@ -145,7 +154,7 @@ def _after_friction(
     return braked(viscous + coulomb / np.sqrt(v * v + stick * stick), np.zeros_like(v))
 
 
-def _solve(matrix: Array, column: Array) -> Array:
+def solve(matrix: Array, column: Array) -> Array:
     """Solve for one column per matrix; where a rollout has diverged the answer is NaN, not an exception."""
     try:
         return cast(Array, np.linalg.solve(matrix, column)[..., 0])

@@ -66,6 +66,11 @@ class RobotBatch(Equations):
         return self.robots[0].drives
 
     @property
+    def armature(self) -> Array:
+        """Rotor inertia reflected to every joint [kg m^2 or kg], shape (batch, n)."""
+        return np.stack([robot.armature for robot in self.robots])
+
+    @property
     def provenance(self) -> dict[str, Any]:
         """Where the models came from."""
         return {"robots": [robot.provenance for robot in self.robots]}
@@ -128,6 +133,19 @@ class VariedRobots(RobotBatch):
         keys = [row.tobytes() for row in numbers]
         made = {key: self._robot(i) for key, i in {key: i for i, key in enumerate(keys)}.items()}
         return tuple(made[key] for key in keys)
+
+    @property
+    def drives(self) -> Drives:
+        """What is known of the drives of the robot that varies."""
+        return self.base.drives
+
+    @property
+    def armature(self) -> Array:
+        """Rotor inertia reflected to every joint [kg m^2 or kg], (n,), or (batch, n) where it varies."""
+        own = self.base.armature
+        if "inertia_scale" in self.variation:
+            own = self.variation["inertia_scale"][:, None] * own
+        return np.asarray(self.variation.get("rotor_inertia", own))
 
     @property
     def provenance(self) -> dict[str, Any]:

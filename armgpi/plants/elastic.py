@@ -1,0 +1,328 @@
+"""An arm whose gears twist: a rotor turns, and its link follows through a spring and a damper."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, new
+from armgpi.control.controller import FullState
+from armgpi.errors import ParameterError
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.plants.arm import Arm
+from armgpi.plants.plant import PlantState
+from armgpi.plants.rigid_body import STICK_VELOCITY, after_friction, solve
+from armgpi.robot.batch import AnyRobot
+from armgpi.robot.equations import Friction
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Share of a step in each stage of ROS2 that makes it L-stable (Verwer, Spee, Blom, Hundsdorfer 1999).
+_GAMMA = 1.0 - math.sqrt(0.5)
+#: What stands for a current loop of which nothing is known: it is at once [Hz].
+_AT_ONCE = 1e6
+#: Damping of gears of which nothing is known, as a ratio of each joint's own mode: 1 to 5 % are usual.
+_RATIO = 0.03
+#: Configurations over which the sag is taken.
+_CONFIGURATIONS = 200
+
+
+class ElasticState(NamedTuple):
+    """State of an arm with elastic joints, each but k of shape (n,) or (batch, n).
+
+    Attributes:
+        k: number of steps taken.
+        q: positions of the links [rad or m].
+        v: velocities of the links [rad/s or m/s].
+        theta: positions of the motors, as seen at the joint [rad or m].
+        omega: velocities of the motors, likewise [rad/s or m/s].
+        motor: torque of the motors at the end of the last step [N m or N].
+        tau: torque that they were asked for in the last step [N m or N].
+    """
+
+    k: int
+    q: Array
+    v: Array
+    theta: Array
+    omega: Array
+    motor: Array
+    tau: Array
+
+
+class _Motion(NamedTuple):
+    """Positions and velocities of links and motors, or their changes over a step."""
+
+    q: Array
+    v: Array
+    theta: Array
+    omega: Array
+
+
+@with_parameters
+class ElasticPlant(Arm):
+    """M a + C v + G = S - tau_d - friction of the link, J omega' = motor - S - friction of the motor.
+
+    S = K (theta - q) + B (omega - v) is the torque of the gear; M has no rotors, J is the robot's rotor
+    inertia. The motor's torque follows the one asked for by a current loop of first order; ripple and cogging
+    go with sin(2 pi theta / period). Drives that nobody tells anything of are those of ``robot.drives``.
+
+    Each substep is one of ROS2 with the inertia of its middle, order 2; spring and damper are implicit, so it
+    is stable for any stiffness and lightness, and modes that turn by more than a radian a substep are damped.
+    The motor's torque is its mean over the substep. Friction, of which `friction` is the motors', follows
+    through the springs as in :class:`armgpi.RigidBodyPlant`.
+
+    Attributes:
+        gear_stiffness: K [N m/rad or N/m], shape (n,) or (batch, n).
+        gear_damping: B [N m s/rad or N s/m], likewise; 3 % of each joint's own mode where nothing tells it.
+        current_bandwidth: of the current loops [Hz], likewise.
+        encoder_side: where the encoders sit, "motor" or "link"; None for what the drives tell, or the motor.
+        link_viscous: viscous friction at the links [N m s/rad or N s/m], likewise.
+        link_coulomb: Coulomb friction at the links [N m or N], likewise.
+        torque_ripple: amplitude of the torque's ripple over the torque [-], likewise.
+        cogging: amplitude of a ripple that there is without torque [N m or N], likewise.
+        ripple_period: way of the joint in a period of both [rad or m], likewise.
+    """
+
+    config_name: ClassVar[str | None] = "elastic"
+
+    gear_stiffness: PerJoint = parameter(
+        "stiffness of the gears",
+        unit="N m/rad or N/m",
+        default=None,
+        none="that of the drives",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    gear_damping: PerJoint = parameter(
+        "damping of the gears",
+        unit="N m s/rad or N s/m",
+        default=None,
+        none="that of the drives",
+        least=0.0,
+        per_joint=True,
+    )
+    current_bandwidth: PerJoint = parameter(
+        "bandwidth of the current loops",
+        unit="Hz",
+        default=None,
+        none="that of the drives",
+        least=1e-3,
+        per_joint=True,
+        log=True,
+    )
+    encoder_side: str | None = parameter(
+        "where the encoders sit",
+        kind="choice",
+        choices=("motor", "link"),
+        default=None,
+        none="where the drives tell, else at the motor",
+    )
+    link_viscous: PerJoint = parameter(
+        "viscous friction at the links", unit="N m s/rad or N s/m", default=0.0, least=0.0, per_joint=True
+    )
+    link_coulomb: PerJoint = parameter(
+        "Coulomb friction at the links", unit="N m or N", default=0.0, least=0.0, per_joint=True
+    )
+    torque_ripple: PerJoint = parameter(
+        "amplitude of the torque's ripple over the torque", default=0.0, least=0.0, per_joint=True
+    )
+    cogging: PerJoint = parameter(
+        "amplitude of the cogging torque", unit="N m or N", default=0.0, least=0.0, per_joint=True
+    )
+    ripple_period: PerJoint = parameter(
+        "way of the joint in a period of ripple and cogging",
+        unit="rad or m",
+        default=math.pi / 100.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check what is given, and take the rest from the drives; see :class:`armgpi.plants.arm.Arm`.
+
+        Raises:
+            ParameterError: for a gear whose stiffness nobody tells, or a joint without rotor inertia.
+        """
+        super().__post_init__()
+        drives, rotor = self.robot.drives, self.robot.armature
+        self.fill("gear_stiffness", drives.value("stiffness"))
+        self._check_positive("gear_stiffness", self.gear_stiffness)
+        self._check_positive("rotor_inertia", rotor)
+        usual = 2.0 * _RATIO * np.sqrt(self.gear_stiffness * _oscillating(self.robot))
+        damping = drives.value("damping")
+        self.fill("gear_damping", np.where(np.isnan(damping), usual, damping))
+        self.fill("current_bandwidth", drives.value("current_bandwidth", _AT_ONCE))
+        told = drives.value("encoder_side")
+        self._at_motor = (told if self.encoder_side is None else np.array([self.encoder_side])) != "link"
+        self._rotor, self._rate = rotor, 2.0 * math.pi * self.current_bandwidth
+        self._wave = 2.0 * math.pi / self.ripple_period
+        self._ripples = _acts(self.torque_ripple) or _acts(self.cogging)
+        pairs = zip((self.link_viscous, self.link_coulomb), self.friction or (0.0, 0.0), strict=True)
+        self._friction_of_both = Friction(*(_side_by_side(*pair, rotor) for pair in pairs))
+        self._rubs, self._sticks = map(_acts, (np.hstack(self._friction_of_both), self._friction_of_both[1]))
+
+    def _check_positive(self, name: str, value: Array) -> None:
+        """Refuse what a joint lacks."""
+        for i, joint in enumerate(self.robot.joint_names):
+            if not (value[..., i] > 0.0).all():
+                unit = "[N m/rad or N/m]" if name == "gear_stiffness" else "[kg m^2 or kg]"
+                expected = f"positive {unit}: tell it here or by the robot's drives (--drives FILE)"
+                raise ParameterError(f"{joint}.{name}", None, expected)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data, and where each encoder sits."""
+        return {**super().describe(), "encoder_side": np.where(self._at_motor, "motor", "link").tolist()}
+
+    @property
+    def sag(self) -> str:
+        """How far the tool of a single arm sinks and its encoders do not see it, in a line; or nothing."""
+        if not isinstance(self.robot, Robot) or self.gear_stiffness.ndim != 1:
+            return ""
+        return sag(self.robot, self.gear_stiffness, self._at_motor)
+
+    def init(self, q: Array, v: Array) -> ElasticState:  # type: ignore[override]
+        """Return the state at time 0, the motors in balance with gravity; see :meth:`Plant.init`."""
+        gravity = self.robot.dynamics.gravity(q)
+        return ElasticState(0, q, v, q + gravity / self.gear_stiffness, v, gravity, np.zeros_like(q))
+
+    def measure(self, state: ElasticState) -> FullState:  # type: ignore[override]
+        """Return positions and velocities where the encoders sit."""
+        at_motor = self._at_motor
+        q, v = np.where(at_motor, state.theta, state.q), np.where(at_motor, state.omega, state.v)
+        return new(FullState, (q, v))
+
+    def true_state(self, state: ElasticState) -> PlantState:  # type: ignore[override]
+        """Return the state of the links, and the torque that the motors were asked for."""
+        return new(PlantState, (state.k, state.q, state.v, state.tau))
+
+    def step(self, tau: Array, state: ElasticState, dt: float) -> ElasticState:
+        """Return the state after `tau` was asked for during `dt`; see :meth:`Plant.step`."""
+        k, motor, x = state.k, state.motor, _Motion(*state[1:5])
+        h = dt / self.substeps
+        turned = h * self._rate
+        left = np.exp(-turned)
+        for i in range(self.substeps):
+            begin: Any = 0.0
+            end: Any = 0.0
+            if self._table is not None:
+                begin, _, end = self._table.at(k, i, dt)
+            missing = motor - tau
+            motor = tau + left * missing
+            x = self._substep(x, tau + (1.0 - left) / turned * missing, begin, end, h)
+        return new(ElasticState, (k + 1, *x, motor, tau))
+
+    def _substep(self, x: _Motion, motor: Array, begin: Any, end: Any, h: float) -> _Motion:
+        """Return the state after a step of ROS2 and friction, under these torques of motors and loads.
+
+        (1 - g A) k1 = F(x), (1 - g A) k2 = F(x + h k1) - 2 k1, and x becomes x + h (3 k1 + k2) / 2, where A
+        is that of springs and dampers alone and g = gamma h. The motors' equations are eliminated by hand.
+        """
+        inertia = self.robot.dynamics.mass_matrix(x.q + (0.5 * h) * x.v)
+        stretched = (_GAMMA * h) * self.gear_stiffness
+        tied = (_GAMMA * h) * (stretched + self.gear_damping)
+        matrix = self._links(inertia, self._rotor, tied)
+
+        def stage(y: _Motion, load: Any, before: _Motion, forces: _Motion) -> tuple[_Motion, _Motion]:
+            """Return a stage k, and it with forces in place of accelerations; zero before the first."""
+            q, theta = y.v - 2.0 * before.q, y.omega - 2.0 * before.theta
+            gear = self.gear_stiffness * (y.theta - y.q) + self.gear_damping * (y.omega - y.v)
+            gear = gear + stretched * (theta - q)
+            link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) - load - 2.0 * forces.v
+            rotor = motor - gear - 2.0 * forces.omega
+            if self._ripples:
+                rotor = rotor + (self.torque_ripple * motor + self.cogging) * np.sin(self._wave * y.theta)
+            a = solve(matrix, (link + tied / (self._rotor + tied) * rotor)[..., None])
+            alpha = (rotor + tied * a) / (self._rotor + tied)
+            passed = tied * (alpha - a)
+            q, theta = q + (_GAMMA * h) * a, theta + (_GAMMA * h) * alpha
+            return _Motion(q, a, theta, alpha), _Motion(q, link + passed, theta, rotor - passed)
+
+        k1, forces = stage(x, begin, _NONE, _NONE)
+        k2, _ = stage(_ahead(x, h, k1), end, k1, forces)
+        free = _ahead(_ahead(x, 1.5 * h, k1), 0.5 * h, k2)
+        return self._rubbed(free, inertia, h) if self._rubs else free
+
+    def _links(self, inertia: Array, rotor: Array, tied: Array) -> Array:
+        """Return the inertia of links that `tied` holds to `rotor`; `inertia` has the rotors themselves."""
+        matrix, diagonal = inertia.copy(), np.arange(self.robot.n)
+        matrix[..., diagonal, diagonal] += tied * rotor / (rotor + tied) - self._rotor
+        return matrix
+
+    def _rubbed(self, free: _Motion, inertia: Array, h: float) -> _Motion:
+        """Return what friction of links and motors together leaves of a step without."""
+        n, rotor = self.robot.n, self._rotor
+        tied = h * (0.5 * h * self.gear_stiffness + self.gear_damping)
+        v_free = np.concatenate([free.v, free.omega], axis=-1)
+
+        def braked(resistance: Array, push: Array) -> Array:
+            """Return velocities of links and motors; the motors' equations are eliminated."""
+            impulse = -h * (resistance * v_free + push)
+            heavier = rotor + h * resistance[..., n:]
+            matrix = self._links(inertia, heavier, tied)
+            matrix[..., range(n), range(n)] += h * resistance[..., :n]
+            links = impulse[..., :n] + tied / (heavier + tied) * impulse[..., n:]
+            dv = solve(matrix, links[..., None])
+            domega = (impulse[..., n:] + tied * dv) / (heavier + tied)
+            both: Array = v_free + np.concatenate([dv, domega], axis=-1)
+            return both
+
+        left = after_friction(braked, v_free, self._friction_of_both, STICK_VELOCITY, self._sticks)
+        change = left - v_free
+        dv, domega = change[..., :n], change[..., n:]
+        half = 0.5 * h
+        return _Motion(free.q + half * dv, free.v + dv, free.theta + half * domega, free.omega + domega)
+
+
+#: What is before the first stage.
+_NONE = _Motion(0.0, 0.0, 0.0, 0.0)  # type: ignore[arg-type]
+
+
+def _ahead(x: _Motion, h: float, rate: _Motion) -> _Motion:
+    """Return x + h rate."""
+    return _Motion(*(each + h * own for each, own in zip(x, rate, strict=True)))
+
+
+def _acts(value: Array) -> bool:
+    """Tell whether something is there; what differs by rollout was declared to vary, whatever it is."""
+    return bool(value.ndim == 2 or value.any())
+
+
+def _side_by_side(link: Any, motor: Any, shape: Array) -> Array:
+    """Return what links and motors have in one row, (2 n,) or (batch, 2 n)."""
+    return np.concatenate(np.broadcast_arrays(link, motor, shape)[:2], axis=-1)
+
+
+def _oscillating(robot: AnyRobot) -> Array:
+    """Return m J / (m + J) of each link m and rotor J alone, the inertia of their mode."""
+    own = robot if isinstance(robot, Robot) else robot.robots[0]
+    link, rotor = np.diag(own.mass_matrix(own.middle())) - own.armature, robot.armature
+    return np.asarray(link * rotor / (link + rotor))
+
+
+def sag(robot: Robot, stiffness: Array | None = None, at_motor: Any = None) -> str:
+    """Return in a line how far the tool sinks that encoders at motors hold in place; nothing if not known.
+
+    It is |J G / K| of the tip, over joints with encoders at motors, at random configurations.
+
+    Args:
+        robot: the arm.
+        stiffness: of its gears [N m/rad or N/m], (n,); that of its drives when not given.
+        at_motor: which joints have encoders at motors, (n,); likewise.
+    """
+    stiffness = robot.drives.value("stiffness") if stiffness is None else stiffness
+    at_motor = robot.drives.value("encoder_side") != "link" if at_motor is None else at_motor
+    if np.isnan(stiffness).any() or not np.any(at_motor):
+        return ""
+    q = random_configurations(robot, _CONFIGURATIONS, seed=0)
+    twist = np.where(at_motor, robot.gravity(q) / stiffness, 0.0)
+    moved = robot.frame_jacobian(robot.tip, q)[:, :3] @ twist[..., None]
+    sunk = 1e3 * np.linalg.norm(moved[..., 0], axis=-1)
+    return (
+        f"gears twist under gravity, which encoders at motors do not see: the tool is off by "
+        f"{np.median(sunk):.2g} mm (median), at most {sunk.max():.2g} mm, of {_CONFIGURATIONS} configurations"
+    )
