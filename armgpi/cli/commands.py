@@ -123,6 +123,11 @@ ENTRIES = {
         "Run arm and controller as two processes over UDP, in wall-clock time, with faults.",
         declares=True,
     ),
+    "log": Entry(
+        "Hardware",
+        "log",
+        "Say what a log of an arm is: how long, what was late, why it ended; replay it through the law.",
+    ),
     "reproduce": Entry(
         "The paper",
         "paper",

@@ -16,7 +16,8 @@ from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
-    from armgpi.export.files import Export, Log
+    from armgpi.export.files import Export
+    from armgpi.loop.log import ArmLog
 
 Folder = Annotated[
     Path | None,
@@ -148,16 +149,21 @@ def _export(options: dict[str, Any]) -> int:
         raise refusal(option, str(error)) from error
     experiments.prepare(options["out"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
+    config, copied = experiments.portable(experiment.config)
     done = export_controller(
-        supervised, options["out"], log, real=options["real"], name=options["prefix"], target=target
+        *(supervised, options["out"], log),
+        real=options["real"],
+        name=options["prefix"],
+        target=target,
+        beside={"experiment.yaml": config, **copied},
     )
     _say(done, log, label, options["as_json"])
     for file in done.files:
         say(f"wrote {file}", err=True)
-    if log.diverged is not None:
-        say(f"the controller loses the arm in the simulation, at {log.diverged:g} s", err=True)
+    if "diverged" in log.header:
+        say(f"the controller loses the arm in the simulation, at {log.header['diverged']:g} s", err=True)
         return FAILED
-    if log.stopped is not None:
+    if log.fault is not None:
         if supervised.supervisor.torque_rate is not None:
             say("note: torque begins at zero and ramps by its rate, and no brake holds this arm", err=True)
         return FAILED
@@ -203,7 +209,7 @@ def _target(options: dict[str, Any]) -> str:
     return target
 
 
-def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
+def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
     """Print what the exported code takes."""
     from armgpi.export.targets import compensated
 
@@ -212,7 +218,7 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         "controller": label,
         "real": done.code.real,
         "gravity": "robot" if compensated(done.code.law.controller.robot) else "arm",
-        "samples": len(log.tau),
+        "samples": len(log.samples),
         "state_bytes": done.state_bytes,
         "operations": sum(typical),
         "worst_operations": sum(worst_case),
@@ -222,7 +228,7 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
         "saturated_step_ns": None if measured is None else measured.saturated,
         "stack_bytes": None if measured is None else measured.stack,
         "agrees": None if measured is None else measured.agrees,
-        "stopped": log.stopped,
+        "stopped": log.fault,
     }
     if as_json:
         say(json.dumps(facts))
@@ -238,9 +244,11 @@ def _say(done: Export, log: Log, label: str, as_json: bool) -> None:
     if measured is None:
         say("  not compiled here: there is no C compiler; `make` in the folder replays the log")
         return
-    say(f"  replay of {len(log.tau)} samples   {measured.difference:.2g} of the torque limits from Python")
-    if log.stopped is not None:
-        say(f"  the log ends in a fault  {log.stopped}")
+    say(
+        f"  replay of {len(log.samples)} samples   {measured.difference:.2g} of the torque limits from Python"
+    )
+    if log.fault is not None:
+        say(f"  the log has a fault      {log.fault}")
     elif not measured.agrees:
         say(f"  which is not as it should be:\n{measured.said}", lines=True)
     if measured.step is not None:

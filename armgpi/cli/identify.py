@@ -17,7 +17,7 @@ _Logs = Annotated[
     list[Path],
     typer.Argument(
         metavar="LOG...",
-        help="Logs of one arm: CSV with time, q_JOINT and tau_JOINT, or a rollout (NetCDF).",
+        help="Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, or a rollout (NetCDF).",
         show_default=False,
     ),
 ]

@@ -17,8 +17,6 @@ from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stop
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from armgpi.config import Experiment
     from armgpi.realtime import Outcome
 
@@ -132,27 +130,30 @@ def loop(
             watch=_watcher(experiment, stack) if view else None,
         )
     found = outcome.report(experiments.run(experiment, label, progress=False))
-    for path in _written(experiment, outcome.rollout, found, out, report):
+    for path in _written(experiment, outcome, found, out, report):
         say(f"wrote {path}", err=True)
     say(json.dumps(found)) if as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
 
 
 def _written(
-    experiment: Experiment, rollout: xr.Dataset, found: dict[str, Any], out: Path | None, report: Path | None
+    experiment: Experiment, outcome: Outcome, found: dict[str, Any], out: Path | None, report: Path | None
 ) -> list[Path]:
     """Write what was asked for, and return the files."""
     from armgpi.config import dump
     from armgpi.config import experiment as experiments
+    from armgpi.loop.log import pack
 
     paths: list[Path] = []
     if out is not None:
-        files = {"loop.json": json.dumps(found, indent=2) + "\n"}
-        paths += experiments.save(rollout, experiment, out, files)
+        files: dict[str, str | bytes] = {"loop.json": json.dumps(found, indent=2) + "\n"}
+        if outcome.log is not None:
+            files["loop.armlog"] = pack(outcome.log)
+        paths += experiments.save(outcome.rollout, experiment, out, files)
     if report is not None:
         from armgpi.viz import report as reports
 
-        page = reports.build(rollout, experiment.robot, configuration=dump(experiment.config))
+        page = reports.build(outcome.rollout, experiment.robot, configuration=dump(experiment.config))
         paths.append(reports.write(page, report))
     return paths
 

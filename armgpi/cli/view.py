@@ -30,7 +30,9 @@ _Targets = Annotated[
 _Files = Annotated[
     list[Path],
     typer.Argument(
-        metavar="FILE...", help="Rollouts (.nc), or folders of --out, of one robot.", show_default=False
+        metavar="FILE...",
+        help="Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
+        show_default=False,
     ),
 ]
 _Output = Annotated[
@@ -107,7 +109,7 @@ def report(
         name = path.parent.name if path.stem == "rollout" and path.parent.name else path.stem
         while name in loaded:
             name += "'"
-        loaded[name] = rollouts.load(path)
+        loaded[name] = _log(path, robot) if path.suffix == ".armlog" else rollouts.load(path)
     result = reports.merge_rollouts(loaded)
     if is_log:
         from armgpi.loop import logs
@@ -165,6 +167,17 @@ def _robot(
 
     locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
     return Robot.load(name, locked, split(keep) if keep else None, mimic or "follow", split(repair or []))
+
+
+def _log(path: Path, robot: str | None) -> xr.Dataset:
+    """Return a log of an arm as a rollout of a robot."""
+    from armgpi.loop.log import read, to_rollout
+    from armgpi.robot.robot import Robot
+
+    if robot is None:
+        raise refusal("--robot", f"{path} is a log, which does not have its arm: name it")
+    there = read(path)
+    return to_rollout(there, Robot.load(robot, keep=there.header["joints"]))
 
 
 def _arm(name: str, result: xr.Dataset) -> Robot:

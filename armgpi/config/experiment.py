@@ -184,7 +184,7 @@ def prepare(folder: Path) -> None:
 
 
 def save(
-    result: xr.Dataset, experiment: Experiment, folder: Path, more: Mapping[str, str] | None = None
+    result: xr.Dataset, experiment: Experiment, folder: Path, more: Mapping[str, str | bytes] | None = None
 ) -> list[Path]:
     """Write ``rollout.nc``, the exact ``experiment.yaml`` and ``metrics.json`` to a folder, made if needed.
 

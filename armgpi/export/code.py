@@ -22,9 +22,10 @@ from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import COUNTED, Reason, State, Supervised, Supervisor
 from armgpi.errors import BackendError, ParameterError
-from armgpi.export.law import INPUTS, Law, Routine, Table, trace_controller
+from armgpi.export.law import Law, Routine, Table, trace_controller
 from armgpi.export.layout import block, elementary, listed, members, rows
 from armgpi.export.names import identifiers, plain, source_of
+from armgpi.loop.log import INPUTS
 from armgpi.parameter import meaning
 from armgpi.version import VERSION
 

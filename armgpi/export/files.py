@@ -6,6 +6,7 @@ import math
 import re
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from string import Template
@@ -17,14 +18,14 @@ from armgpi import files
 from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
-from armgpi.control.supervisor import FARTHEST, Supervised, Supervisor
+from armgpi.control.supervisor import FARTHEST, SIGNALS, State, Supervised, Supervisor
 from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, supervise, template
-from armgpi.export.law import INPUTS
 from armgpi.export.names import check_name, plain, renamed, source_of
 from armgpi.export.targets import TARGETS, check_target, compensated, moving_gripper, package
 from armgpi.loop.closed_loop import ClosedLoop
-from armgpi.loop.rollout import Recorded, Recording, Status
+from armgpi.loop.log import INPUTS, ArmLog, Event, LogWriter, pack, preamble, row_type
+from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
@@ -47,22 +48,6 @@ _PATIENCE = 120.0
 #: As the Makefile has them.
 _STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-Wdouble-promotion")
 _BUILD = (*_STRICT, "-ffp-contract=off", "-fno-builtin-memset", "-fno-builtin-memcpy", "-O2")
-
-
-class Log(NamedTuple):
-    """What a controller was given and what it answered, sample by sample.
-
-    Attributes:
-        inputs: name (of `q_measured`, `v_measured`, `q_ref`, `v_ref`, `a_ref`) -> array (samples, n).
-        tau: torques [N m or N], shape (samples, n).
-        diverged: time at which the arm was out of control [s], None when it never was.
-        stopped: when and why the supervisor stopped the arm, None when it did not.
-    """
-
-    inputs: dict[str, Array]
-    tau: Array
-    diverged: float | None = None
-    stopped: str | None = None
 
 
 class Measured(NamedTuple):
@@ -107,8 +92,10 @@ class Export(NamedTuple):
     state_bytes: int
 
 
-def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> Log:
+def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> ArmLog:
     """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log.
+
+    Of an arm that was out of control the log ends before, and its header says when (`diverged` [s]).
 
     Raises:
         RolloutError: when the arm is out of control at the first sample.
@@ -130,25 +117,32 @@ def record(plant: Plant, controller: Controller, reference: Reference, t_final: 
         raise RolloutError(
             f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
         )
-    inputs = {name: found[name][:count] for name in INPUTS}
-    stopped = None
+    known = {"diverged": count * loop.dt} if count < steps else {}
+    writer = LogWriter(controller.robot.joint_names, loop.dt, INPUTS, count + 1, **known)
+    reports = np.tile([float(State.RUN), 0.0, 0.0], (count, 1))
     if isinstance(controller, Supervised):
-        recording.note_faults()
-        if (recording.status == Status.STOPPED).any():
-            (stopped,) = Recorded(recording, controller.robot, None, {}).ends()
-    return Log(inputs, tau[:count], None if count == steps else count * loop.dt, stopped)
+        reports = np.stack([found[name][:count, 0] for name in SIGNALS[:3]], axis=1)
+    for k in range(count):
+        q, v, q_ref, v_ref, a_ref = (found[name][k] for name in INPUTS)
+        given = FullState(q, v), Target(q_ref, v_ref, a_ref)
+        if k == 0:
+            writer.take(0, *given, np.zeros_like(q), event=Event.INIT, elapsed=0)
+        status, reason, joint = (int(x) for x in reports[k])
+        writer.take(k, *given, tau[k], report=(status, reason, joint))
+    return writer.log()
 
 
 def export_controller(
     controller: Controller,
     folder: str | Path,
-    log: Log | None = None,
+    log: ArmLog | None = None,
     *,
     real: str = "double",
     supervisor: Supervisor | None = None,
     name: str | None = None,
     measure: bool = True,
     target: str = "bare",
+    beside: Mapping[str, str | bytes] | None = None,
 ) -> Export:
     """Write a controller as freestanding C99 to a folder, with a README that says how to wire it.
 
@@ -164,6 +158,7 @@ def export_controller(
         measure: whether to compile and run the replay, where there is a compiler.
         target: what is added: "bare" nothing, "fci" callbacks for libfranka and pylibfranka, "ur" a loop for
             UR's RTDE, "ros2_control" a plugin. The robots of the first two add gravity themselves.
+        beside: further files of the folder, name -> content: `armgpi export` adds the experiment.
 
     Raises:
         ParameterError: when an argument is not as it should be, or a target would get gravity twice.
@@ -174,57 +169,91 @@ def export_controller(
 
     check_name(name)
     folder = check_path(folder, "folder")
-    check_type(log, "log", Log | None, "a Log, as record returns it")
+    check_type(log, "log", ArmLog | None, "an ArmLog, as record returns it")
     check_type(measure, "measure", bool, "True or False")
     # Everything is generated, and refused if need be, before a file is written.
     check_choice(target, "target", TARGETS)
     controller = supervise(controller, supervisor)
     code = generate(controller, real)
     check_target(target, controller)
-    texts = _texts(code, _at_rest(controller) if log is None else log)
+    log = _at_rest(controller) if log is None else log
+    texts = _texts(code, log)
     check_name(name, f"{code.source} {texts['main.c']}")
     code = code._replace(header=renamed(code.header, name), source=renamed(code.source, name))
-    texts = {
-        renamed(file, name): text if file == "log.csv" else renamed(text, name)
-        for file, text in texts.items()
-    }
+    texts = {renamed(file, name): renamed(text, name) for file, text in texts.items()}
     prepare(folder)
-    measured = None
+    measured, logged = None, {"log.armlog": pack(_for(code, log))}
     if measure:
         with suppress(BackendError):  # there is no compiler
-            measured = _replayed(texts, build.compiler())
+            measured = _replayed(texts | logged, build.compiler())
     state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
-    readme = _readme(code, texts["log.csv"].count("\n") - 1, state_bytes, measured)
+    readme = _readme(code, len(log.samples), state_bytes, measured)
     texts["README.md"] = renamed(readme, name)
-    beside = package(code, state_bytes, target)
-    texts |= {renamed(file, name): renamed(text, name) for file, text in beside.items()}
-    return Export(folder, files.write_set(folder, texts), code, measured, state_bytes)
+    more = package(code, state_bytes, target)
+    texts |= {renamed(file, name): renamed(text, name) for file, text in more.items()}
+    return Export(
+        folder, files.write_set(folder, texts | logged | dict(beside or {})), code, measured, state_bytes
+    )
 
 
-def _at_rest(controller: Supervised) -> Log:
+def _at_rest(controller: Supervised) -> ArmLog:
     """Return a short log of a controller whose arm does not move."""
     robot: Any = controller.robot
-    n = robot.n
-    middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(n)
+    middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(robot.n)
     # No plant: a replay compares torques, and an arm at rest needs none to be at rest.
-    values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
-    seen: Any = FullState(middle, rest) if controller.measurement_type is FullState else Measurement(middle)
-    target = Target(middle, rest, rest)
-    state, taus = controller.init(seen, target), []
-    for _ in range(max(1, round(0.1 / controller.dt))):
-        tau, state = controller.step(seen, target, state)
-        taus.append(np.broadcast_to(tau, (n,)))
-    return Log({name: np.tile(value, (len(taus), 1)) for name, value in values.items()}, np.array(taus))
+    given = FullState(middle, rest), Target(middle, rest, rest)
+    seen: Any = given[0] if controller.measurement_type is FullState else Measurement(middle)
+    count = max(1, round(0.1 / controller.dt))
+    writer = LogWriter(robot.joint_names, controller.dt, INPUTS, count + 1)
+    writer.take(0, *given, rest, event=Event.INIT, elapsed=0)
+    state = controller.init(seen, given[1])
+    for k in range(count):
+        tau, state = controller.step(seen, given[1], state)
+        writer.take(k, *given, np.broadcast_to(tau, rest.shape))
+    return writer.log()
 
 
-def _texts(code: Code, log: Log) -> dict[str, str]:
+def _for(code: Code, log: ArmLog) -> ArmLog:
+    """Return a log with the inputs of a controller alone, as its own C writes them."""
+    rows = np.zeros(len(log.rows), row_type(tuple(code.law.inputs), code.law.n))
+    for name in rows.dtype.names or ():
+        rows[name] = log.rows[name]
+    return ArmLog({**log.header, **_known(code), "made_by": log.header["made_by"]}, rows, log.source)
+
+
+def _known(code: Code) -> dict[str, Any]:
+    """Return the header of the logs that exported C writes."""
+    robot: Any = code.law.controller.robot
+    return {
+        "joints": list(robot.joint_names),
+        "dt": float(code.law.controller.dt),
+        "inputs": list(code.law.inputs),
+        "robot": robot.name,
+        "real": code.real,
+        "layout": f"{code.layout:08X}",
+        "made_by": f"armgpi {VERSION}, C",
+    }
+
+
+def _log_writer(code: Code) -> dict[str, str]:
+    """Return the C that writes logs."""
+    inputs = code.law.inputs
+    start = [f"0x{byte:02X}U" for byte in preamble(_known(code))]
+    fill = {
+        "version": VERSION,
+        "inputs": str(len(inputs)),
+        "parameters": ",\n".join(f"    const armgpi_real_t {name}[ARMGPI_N]" for name in inputs),
+        "preamble": ",\n".join("    " + ", ".join(start[i : i + 16]) for i in range(0, len(start), 16)),
+        "kept": "\n".join(
+            f"            row->in[{i}U][i] = (double){name}[i];" for i, name in enumerate(inputs)
+        ),
+    }
+    return {name: Template(template(name)).substitute(fill) for name in ("armgpi_log.h", "armgpi_log.c")}
+
+
+def _texts(code: Code, log: ArmLog) -> dict[str, str]:
     """Return the files that are compiled and replayed."""
     names = list(code.law.inputs)
-    joints = code.law.controller.robot.joint_names
-    columns = [*(log.inputs[name] for name in names), log.tau]
-    titles = [f"{name}[{plain(joint)}]".replace(",", " ") for name in (*names, "tau") for joint in joints]
-    # repr, so that the replay reads the very numbers.
-    rows = [",".join(map(repr, row)) for row in np.concatenate(columns, axis=1).tolist()]
     effort = np.broadcast_to(code.law.controller.effort, (code.law.n,))
     # A joint without a limit is measured by its largest torque in the log.
     largest = np.maximum(np.abs(log.tau).max(axis=0), 1e-300)
@@ -250,12 +279,12 @@ def _texts(code: Code, log: Log) -> dict[str, str]:
         "armgpi_controller.h": code.header,
         "armgpi_controller.c": code.source,
         "main.c": Template(template("main.c")).substitute(fill),
-        "log.csv": "\n".join([",".join(titles), *rows]) + "\n",
         "Makefile": Template(template("Makefile")).substitute(),
+        **_log_writer(code),
     }
 
 
-def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
+def _replayed(texts: dict[str, str | bytes], found: build.Compiler) -> Measured:
     """Compile and run the replay in a folder of its own.
 
     Raises:
@@ -265,7 +294,7 @@ def _replayed(texts: dict[str, str], found: build.Compiler) -> Measured:
     with tempfile.TemporaryDirectory(prefix="armgpi-export-") as name:
         folder = Path(name)
         for file, text in texts.items():
-            (folder / file).write_text(text, encoding="utf-8")
+            (folder / file).write_bytes(text.encode() if isinstance(text, str) else text)
         sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
         stack = None
         # Not every compiler knows this option, so it does not belong to the build itself.

@@ -17,12 +17,9 @@ from armgpi.codegen.trace import Trace, Tracer, state_part, tracing
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.supervisor import Supervised
 from armgpi.errors import ParameterError
+from armgpi.loop.log import INPUTS
 from armgpi.references.reference import Target
 from armgpi.robot.robot import Robot
-
-#: What a law may be given, in the order of the arguments in C.
-INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")
-
 
 #: Words of C99, and names that the templates use: none may be that of an array of the controller.
 _RESERVED = frozenset(

@@ -51,6 +51,8 @@ _DITHER = 2e-6
 _OFF = "switched off at export"
 #: An arm rests that stays within 1 mrad (or mm) for 0.1 s: 0.01 rad/s, some encoder noise included.
 _REST_MOTION, _REST_TIME = 1e-3, 0.1
+#: What C++ and Python keep of a motion for its log [s].
+_LOG_TIME = 60.0
 
 
 class _Motion(NamedTuple):
@@ -148,6 +150,8 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "wired": ", ".join(_WIRED.get(name, name) for name in names),
         "missed": str(law.controller.supervisor.missed),
         **_move(law.controller, "F" if real == "float" else ""),
+        "log_seconds": repr(_LOG_TIME),
+        "row_words": str(4 + (len(names) + 2) * law.n),
         "rest_motion": repr(_REST_MOTION),
         "rest_samples": str(max(1, round(_REST_TIME / law.controller.dt))),
         "dt_double": repr(float(law.controller.dt)),

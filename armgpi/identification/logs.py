@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array, as_sized_array, check_path, check_type
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, UnreadableTrajectory
+from armgpi.loop.log import ENDING, ArmLog, read
 from armgpi.robot.robot import Robot
 
 #: A log's times may differ from a uniform grid by this share of a sample before it is interpolated.
@@ -64,8 +65,8 @@ def read_log(log: Any, robot: Robot, rollout: int = 0) -> Log:
 
     Args:
         log: a :class:`Log`; a rollout, whose measured positions and commanded torques are taken until it
-            ends; or the path of a CSV file with the columns ``time`` [s], ``q_<joint>`` and ``tau_<joint>``,
-            or of a NetCDF file with a rollout.
+            ends; or the path of a log (:mod:`armgpi.loop.log`), of a CSV file with the columns ``time`` [s],
+            ``q_<joint>`` and ``tau_<joint>``, or of a NetCDF file with a rollout.
         robot: whose joints they are.
         rollout: which one of several.
 
@@ -129,11 +130,24 @@ def _of_rollout(rollout: Any, robot: Robot, index: int) -> Log:
     return Log(rollout["time"].values[:count], q[:count], np.clip(tau[:count], -limit, limit), "rollout")
 
 
+def _of_arm_log(there: ArmLog, robot: Robot) -> Log:
+    """Return the samples of a log of an arm, with the torque that was applied where the robot says it."""
+    rows, names = there.samples, there.header["joints"]
+    if names != list(robot.joint_names):
+        raise ParameterError(there.source, ", ".join(names), f"a log of {', '.join(robot.joint_names)}")
+    later = np.vstack([rows["applied"][1:], rows["tau"][-1:]])  # of a sample the next one says
+    good = np.isfinite(rows["q_measured"]).all(axis=1)
+    tau = np.where(np.isfinite(later), later, rows["tau"])
+    return Log(there.t[good], rows["q_measured"][good], tau[good], there.source)
+
+
 def _read_file(path: Path, robot: Robot, rollout: int) -> Any:
     """Return the log, or the rollout, in a file."""
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise UnreadableTrajectory(path, f"is larger than {_MOST_BYTES} bytes")
+        if path.suffix.lower() == ENDING:
+            return _of_arm_log(read(path), robot)
         if path.suffix.lower() in (".nc", ".nc4", ".h5"):
             from armgpi.loop.rollout import load
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.controller import Controller, FullState, Measurement
-from armgpi.control.supervisor import FaultReport, Supervised, Supervisor
+from armgpi.control.supervisor import FaultReport, Reason, State, Supervised, Supervisor
 from armgpi.export.controller import ExportedController
+from armgpi.loop.log import INPUTS, Event, LogWriter
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.plant import Plant
 from armgpi.realtime.datagram import SAMPLE, TORQUE, Datagram
@@ -135,11 +136,17 @@ class ControllerEnd:
         state: of the controller; None before the first sample.
         number: of the last sample.
         filled: how many samples it has missed.
+        writer: the log of what it was given and what it answered.
     """
 
-    def __init__(self, controller: Supervised | ExportedController, reference: Reference) -> None:
-        """Keep the two."""
+    def __init__(
+        self, controller: Supervised | ExportedController, reference: Reference, samples: int = 0
+    ) -> None:
+        """Keep the two, with room for a log of so many samples."""
         self.controller, self.reference = controller, reference
+        robot: Any = controller.robot
+        inputs = tuple(x for x in INPUTS if x != "v_measured" or controller.measurement_type is FullState)
+        self.writer = LogWriter(robot.joint_names, controller.dt, inputs, samples + 1, robot=robot.name)
         self.state: Any = None
         self.number = -1
         self.filled = 0
@@ -156,6 +163,8 @@ class ControllerEnd:
         if self.state is None:
             self.state = self.controller.init(measured, target)
             self.number = sample.number - 1
+            rest = np.zeros(self.controller.robot.n)
+            self.writer.take(sample.number, measured, target, rest, event=Event.INIT, elapsed=0)
         elapsed = sample.number - self.number
         self.filled += elapsed - 1
         taken = self.controller.advance(measured, target, self.state, elapsed)
@@ -163,6 +172,15 @@ class ControllerEnd:
             taken = self.controller.within_rate(sample.applied, taken)
         tau, self.state = taken
         self.number = sample.number
+        said = self.controller.report(self.state)
+        joint = 0 if said.joint is None else self.controller.robot.joint_names.index(said.joint)
+        report = State[said.status.upper()], Reason[said.reason.upper()], joint
+        self.writer.take(
+            *(sample.number, measured, target, np.asarray(tau)),
+            report=report,
+            elapsed=elapsed,
+            applied=sample.applied,
+        )
         self._answer = Datagram(TORQUE, sample.number, sample.time, np.asarray(tau))
         return self._answer
 

@@ -12,6 +12,7 @@ import xarray as xr
 from armgpi.arrays import Array
 from armgpi.control.supervisor import FaultReport
 from armgpi.escape import html_table
+from armgpi.loop.log import ArmLog
 from armgpi.loop.rollout import Recorded, Recording
 from armgpi.loop.runner import DIVERGENCE, in_control
 from armgpi.plants.plant import Plant
@@ -74,6 +75,7 @@ class Outcome(NamedTuple):
         granted: "arm", "controller" -> what the system granted: policy, locked memory.
         steps: how long the controller took for its samples [s].
         fault: what the controller's supervisor said at the end; None when it was killed.
+        log: what the controller was given and what it answered; None when it was killed.
         made_from: clock and faults, as plain data.
     """
 
@@ -86,6 +88,7 @@ class Outcome(NamedTuple):
     granted: dict[str, Any]
     steps: Array
     fault: FaultReport | None
+    log: ArmLog | None
     made_from: dict[str, Any]
 
     @property

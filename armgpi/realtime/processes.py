@@ -23,6 +23,7 @@ from armgpi.arrays import Array
 from armgpi.control.controller import FullState, Measurement
 from armgpi.control.supervisor import FaultReport
 from armgpi.errors import ArmgpiError, BackendError
+from armgpi.loop.log import ArmLog
 from armgpi.realtime.datagram import END, LONGEST, TORQUE, Datagram, unpack
 from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervised
 from armgpi.realtime.injected import Schedule
@@ -50,6 +51,7 @@ class Taken(NamedTuple):
     granted: dict[str, Any]
     steps: Array
     fault: FaultReport | None
+    log: ArmLog | None
 
 
 def wall(
@@ -74,7 +76,9 @@ def wall(
     context = multiprocessing.get_context("spawn")
     pipes = [context.Pipe() for _ in range(2)]
     children: list[Any] = [
-        context.Process(target=_controller_process, args=(pipes[0][1], *control, policy), daemon=True),
+        context.Process(
+            target=_controller_process, args=(pipes[0][1], *control, policy, len(schedule.lost)), daemon=True
+        ),
         context.Process(
             target=_arm_process, args=(pipes[1][1], arm, schedule, policy, watch is not None), daemon=True
         ),
@@ -123,12 +127,12 @@ def _finished(
         if kind == "done":
             break
     samples, fired, latched, granted_arm = value
-    told: dict[str, Any] = {"filled": 0, "steps": np.empty(0), "granted": None, "fault": None}
+    told: dict[str, Any] = {"filled": 0, "steps": np.empty(0), "granted": None, "fault": None, "log": None}
     with suppress(EOFError, OSError):  # a controller that was killed tells nothing
         if to_controller.poll(2.0):
             told = to_controller.recv()[1]
     granted = {"arm": granted_arm, "controller": told["granted"]}
-    return Taken(samples, told["filled"], fired, latched, granted, told["steps"], told["fault"])
+    return Taken(samples, told["filled"], fired, latched, granted, told["steps"], told["fault"], told["log"])
 
 
 def _expect(pipe: Connection, child: Any, wanted: str) -> Any:
@@ -282,7 +286,14 @@ class _Wall:
 
 
 def _controller_process(
-    pipe: Connection, law: Any, reference: Any, supervisor: Any, exported: bool, q: Array, policy: str
+    pipe: Connection,
+    law: Any,
+    reference: Any,
+    supervisor: Any,
+    exported: bool,
+    q: Array,
+    policy: str,
+    samples: int,
 ) -> None:
     """Be the controller."""
     _leave_signals()
@@ -294,13 +305,14 @@ def _controller_process(
         state = controller.init(measured, reference.at(0.0))
         for _ in range(3):
             state = controller.step(measured, reference.at(0.0), state).state
-        end = ControllerEnd(controller, reference)
+        end = ControllerEnd(controller, reference, samples)
         wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         wire.bind(("127.0.0.1", 0))
         granted = _real_time(policy, _CONTROLLER)
         pipe.send(("ready", wire.getsockname()))
         took = _answering(end, wire, len(q), pipe)
         told = {"filled": end.filled, "steps": np.array(took), "granted": granted, "fault": end.fault}
+        told["log"] = end.writer.log()
         pipe.send(("done", told))
     except Exception as error:
         with suppress(OSError):

@@ -85,7 +85,7 @@ def run(
         control = (controller, reference, supervisor, exported, truth.q)
         taken = processes.wall(arm, control, schedule, policy, watch)
     else:
-        end = ControllerEnd(supervised(controller, supervisor, exported), reference)
+        end = ControllerEnd(supervised(controller, supervisor, exported), reference, steps)
         taken = _simulated(arm(), end, schedule)
     made_from = {"clock": clock, "injected": injected.describe(), "exported": exported}
     described = {**loop.describe(), "t_final": steps * loop.dt, "backend": f"two ends, {clock} clock"}
@@ -101,6 +101,7 @@ def run(
         taken.granted,
         taken.steps,
         taken.fault,
+        taken.log,
         made_from | {"policy": policy, "watchdog_parameters": watchdog.values()},
     )
 
@@ -124,4 +125,6 @@ def _simulated(arm: ArmEnd, end: ControllerEnd, schedule: Schedule) -> processes
             waiting.clear()
         samples.take(arm, sample, None if schedule.lost[k, 1] or answer is None else unpack(answer.pack(), n))
     samples.finish(arm)
-    return processes.Taken(samples, end.filled, arm.fired, arm.latched, {}, np.empty(0), end.fault)
+    return processes.Taken(
+        samples, end.filled, arm.fired, arm.latched, {}, np.empty(0), end.fault, end.writer.log()
+    )

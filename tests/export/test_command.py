@@ -13,6 +13,7 @@ from commands import Answer
 import armgpi
 from armgpi.codegen import build
 from armgpi.errors import BackendError
+from armgpi.loop import log as logs
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 try:
@@ -22,7 +23,7 @@ except BackendError:
     COMPILER = False
 
 ARM = "anthropomorphic3"
-FILES = ("armgpi_controller.h", "armgpi_controller.c", "main.c", "log.csv", "Makefile", "README.md")
+FILES = ("armgpi_controller.h", "armgpi_controller.c", "main.c", "log.armlog", "Makefile", "README.md")
 
 
 @pytest.fixture
@@ -40,9 +41,9 @@ def test_a_folder_is_written_and_its_figures_are_told(export: Callable[..., Answ
     assert "`q3` | revolute" in readme
     assert "for 52 samples" in readme  # 50 ms, and the delay
     assert "$" not in readme
-    rows = (tmp_path / "log.csv").read_text().splitlines()
-    assert rows[0].split(",")[0] == "q_measured[q1]"
-    assert len(rows) == 1 + 200
+    log = logs.read(tmp_path / "log.armlog")
+    assert log.header["joints"] == ["q1", "q2", "q3"]
+    assert len(log.samples) == 200
     if COMPILER:
         assert "from Python" in out
 

@@ -42,13 +42,14 @@ from armgpi.control.ctdob import ComputedTorqueDOB
 from armgpi.control.gains import GainStep, Tuning
 from armgpi.control.schedule import GainSchedule
 from armgpi.errors import BackendError, ParameterError, RolloutError
+from armgpi.loop import log as logs
+from armgpi.loop.log import INPUTS, ArmLog, Event, LogWriter
 from armgpi.plants.loads import paper_disturbances
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.codegen import build
 from armgpi.export.code import generate
-from armgpi.export.files import Log, _state_bytes, record
-from armgpi.export.law import INPUTS
+from armgpi.export.files import _state_bytes, record
 
 FUZZ = (Path(__file__).parent / "fuzz.c").read_text()
 #: What the issue asks for, and what an audit would.
@@ -159,7 +160,7 @@ def moves(robot: Robot, seconds: float = 1.0) -> Waypoints:
     return Waypoints([middle, there, middle], durations=seconds, holds=[0.1, 0.2, 0.1])
 
 
-def logged(controller: Controller, seconds: float = 1.0) -> Log:
+def logged(controller: Controller, seconds: float = 1.0) -> ArmLog:
     robot: Any = controller.robot
     plant = Encoder(Saturated(RigidBodyPlant(robot)), 18)
     return record(plant, controller, moves(robot, seconds), 2.0 * seconds + 0.4)
@@ -280,12 +281,16 @@ def test_the_folder_builds_and_replays_and_is_clean_under_sanitizers_and_valgrin
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert f"samples {len(log.tau)}" in ran.stdout
     # What the replay says is what it does: another torque is found.
-    text = (tmp_path / "log.csv").read_text().splitlines()
-    text[20] = text[20].rpartition(",")[0] + ",1e-9"
-    (tmp_path / "other.csv").write_text("\n".join(text))
-    ran = subprocess.run(["./replay", "other.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    there = logs.read(tmp_path / "log.armlog")
+    rows = there.rows.copy()
+    rows["tau"][20] += 1e-9
+    logs.write(there._replace(rows=rows), tmp_path / "other.armlog")
+    ran = subprocess.run(
+        ["./replay", "other.armlog"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert ran.returncode == 1
-    assert subprocess.run(["./replay", "none.csv"], cwd=tmp_path, capture_output=True).returncode == 2
+    for bad in ("none.armlog", "main.c"):
+        assert subprocess.run(["./replay", bad], cwd=tmp_path, capture_output=True).returncode == 2
 
 
 # What Python says.
@@ -305,11 +310,10 @@ def test_equals_python_step_by_step(name: str) -> None:
     assert (np.abs(tau - log.tau) / scale).max() < (1e-11 if paper else 1e-12)
 
 
-def replayed(exported: ExportedController, log: Log) -> Any:
+def replayed(exported: ExportedController, log: ArmLog) -> Any:
     """The torques that exported code answers a log with."""
     state, taus = None, []
-    for k in range(len(log.tau)):
-        row = {name: log.inputs[name][k] for name in INPUTS}
+    for row in log.samples:
         target = Target(row["q_ref"], row["v_ref"], row["a_ref"])
         seen: Any = Measurement(row["q_measured"])
         if exported.measurement_type is FullState:
@@ -339,7 +343,13 @@ def test_equals_python_over_a_long_log_of_disturbed_motion(
     for q, goal in zip(measured, q_ref, strict=True):
         tau, state = controller.step(Measurement(q), Target(goal, REST, REST), state)
         taus.append(tau)
-    log = Log(dict(zip(INPUTS, (measured, measured, q_ref, v_ref, v_ref), strict=True)), np.array(taus))
+    writer = LogWriter(ARM.joint_names, 1e-3, INPUTS, len(taus) + 1)
+    for k, (q, goal, v, tau) in enumerate(zip(measured, q_ref, v_ref, taus, strict=False)):
+        given = FullState(q, q), Target(goal, v, v)
+        if k == 0:
+            writer.take(0, *given, REST, event=Event.INIT, elapsed=0)
+        writer.take(k, *given, tau)
+    log = writer.log()
     assert len(log.tau) == round(1000 * seconds)
     done = export_controller(controller, tmp_path, log)
     assert done.measured is not None
@@ -824,12 +834,14 @@ def test_a_folder_of_another_name_replays_and_runs(tmp_path: Path) -> None:
     assert done.measured.agrees
     assert done.measured.stack is None or done.measured.stack > 0
     names = [path.name for path in done.files]
-    assert names[:6] == ["arm2.h", "arm2.c", "main.c", "log.csv", "Makefile", "README.md"]
-    assert names[6:9] == ["CMakeLists.txt", "arm2_controller.hpp", "arm2_controller.py"]
-    assert names[9:] == ["arm2_move.h", "arm2_move.c", "test_faults.c", "SHA256SUMS"]
-    left = {path.name: re.findall(r"\w*armgpi_\w*", path.read_text(), re.IGNORECASE) for path in done.files}
+    assert names[:6] == ["arm2.h", "arm2.c", "main.c", "Makefile", "arm2_log.h", "arm2_log.c"]
+    assert names[6:10] == ["README.md", "CMakeLists.txt", "arm2_controller.hpp", "arm2_controller.py"]
+    assert names[10:] == ["arm2_move.h", "arm2_move.c", "test_faults.c", "log.armlog", "SHA256SUMS"]
+    texts = {path.name: path.read_text() for path in done.files if path.suffix != ".armlog"}
+    left = {name: re.findall(r"\w*armgpi_\w*", text, re.IGNORECASE) for name, text in texts.items()}
     assert set(left["arm2.c"]) == {"armgpi_q1"}
-    assert not left["main.c"] + left["Makefile"] + left["arm2_move.h"] + left["arm2_move.c"]
+    own = ("main.c", "Makefile", "arm2_move.h", "arm2_move.c", "arm2_log.h", "arm2_log.c")
+    assert not [word for name in own for word in left[name]]
     subprocess.run([need("make"), "-s", "all", "strict"], cwd=tmp_path, check=True, capture_output=True)
     exported = ExportedController(robot, tmp_path, "arm2")
     seen, target = Measurement(Q), Target(Q + 0.1, REST, REST)

@@ -249,6 +249,9 @@ def figures(said: str) -> dict[str, float]:
     return {name: float(value) for name, value in zip(words[::2], words[1::2], strict=True)}
 
 
+PARTS = ("controller", "move", "log")
+
+
 @compiled
 def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Path) -> None:
     robot = panda()
@@ -256,9 +259,9 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
     export_controller(controller, tmp_path, measure=False, target="fci")
     assert "without gravity" in (tmp_path / "README.md").read_text().splitlines()[2]
     (tmp_path / "motion.cpp").write_text(MOTION % ", ".join(map(repr, robot.middle().tolist())))
-    run("cc", "-std=c99", "-c", "armgpi_controller.c", "armgpi_move.c", folder=tmp_path)
+    run("cc", "-std=c99", "-c", *(f"armgpi_{x}.c" for x in PARTS), folder=tmp_path)
     flags = ["-std=c++17", *WARNINGS, "-I.", f"-I{STUBS}"]
-    objects = ("armgpi_controller.o", "armgpi_move.o")
+    objects = [f"armgpi_{x}.o" for x in PARTS]
     run(need("g++"), *flags, "motion.cpp", *objects, "-o", "motion", folder=tmp_path)
     run("./motion", folder=tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)

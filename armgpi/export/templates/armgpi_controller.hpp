@@ -3,9 +3,14 @@
 
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <fstream>
+#include <string>
+#include <vector>
 
 #include "armgpi_controller.h"
+#include "armgpi_log.h"
 #include "armgpi_move.h"
 
 namespace armgpi_controller {
@@ -102,9 +107,49 @@ class Controller {
   [[nodiscard]] armgpi_status_t status() const noexcept { return state_.status; }
   [[nodiscard]] armgpi_reason_t reason() const noexcept { return state_.reason; }
   [[nodiscard]] const char* fault_joint() const noexcept { return armgpi_info.joints[state_.fault_joint]; }
+  [[nodiscard]] const armgpi_state_t& state() const noexcept { return state_; }
 
  private:
   armgpi_state_t state_{};
+};
+
+// The last `seconds` of what a controller was given and what it answered, in memory that is taken at the start.
+// `armgpi log FILE` reads what is written.
+class Log {
+ public:
+  explicit Log(double seconds) : rows_(seconds > 0.0 ? static_cast<std::size_t>(seconds / Controller::dt) + 1U : 0U) {
+    armgpi_log_begin(&log_, rows_.data(), static_cast<std::uint32_t>(rows_.size()));
+  }
+  Log(const Log&) = delete;
+  Log& operator=(const Log&) = delete;
+
+  // After each init.
+  void start(const Controller& controller, $vectors) noexcept {
+    armgpi_log_take(&log_, &controller.state(), ARMGPI_LOG_INIT, 0U, $datas, nullptr, nullptr);
+  }
+  // After each step, with the torque that is sent and the one that the robot says it applies, if it does.
+  void take(const Controller& controller, std::uint32_t elapsed, $vectors, const Vector& tau,
+            const Vector* applied = nullptr) noexcept {
+    armgpi_log_take(&log_, &controller.state(), ARMGPI_LOG_SAMPLE, elapsed, $datas, tau.data(),
+                    applied == nullptr ? nullptr : applied->data());
+  }
+  // Not in the loop: it writes a file. False when that went wrong.
+  [[nodiscard]] bool write(const std::string& path) const {
+    std::ofstream file(path, std::ios::binary);
+    const int failed = armgpi_log_write(&log_, put, &file);
+    file.close();
+    return failed == 0 && !file.fail();
+  }
+
+ private:
+  static int put(void* to, const void* bytes, std::size_t count) {
+    auto& file = *static_cast<std::ofstream*>(to);
+    file.write(static_cast<const char*>(bytes), static_cast<std::streamsize>(count));
+    return file.fail() ? 1 : 0;
+  }
+
+  std::vector<armgpi_log_row_t> rows_;
+  armgpi_log_t log_{};
 };
 
 }  // namespace armgpi_controller

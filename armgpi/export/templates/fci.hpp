@@ -5,6 +5,7 @@
 //   arm.finish();            // end the motion when all goals are reached and the arm rests
 //   robot.control(arm, false, franka::kMaxCutoffFrequency);   // franka::Robot::control of a torque callback
 //   if (arm.controller().reason() != ARMGPI_REASON_NONE) { ... }
+//   arm.log().write("motion.armlog");     // the last minute, for `armgpi log`
 //
 // The torque is without gravity and friction, as franka::Torques has to be, and changes by no more than the exported
 // rate against the torque that the robot has (tau_J_d), as libfranka counts. Its own limit is off here, and its low-pass,
@@ -52,13 +53,16 @@ class Fci {
     const Reference to = own.reference ? own.reference(own.time) : own.moves.next(elapsed);
     if (elapsed == 0U) {
       own.controller.init($wired);
+      own.log.start(own.controller, $wired);
     }
-    const armgpi_status_t status = own.controller.step_late(elapsed == 0U ? 1U : elapsed, $wired, tau);
+    const std::uint32_t late = elapsed == 0U ? 1U : elapsed;
+    const armgpi_status_t status = own.controller.step_late(late, $wired, tau);
     Vector applied{};
     for (std::size_t i = 0; i < applied.size(); ++i) {
       applied[i] = static_cast<armgpi_real_t>(robot.tau_J_d[i]);
     }
     own.controller.within_rate(applied, tau);
+    own.log.take(own.controller, late, $wired, tau, &applied);
     franka::Torques torques{{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}};
     for (std::size_t i = 0; i < tau.size(); ++i) {
       torques.tau_J[i] = static_cast<double>(tau[i]);
@@ -70,6 +74,7 @@ class Fci {
   }
 
   [[nodiscard]] const Controller& controller() const noexcept { return shared_->controller; }
+  [[nodiscard]] const Log& log() const noexcept { return shared_->log; }
 
  private:
   struct Shared {
@@ -77,6 +82,7 @@ class Fci {
     Controller controller{};
     Moves moves{};
     Rest rest{};
+    Log log{$log_seconds};
     double time{0.0};
     std::atomic<bool> finish{false};
   };

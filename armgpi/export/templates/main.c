@@ -2,7 +2,7 @@
  * Replay of a log: gives the controller what it was given in a simulation by armgpi and compares its torque
  * with that of the same controller in Python. For the host: it uses stdio.h and time.h, the controller does not.
  *
- *   replay [LOG]      log.csv by default
+ *   replay [LOG]      log.armlog by default; also one that armgpi_log_write wrote
  *
  * Exit code 0 when the torques agree, 1 when they do not or the controller met a fault, 2 without a log.
  */
@@ -12,16 +12,17 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "armgpi_controller.h"
+#include "armgpi_log.h"
 
-/* Numbers in a row of the log: arguments of a step, then torques from Python. */
-#define ARGUMENTS (${count}U)
-#define COLUMNS ((ARGUMENTS + 1U) * ARMGPI_N)
-#define LINE_BYTES (32U * COLUMNS + 2U)
+/* What stands before the header of a log, and where its length is. */
+#define START_BYTES 16U
+#define LENGTH_AT 12U
 /* Rows that are timed. */
 #define TIMED 2000U
 /* Largest difference allowed, as a share of the torque scale; 0 when there is none to be kept. */
 #define TOLERANCE $tolerance
+/* No torque is larger; NaN is not below it. */
+#define LARGEST ((armgpi_real_t)1e30)
 /* How long to time [s]. */
 #define TIMING_SECONDS $seconds
 
@@ -30,33 +31,30 @@ static const double SCALE[ARMGPI_N] = {
 $scale
 };
 
-static armgpi_real_t timed[TIMED][ARGUMENTS][ARMGPI_N];
+static armgpi_real_t timed[TIMED][ARMGPI_INPUTS][ARMGPI_N];
 static armgpi_real_t moved[ARMGPI_N];
 static volatile armgpi_real_t sink;
 
-/* Read a row of numbers; return 1 when there was one. */
-static int read_row(FILE *file, double row[COLUMNS])
+/* Go to the first row of a log; return 0 when there is none. */
+static int find_rows(FILE *file)
 {
-    static char line[LINE_BYTES];
-    char *at = line;
-    int read = 0;
-    uint32_t i = 0U;
+    static const uint8_t magic[LENGTH_AT] = {0x41U, 0x52U, 0x4DU, 0x47U, 0x50U, 0x49U, 0x4CU, 0x47U, 1U};
+    uint8_t start[START_BYTES];
+    int found = (fread(start, 1U, sizeof start, file) == sizeof start) ? 1 : 0;
+    long length = 0;
+    uint32_t i;
 
-    if (fgets(line, (int)sizeof line, file) != NULL) {
-        read = 1;
-        while ((i < COLUMNS) && (read != 0)) {
-            char *end = NULL;
-
-            row[i] = strtod(at, &end);
-            read = (end != at) ? 1 : 0;
-            at = (*end == ',') ? (end + 1) : end;
-            ++i;
+    for (i = 0U; (i < START_BYTES) && (found != 0); ++i) {
+        if (i < LENGTH_AT) {
+            found = (start[i] == magic[i]) ? 1 : 0;
+        } else {
+            length += (long)start[i] << (8U * (i - LENGTH_AT));
         }
     }
-    return read;
+    return ((found != 0) && (fseek(file, length, SEEK_CUR) == 0)) ? 1 : 0;
 }
 
-static armgpi_status_t step(armgpi_state_t *state, armgpi_real_t in[ARGUMENTS][ARMGPI_N],
+static armgpi_status_t step(armgpi_state_t *state, armgpi_real_t in[ARMGPI_INPUTS][ARMGPI_N],
     const armgpi_real_t q_ref[ARMGPI_N], armgpi_real_t tau[ARMGPI_N])
 {
     return armgpi_step(state, $step_call, tau);
@@ -99,51 +97,57 @@ static double time_steps(uint32_t rows, armgpi_real_t shift)
 
 int main(int argc, char **argv)
 {
-    const char *const path = (argc > 1) ? argv[1] : "log.csv";
-    FILE *const file = fopen(path, "r");
-    static double row[COLUMNS];
-    armgpi_real_t in[ARGUMENTS][ARMGPI_N];
+    const char *const path = (argc > 1) ? argv[1] : "log.armlog";
+    FILE *const file = fopen(path, "rb");
+    static armgpi_log_row_t row;
+    armgpi_real_t in[ARMGPI_INPUTS][ARMGPI_N];
+    armgpi_real_t applied[ARMGPI_N];
     armgpi_real_t tau[ARMGPI_N];
     static armgpi_state_t state;
     armgpi_status_t status = ARMGPI_STATUS_INIT;
     double largest = 0.0;
     uint32_t samples = 0U;
-    uint32_t first_fault = UINT32_MAX;
-    int c = 0;
+    uint64_t first_fault = UINT64_MAX;
 
-    if (file == NULL) {
-        (void)fprintf(stderr, "%s: cannot be read\n", path);
+    if ((file == NULL) || (find_rows(file) == 0)) {
+        (void)fprintf(stderr, "%s: no log that can be read\n", path);
         return 2;
     }
-    while ((c != (int)'\n') && (c != EOF)) { /* the names of the columns */
-        c = fgetc(file);
-    }
-    while (read_row(file, row) != 0) {
+    while (fread(&row, sizeof row, 1U, file) == 1U) {
+        uint32_t said = 1U; /* whether the robot says what it applies */
         uint32_t i;
         uint32_t j;
 
-        for (i = 0U; i < ARGUMENTS; ++i) {
-            for (j = 0U; j < ARMGPI_N; ++j) {
-                in[i][j] = (armgpi_real_t)row[i * ARMGPI_N + j];
+        for (j = 0U; j < ARMGPI_N; ++j) {
+            for (i = 0U; i < ARMGPI_INPUTS; ++i) {
+                in[i][j] = (armgpi_real_t)row.in[i][j];
                 if (samples < TIMED) {
                     timed[samples][i][j] = in[i][j];
                 }
             }
+            applied[j] = (armgpi_real_t)row.applied[j];
+            said = (applied[j] <= LARGEST) ? said : 0U;
         }
-        if (samples == 0U) {
+        if (row.event == ARMGPI_LOG_INIT) {
             (void)armgpi_init(&state, $init_in);
-        }
-        status = step(&state, in, in[$q_ref], tau);
-        if (status > ARMGPI_STATUS_RUN) {
-            first_fault = (first_fault < samples) ? first_fault : samples;
-        }
-        for (j = 0U; j < ARMGPI_N; ++j) {
-            const double apart = (double)tau[j] - row[ARGUMENTS * ARMGPI_N + j];
-            const double share = ((apart < 0.0) ? -apart : apart) / SCALE[j];
+        } else if (row.event == ARMGPI_LOG_RESET) {
+            (void)armgpi_reset(&state, $init_in);
+        } else {
+            status = armgpi_step_late(&state, row.elapsed, $init_in, tau);
+            if (said != 0U) {
+                armgpi_within_rate(&state, applied, tau);
+            }
+            if (status > ARMGPI_STATUS_RUN) {
+                first_fault = (first_fault < row.number) ? first_fault : row.number;
+            }
+            for (j = 0U; j < ARMGPI_N; ++j) {
+                const double apart = (double)tau[j] - row.tau[j];
+                const double share = ((apart < 0.0) ? -apart : apart) / SCALE[j];
 
-            largest = (share > largest) ? share : largest;
+                largest = (share > largest) ? share : largest;
+            }
+            ++samples;
         }
-        ++samples;
     }
     (void)fclose(file);
     if (samples == 0U) {

@@ -35,6 +35,9 @@ class Ros2Controller : public controller_interface::ControllerInterface {
     // The prefix of the joints' names; the gains are in the exported code.
     auto_declare<std::string>("prefix", "");
     auto_declare<double>("share", 0.5);
+    // A file for the log of what it was given and what it answered, written when it is deactivated; "" for none.
+    auto_declare<std::string>("log", "");
+    auto_declare<double>("log_seconds", $log_seconds);
     return CallbackReturn::SUCCESS;
   }
 
@@ -49,6 +52,8 @@ class Ros2Controller : public controller_interface::ControllerInterface {
   CallbackReturn on_configure(const rclcpp_lifecycle::State&) override {
     prefix_ = get_node()->get_parameter("prefix").as_string();
     const double share = get_node()->get_parameter("share").as_double();
+    log_path_ = get_node()->get_parameter("log").as_string();
+    log_ = std::make_unique<Log>(log_path_.empty() ? 0.0 : get_node()->get_parameter("log_seconds").as_double());
     goals_ = get_node()->create_subscription<Goal>("~/goal", 1, [this, share](const std::shared_ptr<const Goal> goal) {
       Vector q{};
       const bool fits = goal->data.size() == q.size();
@@ -90,6 +95,9 @@ class Ros2Controller : public controller_interface::ControllerInterface {
     if (moves_.refused()) {
       RCLCPP_WARN(get_node()->get_logger(), "a goal was refused: not finite, or beyond the joint limits");
     }
+    if (!log_path_.empty() && !log_->write(log_path_)) {
+      RCLCPP_WARN(get_node()->get_logger(), "the log could not be written to %s", log_path_.c_str());
+    }
     tau_.fill(armgpi_real_t{0});
     return command() ? CallbackReturn::SUCCESS : CallbackReturn::ERROR;
   }
@@ -112,7 +120,9 @@ class Ros2Controller : public controller_interface::ControllerInterface {
 
   armgpi_status_t start(const Reference& to) noexcept {
     const Vector& q = q_;
-    return controller_.init($wired);
+    const armgpi_status_t status = controller_.init($wired);
+    log_->start(controller_, $wired);
+    return status;
   }
 
   armgpi_status_t step(std::uint32_t elapsed) noexcept {
@@ -121,7 +131,9 @@ class Ros2Controller : public controller_interface::ControllerInterface {
     if (stop_) {
       to.q.fill(std::numeric_limits<armgpi_real_t>::quiet_NaN());
     }
-    return controller_.step_late(elapsed, $wired, tau_);
+    const armgpi_status_t status = controller_.step_late(elapsed, $wired, tau_);
+    log_->take(controller_, elapsed, $wired, tau_);
+    return status;
   }
 
   controller_interface::InterfaceConfiguration interfaces(const std::string& kind) const {
@@ -160,6 +172,8 @@ class Ros2Controller : public controller_interface::ControllerInterface {
   std::shared_ptr<rclcpp::Service<Stop>> stops_;
   Vector tau_{};
   Controller controller_{};
+  std::string log_path_;
+  std::unique_ptr<Log> log_{std::make_unique<Log>(0.0)};
 };
 
 }  // namespace armgpi_controller

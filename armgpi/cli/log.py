@@ -1,0 +1,152 @@
+"""The command that says what the log of an arm is, and replays it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.parsing import FAILED, OK, stoppable
+from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.loop.log import ArmLog, Replay
+
+_File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A log (.armlog) of hardware, of armgpi loop or of an export.")
+]
+_Replay = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="EXPERIMENT",
+        help="Give the law of this experiment file, or of the folder of an export, what the log says it was "
+        "given, and compare the torques.",
+    ),
+]
+_Csv = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the samples as a table.")]
+#: Torques of one law in Python, and in C on another machine, differ by roundings: this share of the largest.
+_SAME = 1e-9
+
+
+@stoppable
+def log(file: _File, replay: _Replay = None, csv: _Csv = None, as_json: opt.Json = False) -> None:
+    """Say what a log of an arm is: how long, what was late, why it ended; replay it through the law.
+
+    \b
+    armgpi log motion.armlog
+    armgpi log motion.armlog --replay controller
+    armgpi report motion.armlog --robot my.urdf
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import files
+    from armgpi.loop.log import read
+    from armgpi.loop.log import replay as compare
+
+    there = read(file)
+    played = None if replay is None else compare(there, _law(replay))
+    facts = _facts(there, played)
+    if csv is not None:
+        files.write(csv, _table(there))
+    say(json.dumps(facts)) if as_json else _print(file, facts)
+    if csv is not None:
+        say(f"wrote {csv}", err=True)
+    sys.exit(FAILED if played is not None and not facts["replay"]["same"] else OK)
+
+
+def _law(path: Path) -> Any:
+    """Return the supervised law of an experiment file, or of the one in a folder."""
+    from armgpi import config
+    from armgpi.control.supervisor import Supervised
+
+    file = path / "experiment.yaml" if path.is_dir() else path
+    loaded = config.read(file)
+    experiment = config.build(loaded.config, loaded.origin)
+    law = next(iter(experiment.controllers.values()))
+    return law if isinstance(law, Supervised) else Supervised(law, experiment.supervisor)
+
+
+def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
+    """Return what is said of a log as plain data."""
+    import numpy as np
+
+    rows, joints = there.samples, there.header["joints"]
+    missed = np.maximum(rows["elapsed"].astype(np.int64) - 1, 0)
+    known = np.isfinite(rows["applied"]).all(axis=1)
+    facts: dict[str, Any] = {
+        "made_by": there.header.get("made_by"),
+        "robot": there.header.get("robot"),
+        "joints": joints,
+        "dt": there.header["dt"],
+        "inputs": there.header["inputs"],
+        "samples": len(rows),
+        "seconds": float(there.t[-1] - there.t[0]) if len(rows) else 0.0,
+        "starts": int(len(there.rows) - len(rows)),
+        "missed": int(missed.sum()),
+        "most_missed": int(missed.max(initial=0)),
+        "applied_known": int(known.sum()),
+        "fault": there.fault,
+    }
+    if len(rows):
+        with np.errstate(invalid="ignore"):
+            error = np.nan_to_num(np.abs(rows["q_measured"] - rows["q_ref"])).max(axis=0)
+        facts["error"] = dict(zip(joints, error.tolist(), strict=True))
+        facts["torque"] = dict(zip(joints, np.abs(there.tau).max(axis=0).tolist(), strict=True))
+    if played is not None:
+        largest = max(facts.get("torque", {}).values(), default=0.0)
+        facts["replay"] = {
+            "samples": played.samples,
+            "difference": dict(zip(joints, played.difference.tolist(), strict=True)),
+            "first": played.first,
+            "status": played.status,
+            "same": bool(played.difference.max() <= _SAME * largest) and played.status is None,
+        }
+    return facts
+
+
+def _print(file: Path, facts: dict[str, Any]) -> None:
+    """Print what is said of a log."""
+    of = f" of {facts['robot']}" if facts["robot"] else ""
+    say(
+        f"{file}: {facts['samples']} samples{of}, {facts['seconds']:.4g} s at {1.0 / facts['dt']:.6g} Hz, "
+        f"{len(facts['joints'])} joints"
+    )
+    say(f"  written by      {facts['made_by'] or 'a program that does not say'}")
+    late = (
+        f"{facts['missed']} samples, at most {facts['most_missed']} in a row" if facts["missed"] else "none"
+    )
+    say(f"  missed          {late}")
+    said = "not said" if not facts["applied_known"] else f"said in {facts['applied_known']} samples"
+    say(f"  torque applied  {said}")
+    say(f"  fault           {facts['fault'] or 'none'}")
+    for name, values in (("largest error", facts.get("error")), ("largest torque", facts.get("torque"))):
+        if values:
+            joint = max(values, key=values.__getitem__)
+            say(f"  {name:15} {values[joint]:.4g} ({joint})")
+    if (played := facts.get("replay")) is None:
+        return
+    if played["first"] is None:
+        say(f"  replay          the same torques to the bit in {played['samples']} samples")
+    else:
+        joint = max(played["difference"], key=played["difference"].__getitem__)
+        say(
+            f"  replay          at most {played['difference'][joint]:.3g} N m or N apart ({joint}), "
+            f"first in sample {played['first']}"
+        )
+    if played["status"] is not None:
+        say(f"                  another status or reason from sample {played['status']} on")
+
+
+def _table(there: ArmLog) -> str:
+    """Return the samples as CSV: time, then each quantity joint by joint, as `armgpi identify` reads it."""
+    import numpy as np
+
+    rows, joints = there.samples, there.header["joints"]
+    short = {"q_measured": "q", "v_measured": "v"}
+    names = [*there.header["inputs"], "tau"]
+    names += ["applied"] if np.isfinite(rows["applied"]).all() else []
+    titles = ["time", *(f"{short.get(name, name)}_{joint}" for name in names for joint in joints)]
+    values = np.concatenate([there.t[:, None], *(rows[name] for name in names)], axis=1)
+    return "\n".join([",".join(titles), *(",".join(map(repr, row)) for row in values.tolist())]) + "\n"

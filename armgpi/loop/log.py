@@ -1,0 +1,403 @@
+"""The log of a controlled arm: one file format for hardware, two processes and simulation, and its replay.
+
+A file of a log (`.armlog`) is little endian throughout:
+
+====== ================= ==============================================================================
+offset type              meaning
+====== ================= ==============================================================================
+0      8 x u8            ``ARMGPILG``
+8      u32               version of this format, 1
+12     u32               bytes of the header
+16     UTF-8             the header, JSON: `joints`, `dt` [s], `inputs`, and what is known besides
+then   rows of one size:
+0      u64               number of the sample, in sample times
+8      u32               event: 0 a sample, 1 a start (init), 2 a start that keeps the torque (reset)
+12     4 x u32           the controller's status, reason and joint; sample times since the last row
+28     u32               unused, 0
+32     n x f64 each      the inputs in the header's order; the torque sent; the torque that the robot says it
+                         applies, NaN where it does not say
+====== ================= ==============================================================================
+
+The C of an exported controller (``armgpi_log.h``) writes the same, from memory that it was given.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from enum import IntEnum
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi import files
+from armgpi.arrays import Array, check_path, check_type
+from armgpi.control.controller import FullState, Measurement
+from armgpi.control.supervisor import Reason, State
+from armgpi.errors import NameNotFound, ParameterError, RolloutError
+from armgpi.references.reference import Target
+from armgpi.version import VERSION
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Begin of a file, version of the format, and ending of its name.
+MAGIC, VERSION_OF_FORMAT, ENDING = b"ARMGPILG", 1, ".armlog"
+#: What a controller may be given in a sample, in this order.
+INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")
+#: Longest header, largest file [bytes], and most joints.
+_LONGEST, _LARGEST, _MOST_JOINTS = 1 << 20, 1 << 32, 1000
+_COUNTS = ("event", "status", "reason", "joint", "elapsed", "unused")
+
+
+class Event(IntEnum):
+    """What a row is of."""
+
+    SAMPLE = 0
+    INIT = 1
+    RESET = 2
+
+
+class ArmLog(NamedTuple):
+    """What a controller was given and what it answered, sample by sample.
+
+    Attributes:
+        header: `joints` (their names), `dt` [s], `inputs` (which of `q_measured`, `v_measured`, `q_ref`,
+            `v_ref`, `a_ref`), and what is known besides: `robot`, `made_by`, `layout` (of the exported
+            controller), `diverged` (when a simulated arm was lost [s]).
+        rows: structured array (k,) with the fields of a row, see :mod:`armgpi.loop.log`.
+        source: where it came from, for messages.
+    """
+
+    header: Mapping[str, Any]
+    rows: npt.NDArray[np.void]
+    source: str = "log"
+
+    @property
+    def samples(self) -> npt.NDArray[np.void]:
+        """Rows that are samples, not starts."""
+        samples: npt.NDArray[np.void] = self.rows[self.rows["event"] == Event.SAMPLE]
+        return samples
+
+    @property
+    def inputs(self) -> dict[str, Array]:
+        """Name -> what the controller was given in each sample, (samples, n)."""
+        return {name: self.samples[name] for name in self.header["inputs"]}
+
+    @property
+    def t(self) -> Array:
+        """Time of each sample [s], (samples,)."""
+        return np.asarray(self.samples["number"] * float(self.header["dt"]))
+
+    @property
+    def tau(self) -> Array:
+        """Torque sent in each sample [N m or N], (samples, n)."""
+        return np.asarray(self.samples["tau"])
+
+    @property
+    def fault(self) -> str | None:
+        """First fault in words, as "2.315 s: REFERENCE (elbow)"; None where there is none."""
+        faulty = self.samples[self.samples["reason"] > Reason.NONE]
+        if not len(faulty):
+            return None
+        row = faulty[0]
+        joint = self.header["joints"][row["joint"]]
+        return f"{row['number'] * self.header['dt']:.4g} s: {Reason(row['reason']).name} ({joint})"
+
+
+def row_type(inputs: tuple[str, ...], n: int) -> np.dtype[np.void]:
+    """Return the type of a row for these inputs and n joints."""
+    numbers = [("number", "<u8"), *((name, "<u4") for name in _COUNTS)]
+    return np.dtype([*numbers, *((name, "<f8", (n,)) for name in (*inputs, "tau", "applied"))])
+
+
+class LogWriter:
+    """Rows in memory that is there from the start; when it is full the oldest are overwritten."""
+
+    def __init__(
+        self, joints: tuple[str, ...], dt: float, inputs: tuple[str, ...], room: int, **known: Any
+    ) -> None:
+        """Make room for so many rows; `known` goes into the header."""
+        self._header = {
+            "joints": list(joints),
+            "dt": dt,
+            "inputs": list(inputs),
+            "made_by": f"armgpi {VERSION}",
+        }
+        self._header |= known
+        self._inputs = inputs
+        self._rows = np.zeros(room, row_type(inputs, len(joints)))
+        self._count = 0
+
+    def take(
+        self,
+        number: int,
+        measured: Measurement | FullState,
+        target: Target,
+        tau: Array,
+        *,
+        event: Event = Event.SAMPLE,
+        report: tuple[int, int, int] = (State.RUN, Reason.NONE, 0),
+        elapsed: int = 1,
+        applied: Array | None = None,
+    ) -> None:
+        """Keep a row.
+
+        Args:
+            number: of the sample.
+            measured: what the controller was given.
+            target: likewise.
+            tau: what it answered [N m or N], (n,).
+            event: a sample, or a start before it.
+            report: status, reason and index of the joint.
+            elapsed: sample times since the last row.
+            applied: torque that the robot says it applies [N m or N], (n,).
+        """
+        row = self._rows[self._count % len(self._rows)]
+        row["number"], row["event"], row["elapsed"] = number, event, elapsed
+        row["status"], row["reason"], row["joint"] = report
+        given = {f"{name}_measured": x for name, x in measured._asdict().items()}
+        given |= {f"{name}_ref": x for name, x in target._asdict().items()}
+        for name in self._inputs:
+            row[name] = given[name]
+        row["tau"], row["applied"] = tau, np.nan if applied is None else applied
+        self._count += 1
+
+    def log(self) -> ArmLog:
+        """Return what is there, the oldest row first."""
+        room = len(self._rows)
+        first = self._count % room if self._count > room else 0
+        rows = np.roll(self._rows, -first) if first else self._rows[: self._count]
+        return ArmLog(self._header, rows.copy())
+
+
+def write(log: ArmLog, path: str | PathLike[str]) -> Path:
+    """Write a log to a file, whole or not at all.
+
+    Raises:
+        RolloutError: when it cannot be written.
+        ParameterError: when an argument is not as it should be.
+    """
+    check_type(log, "log", ArmLog, "an ArmLog")
+    return files.write(check_path(path, "path"), pack(log))
+
+
+def pack(log: ArmLog) -> bytes:
+    """Return a log as the bytes of a file."""
+    return preamble(log.header) + log.rows.tobytes()
+
+
+def preamble(header: Mapping[str, Any]) -> bytes:
+    """Return what stands before the rows: magic, version, the header and its length: a multiple of 8."""
+    text = json.dumps(dict(header)).encode()
+    text += b" " * (-len(text) % 8)
+    sizes = np.array([VERSION_OF_FORMAT, len(text)], dtype="<u4").tobytes()
+    return MAGIC + sizes + text
+
+
+def read(path: str | PathLike[str]) -> ArmLog:
+    """Read a log; of a file that was cut off, the rows that are whole.
+
+    Raises:
+        RolloutError: when the file is missing, too large, no log of this format, or damaged.
+        ParameterError: when `path` is no path.
+    """
+    source = check_path(path, "path")
+    try:
+        size = source.stat().st_size
+        if size > _LARGEST:
+            raise RolloutError(f"{source}: is larger than a log may be ({_LARGEST} bytes)")
+        content = source.read_bytes()
+    except OSError as error:
+        raise RolloutError(f"{source}: cannot be read: {error.strerror or error}") from None
+    if content[:8] != MAGIC or len(content) < 16:
+        raise RolloutError(
+            f"{source}: is no log of an arm; expected a file that begins with {MAGIC.decode()}"
+        )
+    version, length = (int(x) for x in np.frombuffer(content, "<u4", 2, 8))
+    if version != VERSION_OF_FORMAT:
+        raise RolloutError(f"{source}: is a log of format {version}, expected {VERSION_OF_FORMAT}")
+    if length > min(_LONGEST, len(content) - 16):
+        raise RolloutError(f"{source}: its header of {length} bytes is not whole")
+    header = _header(content[16 : 16 + length], source)
+    kind = row_type(tuple(header["inputs"]), len(header["joints"]))
+    rows = np.frombuffer(content, kind, (len(content) - 16 - length) // kind.itemsize, 16 + length)
+    if damage := _damage(rows, len(header["joints"])):
+        raise RolloutError(f"{source}: {damage}")
+    return ArmLog(header, rows, str(source))
+
+
+def _header(text: bytes, source: Path) -> dict[str, Any]:
+    """Return the header of a file, checked."""
+    try:
+        header = json.loads(text)
+        joints, dt, inputs = header["joints"], header["dt"], header["inputs"]
+    except (ValueError, RecursionError, TypeError, KeyError) as error:
+        said = " ".join(str(error).split())[:100]
+        raise RolloutError(f"{source}: its header is no JSON with joints, dt and inputs ({said})") from None
+    names = joints if isinstance(joints, list) else []
+    if not 0 < len(names) <= _MOST_JOINTS or not all(isinstance(name, str) for name in names):
+        raise RolloutError(f"{source}: joints in its header: expected 1 to {_MOST_JOINTS} names")
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 1e-9 < dt < 1e3:
+        raise RolloutError(f"{source}: dt in its header: expected a positive time [s], got {dt!r}"[:300])
+    known = [name for name in INPUTS if isinstance(inputs, list) and name in inputs]
+    if known != inputs or not {"q_measured", "q_ref"} <= set(known):
+        raise RolloutError(
+            f"{source}: inputs in its header: expected q_measured, q_ref and more of "
+            f"{', '.join(INPUTS)}, in this order"
+        )
+    return dict(header)
+
+
+def _damage(rows: npt.NDArray[np.void], n: int) -> str:
+    """Return what in rows cannot be, empty when all is well."""
+    for name, most in (("event", len(Event)), ("status", len(State)), ("reason", len(Reason)), ("joint", n)):
+        beyond = np.flatnonzero(rows[name] >= most)
+        if beyond.size:
+            return f"row {beyond[0]}: {name} is {rows[name][beyond[0]]}, expected below {most}"
+    if (bad := np.flatnonzero(~np.isfinite(rows["tau"]).all(axis=1))).size:
+        return f"row {bad[0]}: tau is no finite number"
+    numbers = rows["number"].astype(np.int64)
+    if (bad := np.flatnonzero(np.diff(numbers) < 0)).size:
+        return f"row {bad[0] + 1}: number is {numbers[bad[0] + 1]} after {numbers[bad[0]]}"
+    if (numbers < 0).any() or (numbers > 1 << 53).any():
+        return "its samples are numbered beyond 2^53"
+    return ""
+
+
+class Replay(NamedTuple):
+    """How far a law is from the torques of a log.
+
+    Attributes:
+        samples: how many were compared.
+        difference: largest difference of each joint [N m or N], (n,).
+        first: number of the first sample whose torque is not the same to the bit; None for none.
+        status: number of the first sample whose status or reason differs; None for none.
+    """
+
+    samples: int
+    difference: Array
+    first: int | None
+    status: int | None
+
+
+def replay(log: ArmLog, controller: Any) -> Replay:
+    """Give a controller what a log says that it was given, and compare the torques.
+
+    Args:
+        log: that begins with a start, as all do that were not overwritten in their writer's memory.
+        controller: the law under its supervisor (:class:`armgpi.Supervised`) in Python, or as exported C.
+
+    Raises:
+        RolloutError: when the log does not begin with a start, or lacks what the controller is given.
+        NameNotFound: when a joint of the log is not the controller's.
+        ParameterError: when the order of joints or the sample time is another one.
+    """
+    check_type(log, "log", ArmLog, "an ArmLog")
+    _check_same(log, controller)
+    if not len(log.rows) or log.rows["event"][0] == Event.SAMPLE:
+        raise RolloutError(
+            f"{log.source}: does not begin with a start, so the state of its first sample is not known; "
+            "give the writer more room, or write the log of a shorter time"
+        )
+    full = controller.measurement_type is FullState
+    n, state = len(log.header["joints"]), None
+    zero = np.zeros(n)
+    difference, first, status, samples = np.zeros(n), None, None, 0
+    for row in log.rows:
+        given = {name: row[name] if name in log.header["inputs"] else zero for name in INPUTS}
+        measured: Any = Measurement(given["q_measured"])
+        if full:
+            measured = FullState(given["q_measured"], given["v_measured"])
+        target = Target(given["q_ref"], given["v_ref"], given["a_ref"])
+        with np.errstate(all="ignore"):  # a measurement that is none belongs to what is replayed
+            if state is None or row["event"] == Event.INIT:
+                state = controller.init(measured, target)
+                continue
+            if row["event"] == Event.RESET:
+                state = controller.reset(measured, target, state)
+                continue
+            taken = controller.advance(measured, target, state, max(1, int(row["elapsed"])))
+            if np.isfinite(row["applied"]).all():
+                taken = controller.within_rate(row["applied"], taken)
+        apart = np.abs(taken.tau - row["tau"])
+        difference, samples, state = np.maximum(difference, apart), samples + 1, taken.state
+        number = int(row["number"])
+        first = number if first is None and apart.any() else first
+        said = controller.report(state)
+        wanted = State(row["status"]).name.lower(), Reason(row["reason"]).name.lower()
+        status = number if status is None and said[:2] != wanted else status
+    return Replay(samples, difference, first, status)
+
+
+def _check_same(log: ArmLog, controller: Any) -> None:
+    """Refuse a controller of other joints or another sample time."""
+    joints, names = log.header["joints"], list(controller.robot.joint_names)
+    for name in joints:
+        if name not in names:
+            raise NameNotFound(f"{log.source}: joint", name, names)
+    if joints != names:
+        raise ParameterError("controller", ", ".join(names), f"one of the joints {', '.join(joints)}")
+    if not np.isclose(controller.dt, log.header["dt"], rtol=1e-9):
+        raise ParameterError("controller", f"dt = {controller.dt:g}", f"one of dt = {log.header['dt']:g} s")
+    needs = "v_measured" if controller.measurement_type is FullState else "q_measured"
+    if needs not in log.header["inputs"]:
+        raise RolloutError(f"{log.source}: has no {needs}, which this controller is given")
+
+
+def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
+    """Return a log as a rollout, for reports, players and metrics.
+
+    A log knows the arm by its measurements alone: `q` is the measured position, `v` its central difference.
+    `tau` is what the robot says it applied, where it does, else what was sent.
+
+    Args:
+        log: of the robot's joints.
+        robot: for limits and kinds of joints.
+
+    Raises:
+        NameNotFound, ParameterError: when the joints are others.
+        RolloutError: when the log has fewer than two samples.
+    """
+    from armgpi.loop.rollout import Recorded, Recording, Status
+
+    rows, names = log.samples, list(robot.joint_names)
+    if log.header["joints"] != names:
+        raise ParameterError(
+            "robot", ", ".join(names), f"one of the joints {', '.join(log.header['joints'])}"
+        )
+    if len(rows) < 2 or not (np.diff(log.t) > 0.0).all():
+        raise RolloutError(f"{log.source}: expected at least two samples at increasing times")
+    recording = Recording.new((robot.n,), len(rows) - 1, float(log.header["dt"]), 1)
+    recording.times = log.t - log.t[0]
+    q, tau = rows["q_measured"], rows["tau"]
+    v = rows["v_measured"] if "v_measured" in log.inputs else np.gradient(q, recording.times, axis=0)
+    said = np.isfinite(rows["applied"])
+    variables = {"q": q, "v": v, "q_ref": rows["q_ref"], "q_measured": q, "tau_command": tau}
+    variables |= {"tau": np.where(said, rows["applied"], tau)}
+    variables["v_ref"] = (
+        rows["v_ref"] if "v_ref" in log.inputs else np.gradient(rows["q_ref"], recording.times, axis=0)
+    )
+    recording.store(0, {name: values[:, None] for name, values in variables.items()})
+    faulty = np.flatnonzero(rows["reason"] > Reason.NONE)
+    t_fault = float(recording.times[faulty[0]]) if faulty.size else np.nan
+    faults: dict[str, Any] = {
+        "fault": rows["reason"][faulty[:1]].astype(np.int32) if faulty.size else np.zeros(1, np.int32),
+        "fault_joint": rows["joint"][faulty[:1]].astype(np.int32) if faulty.size else -np.ones(1, np.int32),
+        "t_fault": np.array([t_fault]),
+    }
+    recording.faults = faults
+    if faulty.size:
+        recording.status[0], recording.t_end[0] = Status.STOPPED, t_fault
+    made_from = {
+        "plant": {"type": "an arm known by its log", "robot": robot.provenance},
+        "controller": {"type": "of the log", "dt": float(log.header["dt"])},
+        "reference": {"type": "of the log"},
+        "measurement": (FullState if "v_measured" in log.inputs else Measurement).__name__,
+        "backend": f"log {Path(log.source).name}",
+        "log": dict(log.header),
+    }
+    return Recorded(recording, robot, None, made_from).dataset()
