@@ -84,6 +84,8 @@ Prefix = Annotated[
         show_default=False,
     ),
 ]
+#: Of a robot's highest rate of torque, so that roundings do not pass it; libfranka's kLimitEps.
+_JUST_BELOW = 1.0 - 1e-6
 
 
 @stoppable
@@ -204,8 +206,9 @@ def _target(options: dict[str, Any]) -> str:
         options["gravity"] = "robot"
         if options["dt"] is None and options["config"] is None:
             options["dt"] = COMPENSATING[target].dt
-        if options["torque_rate"] is None and COMPENSATING[target].rate is not None:
-            options["torque_rate"] = str(COMPENSATING[target].rate)
+        rate = COMPENSATING[target].rate
+        if options["torque_rate"] is None and rate is not None:
+            options["torque_rate"] = f"{rate * _JUST_BELOW:.10g}"
     return target
 
 
