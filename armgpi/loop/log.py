@@ -352,7 +352,7 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
     """Return a log as a rollout, for reports, players and metrics.
 
     A log knows the arm by its measurements alone: `q` is the measured position, `v` its central difference.
-    `tau` is what the robot says it applied, where it does, else what was sent.
+    `tau` is what the robot says it applied, where it does, else what was sent. Missed samples are left out.
 
     Args:
         log: of the robot's joints.
