@@ -471,8 +471,8 @@ def _frozen_text(controller: Supervised) -> str:
     return (
         f"a position did not change at all for {samples} samples in which it should have: since it last "
         f"changed, its reference has moved by more than {_few(controller.bounds.travel)} rad or m, and its "
-        f"torque by more than {_few(controller._sticking)} N m or N, or the torque is at its limit; at once "
-        "where the joint was moving with its reference. An arm at rest is no fault"
+        f"torque by more than {_few(controller.frozen.sticking)} N m or N, or the torque is at its limit; at "
+        "once where the joint was moving with its reference. An arm at rest is no fault"
     )
 
 

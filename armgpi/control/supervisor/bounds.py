@@ -1,0 +1,296 @@
+"""What a supervisor takes for a fault: its settings, and the same as numbers for an arm and a sample time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import LARGEST, Array, per_joint, quantity
+from armgpi.control.controller import Controller
+from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
+
+#: Positions beyond this are no measurements: sine and cosine would lose digits and time [rad or m]. Set by
+#: hand: single precision is left 1 mrad there.
+FARTHEST = 1e4
+#: Counts by which a reference has to move before a measurement has to. Set by hand.
+COUNTS = 16.0
+#: Time constant of the velocities from which a stop begins, and of the torques that RESPONSE compares [s].
+#: Set by hand: five samples at 1 kHz.
+SMOOTHING = 5e-3
+#: Configurations in which inertias are looked at, always the same. Set by hand.
+_POSES = 16
+#: Resolution of positions where none is given: a turn, or the travel of a prismatic joint, in 2^16 counts, as
+#: GPI.untuned takes it where nobody says it.
+_BITS = 16
+#: Standard deviations of noise that count as resolution: a normal one passes them once in 5e8 samples.
+_SIGMAS = 6.0
+#: A measurement that does not change for so long [s], while it should, is frozen. Set by hand; healthy draws
+#: that it stops are counted by tools/alarms.py.
+_FROZEN_TIME = 0.05
+
+
+@with_parameters
+class Supervisor(Parametrised):
+    """What a supervisor takes for a fault, and how it stops the arm.
+
+    A frozen sensor and an arm at rest both repeat one number. They differ in what was asked of the arm since
+    the number last changed: the reference has moved on by 16 counts, or the torque is at its limit.
+    """
+
+    on_fault: str = parameter(
+        "torque in FAULT: brake follows the decelerating reference by the nominal model and damps the joints "
+        "that still measure well, hold carries the arm's weight at the last good position, zero",
+        kind="choice",
+        default="brake",
+        choices=("brake", "hold", "zero"),
+        structural=True,
+    )
+    deceleration: PerJoint = parameter(
+        "deceleration of a stop",
+        unit="rad/s^2 or m/s^2",
+        default=10.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
+    stop_velocity: PerJoint = parameter(
+        "velocity at which a stop begins, at most",
+        unit="rad/s or m/s",
+        default=None,
+        none="the velocity limits",
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
+    torque_rate: PerJoint = parameter(
+        "highest rate of change of torque, in every state; the anti-windup knows of it",
+        unit="N m/s or N/s",
+        default=None,
+        none="no limit",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    jump: float = parameter(
+        "JUMP: samples of travel at the velocity limit by which a measurement may miss where its last "
+        "change leads; one more than may get lost in a row; 0 for no check",
+        default=2.0,
+        least=0.0,
+    )
+    reference_jump: float = parameter(
+        "REFERENCE: samples of travel at the velocity limit by which the reference may miss where its "
+        "velocity leads; 0 for no check, nor of reference_step",
+        default=2.0,
+        least=0.0,
+    )
+    reference_step: float = parameter(
+        "REFERENCE: for how long a step of the reference's velocity may take all the torque of a joint's "
+        "motor; 0 for no bound",
+        unit="s",
+        default=0.01,
+        least=0.0,
+    )
+    frozen_samples: int | None = parameter(
+        "FROZEN: samples for which a measurement repeats itself that should change; 0 for no check",
+        kind="integer",
+        default=None,
+        none="those of 0.05 s, and of the delay",
+        least=0,
+        most=2**20,
+        key="frozen",
+    )
+    sticking: float = parameter(
+        "FROZEN: share of its limit by which a joint's torque may change while friction holds it: twice the "
+        "friction of its gear; 0 for a joint without any",
+        default=0.1,
+        least=0.0,
+        most=1.0,
+    )
+    resolution: PerJoint = parameter(
+        "a count: what positions may differ by without a motion",
+        unit="rad or m",
+        default=None,
+        none="the encoder's, or a turn / 2^16",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    position_margin: PerJoint = parameter(
+        "POSITION: how far beyond its limits a joint may be",
+        unit="rad or m",
+        default=0.1,
+        least=0.0,
+        per_joint=True,
+    )
+    following: PerJoint = parameter(
+        "FOLLOWING: largest distance from the reference",
+        unit="rad or m",
+        default=0.5,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+    )
+    saturated: float = parameter(
+        "SATURATED: how long a torque may be at its limit; shorter times add up, times below it count back; "
+        "0 for no check",
+        unit="s",
+        default=0.5,
+        least=0.0,
+    )
+    response: float = parameter(
+        "RESPONSE: how long a joint may answer its torque the wrong way, running away from its reference; "
+        "it brakes by its torque turned round then; 0 for no check",
+        unit="s",
+        default=0.012,
+        least=0.0,
+    )
+    missed: int = parameter(
+        "LATE: samples that may be missed in a row; after as many without a good measurement it is FAULT",
+        kind="integer",
+        default=20,
+        least=0,
+        most=1000,
+    )
+
+
+class Bounds(NamedTuple):
+    """The numbers that a supervised controller compares with, each of shape (n,) or (batch, n).
+
+    Attributes:
+        jump: by how much a position may miss where its last change leads [rad or m].
+        turn: a change in a sample of which a joint may turn round at once [rad or m].
+        step: by how much the reference may miss where its velocity leads [rad or m].
+        lower: lowest position [rad or m].
+        upper: highest position [rad or m].
+        following: largest distance from the reference [rad or m].
+        travel: of the reference, which asks a position to change [rad or m].
+        slowing: change of velocity in a sample of a stop [rad or m per sample].
+        stop_velocity: at which a stop begins, at most [rad or m per sample].
+        rate: change of torque in a sample, at most [N m or N].
+    """
+
+    jump: Array
+    turn: Array
+    step: Array
+    lower: Array
+    upper: Array
+    following: Array
+    travel: Array
+    slowing: Array
+    stop_velocity: Array
+    rate: Array
+
+
+def bounds_of(law: Controller, given: Supervisor) -> Bounds:
+    """Return the numbers for a controller's arm and sample time.
+
+    Raises:
+        ArrayError: when a bound does not fit the joints.
+    """
+    robot, dt = law.robot, law.dt
+    declared = parameters(Supervisor)
+
+    def joints(name: str, otherwise: Any = None) -> Array:
+        value = getattr(given, name)
+        value = otherwise if value is None else value
+        one = declared[name]
+        return per_joint(value, name, robot.joint_names, one.bounds, one.inside)
+
+    count = joints("resolution", robot.encoder_count(_BITS))
+    lower, upper, limit, _ = robot.limits
+    # A joint whose URDF gives no velocity limit may move at any speed.
+    speed = np.where(limit > 0.0, limit, math.inf)
+    margin = joints("position_margin")
+    jumps, steps = (
+        share * dt * speed + 2.0 * count if share else math.inf
+        for share in (given.jump, given.reference_jump)
+    )
+    if given.reference_jump and given.reference_step:
+        steps = np.minimum(steps, given.reference_step * dt * least_acceleration(law) + 2.0 * count)
+    known = np.minimum(speed, LARGEST)
+    least, most = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
+    shape = np.broadcast_shapes(count.shape, least.shape, np.shape(steps))
+    return Bounds(
+        jump=np.minimum(np.broadcast_to(jumps, shape), LARGEST),
+        turn=4.0 * count if given.jump else np.full(shape, LARGEST),
+        step=np.minimum(np.broadcast_to(steps, shape), FARTHEST),
+        lower=least,
+        upper=most,
+        following=joints("following"),
+        travel=COUNTS * count,
+        slowing=dt * (dt * joints("deceleration")),
+        stop_velocity=dt * joints("stop_velocity", known),
+        rate=dt * joints("torque_rate", LARGEST),
+    )
+
+
+def smoothing(dt: float, time_constant: float) -> float:
+    """Return the share of what is new that a smoothed number takes in a sample: backward Euler."""
+    return dt / (dt + time_constant)
+
+
+def own_inverse_inertia(law: Controller) -> Array:
+    """Return each joint's entry of D(q)^-1 in the middle of its range: as if no other joint were driven."""
+    robot: Any = law.robot
+    return np.diagonal(np.linalg.inv(robot.mass_matrix(robot.middle())), axis1=-2, axis2=-1)
+
+
+def turning(law: Controller) -> tuple[Array, Array]:
+    """Return half of what a push, and all torques, change of a motion in a sample, at most [rad or m].
+
+    A push is by half the torque of the joint's motor; torques are at their limits.
+    """
+    effort, half = np.minimum(law.effort, LARGEST), 0.5 * law.dt**2
+    pushed, driven = [], []
+    for inertia in _inertias(law):
+        inverse = np.abs(np.linalg.inv(inertia))
+        pushed.append(half * 0.5 * effort * np.diagonal(inverse, axis1=-2, axis2=-1))
+        driven.append(half * (inverse @ effort[..., None])[..., 0])
+    return np.max(pushed, axis=0), np.max(driven, axis=0)
+
+
+def least_acceleration(law: Controller) -> Array:
+    """Return each joint's least acceleration by all its torque, the others held [rad/s^2 or m/s^2]."""
+    most = np.max([np.diagonal(inertia, axis1=-2, axis2=-1) for inertia in _inertias(law)], axis=0)
+    return np.asarray(np.minimum(law.effort, LARGEST) / most)
+
+
+def _inertias(law: Controller) -> Iterator[Array]:
+    """Yield the nominal model's D(q) in some configurations, always the same."""
+    robot: Any = law.robot
+    lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
+    for share in np.random.default_rng(0).uniform(size=(_POSES, robot.n)):
+        yield robot.mass_matrix(lower + share * (upper - lower))
+
+
+def suited(supervisor: Supervisor, plant: Any, controller: Controller) -> Supervisor:
+    """Return settings in which what is not given suits an experiment's encoder, noise and delay.
+
+    Args:
+        supervisor: the settings.
+        plant: the section of the experiment file.
+        controller: for whose arm.
+    """
+    found: dict[str, Any] = {name: getattr(supervisor, name) for name in parameters(Supervisor)}
+    if found["resolution"] is None:
+        names = controller.robot.joint_names
+        bits = _BITS if plant.encoder_bits is None else plant.encoder_bits
+        count = controller.robot.encoder_count(quantity(bits, "encoder_bits", names, _BITS))
+        noise = 0.0 if plant.noise is None else quantity(plant.noise.position, "position", names, 0.0)
+        found["resolution"] = count + _SIGMAS * noise
+    if found["frozen_samples"] is None:  # what comes late repeats itself for longer
+        found["frozen_samples"] = frozen_samples(controller.dt) + plant.delay
+    if found["response"]:  # and answers late
+        found["response"] += controller.dt * plant.delay
+    return Supervisor(**found)
+
+
+def frozen_samples(dt: float) -> int:
+    """Return how many samples of `dt` [s] make a measurement frozen."""
+    return max(3, math.ceil(_FROZEN_TIME / dt - 1e-9))

@@ -1,0 +1,58 @@
+"""What is worked out over all joints, elementwise as the generated code is: shapes (n,) or (batch, n)."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from functools import partial, reduce
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+
+#: Which joints, or rollouts (..., 1).
+Mask = npt.NDArray[np.bool_]
+
+
+def _over_joints(combine: Callable[[Any, Any], Any], x: Any) -> Any:
+    """Return the joints' numbers combined in their order, shape (1,) or (batch, 1)."""
+    return reduce(combine, (x[..., j : j + 1] for j in range(x.shape[-1])))
+
+
+any_joint: Callable[[Mask], Mask] = partial(_over_joints, operator.or_)
+all_joints: Callable[[Mask], Mask] = partial(_over_joints, operator.and_)
+sum_joints: Callable[[Array], Array] = partial(_over_joints, operator.add)
+largest: Callable[[Array], Array] = partial(_over_joints, np.maximum)
+
+
+def worst_joint(code: Array) -> tuple[Array, Array]:
+    """Return the highest number, and the first joint that has it, each of shape (1,) or (batch, 1)."""
+    worst = largest(code)
+    first = np.zeros_like(worst)
+    for j in reversed(range(code.shape[-1])):
+        first = np.where(code[..., j : j + 1] == worst, float(j), first)
+    return worst, first
+
+
+def tightest(bound: Array) -> Any:
+    """Return the bound of the tightest joint, (1,) or (batch, 1): less to load than that of each."""
+    return np.min(bound, axis=-1, keepdims=True)
+
+
+def beyond(x: Array, limit: Array | float) -> Mask:
+    """Tell which numbers are not within plus and minus a limit; NaN is not."""
+    return ~(np.abs(x) <= limit)
+
+
+def choose(condition: Mask, yes: Any, no: Any) -> Any:
+    """Return a state whose numbers are those of `yes` where the condition holds, else those of `no`.
+
+    Counts are always those of `no`.
+    """
+    if isinstance(yes, tuple):
+        return tuple.__new__(type(yes), [choose(condition, *pair) for pair in zip(yes, no, strict=True)])
+    if yes is None or isinstance(no, int):
+        return no
+    return np.where(condition if np.ndim(yes) else condition[..., 0], yes, no)
