@@ -6,7 +6,7 @@ import json
 import shutil
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -17,13 +17,26 @@ import pytest
 import xarray as xr
 from test_sweep import RARE, TEXT, called, contents
 
+from armgpi import files
 from armgpi.config import build, parse, read
 from armgpi.config import experiment as experiments
 from armgpi.errors import ArmgpiError, RolloutError
+from armgpi.health import zoo
 from armgpi.robot import robots
-from armgpi.studies import results, sample, study
+from armgpi.studies import contend, results, sample, study
 from armgpi.studies.sample import Sweep
 
+TUNED = """
+robot: {name: anthropomorphic3}
+controllers: [{type: gpi, rolloff: 1}]
+reality:
+  sample_time: [0.004]
+  delay: [1, 1]
+  effort_share: 0.0
+  duration: [0.15, 0.3]
+  t_final: 0.6
+tune: {evaluations: 12, population: 4, scenarios: 1, held_out: 1}
+"""
 SMALL = TEXT.replace("anthropomorphic3", "arm.urdf")
 
 
@@ -208,53 +221,105 @@ def interrupting(seconds: float, number: int) -> Iterator[list[int]]:
         signal.signal(signal.SIGALRM, before)
 
 
+#: What is not the same again: times of steps as they were measured, and the hashes of files with them.
+TIMED = ("README.md", "SHA256SUMS")
+
+
 def assert_same(found: dict[str, bytes], whole: dict[str, bytes]) -> None:
-    """Hold the files of two sweeps against each other: bytes, and of results.nc all that it says."""
-    ours, theirs = ({name: x for name, x in each.items() if name != "results.nc"} for each in (found, whole))
-    assert ours == theirs
-    if "results.nc" in whole:
-        # What HDF5 was interrupted in leaves its mark on where the next file has its parts.
-        read = (xr.load_dataset(BytesIO(each["results.nc"]), engine="h5netcdf") for each in (found, whole))
-        xr.testing.assert_identical(*read)
+    """Hold the files of two runs against each other: bytes, and of results.nc all that it says."""
+    assert set(found) == set(whole)
+    assert_part(found, whole)
 
 
-def interrupted(asked: Path, folder: Path, wanted: int, *more: str) -> None:
-    """Interrupt a sweep at random moments until so many signals were sent; each ends with the same bytes."""
-    assert not sweep(asked, folder / "whole", *more)
+def assert_part(found: dict[str, bytes], whole: dict[str, bytes]) -> None:
+    """Hold the files that are there against those of an unbroken run."""
+    for name, content in found.items():
+        if name == "results.nc":
+            # What HDF5 was interrupted in leaves its mark on where the next file has its parts.
+            read = (xr.load_dataset(BytesIO(each), engine="h5netcdf") for each in (content, whole[name]))
+            xr.testing.assert_identical(*read)
+        elif name not in TIMED:
+            assert content == whole[name], name
+
+
+def interrupted(call: Callable[[Path], Any], folder: Path, wanted: int) -> None:
+    """Interrupt a command at random moments until so many signals were sent.
+
+    After each, what is there is a part of what an unbroken run leaves; called again it ends with all of it.
+    """
+    ends = call(folder / "whole")
+    assert ends in (0, 1, None)
     begun = time.perf_counter()
-    assert not sweep(asked, folder / "timed", *more)
+    assert call(folder / "timed") == ends
     long = time.perf_counter() - begun
     whole, random, count, place = contents(folder / "whole"), np.random.default_rng(0), 0, 0
     while count < wanted:
         number = (signal.SIGINT, signal.SIGTERM)[count % 2]
-        code = None
+        out, code = folder / str(place), None
         try:
             with interrupting(max(1e-4, long * random.uniform()), number) as sent:
-                code = sweep(asked, folder / str(place), *more)
+                code = call(out)
         except KeyboardInterrupt:  # before or after the command
             assert sent
         count += len(sent)
-        assert code in (None, 0, *((130,) if number == signal.SIGINT else (143,))), code
-        if code == 0:
-            assert_same(contents(folder / str(place)), whole)
+        assert code in (None, ends, *((130,) if number == signal.SIGINT else (143,))), code
+        assert_part(contents(out), whole)
+        if code == ends:
+            assert_same(contents(out), whole)
             place += 1
-    assert not sweep(asked, folder / str(place), *more)
+    assert call(folder / str(place)) == ends
     assert_same(contents(folder / str(place)), whole)
 
 
 # What is interrupted in a destructor cannot be raised, and Python says so.
+UNRAISABLE = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+FAST = ["sweep", "rare", "certify", "tune", "zoo"]
+COMMANDS = [*FAST, "contend", "export"]
+
+
+@pytest.fixture
+def commands(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, Callable[[Path], Any]]:
+    """What each command does in a folder; small ones, and again it goes on where it can."""
+    monkeypatch.setattr(zoo, "HORIZON", 0.5)
+    monkeypatch.setattr(contend, "QUICK", contend.Setting(12, 1, 1, 1))
+    rare, tuned = tmp_path / "rare.yaml", tmp_path / "tune.yaml"
+    rare.write_text(RARE.replace("anthropomorphic3", "arm.urdf").replace("error: 0.4", "error: 0.1"))
+    tuned.write_text(TUNED)
+    arm = "anthropomorphic3"
+
+    def tune(out: Path) -> Any:
+        resume = ["--resume"] if (out / study.IDENTITY).exists() else []
+        return called("tune", str(tuned), "--backend", "numpy", "--out", str(out), *resume)
+
+    return {
+        "sweep": lambda out: sweep(asked, out),
+        "rare": lambda out: sweep(rare, out, "--rare", "--rollouts", "100"),
+        "tune": tune,
+        "contend": lambda out: called("contend", arm, "--quick", "--law", "GPI, roll-off", "--out", str(out)),
+        "zoo": lambda out: called("zoo", arm, "--out", str(files.make_folder(out) / "zoo.md")),
+        "certify": lambda out: called(
+            *("certify", arm, "--rotor-inertia", "0.1", "--omega", "40"),
+            *("--out", str(files.make_folder(out) / "arm.json")),
+        ),
+        "export": lambda out: called("export", arm, "--out", str(out)),
+        "reproduce": lambda out: called("reproduce", "--quick", "--out", str(out)),
+    }
+
+
+@UNRAISABLE
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("more", [(), ("--rare", "--rollouts", "100")])
-def test_a_sweep_that_is_interrupted_ends_with_the_same_bytes(
-    asked: Path, tmp_path: Path, more: tuple[str, ...]
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_is_interrupted_ends_with_the_same_bytes(
+    name: str, commands: dict[str, Callable[[Path], Any]], tmp_path: Path
 ) -> None:
-    if more:
-        asked.write_text(RARE.replace("anthropomorphic3", "arm.urdf").replace("error: 0.4", "error: 0.1"))
-    interrupted(asked, tmp_path, 12, *more)
+    interrupted(commands[name], tmp_path / name, 6 if name in FAST else 1)
 
 
+@UNRAISABLE
 @pytest.mark.search
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_hundred_signals(asked: Path, tmp_path: Path) -> None:
-    interrupted(asked, tmp_path, 100)
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", [*COMMANDS, "reproduce"])
+def test_many_signals(name: str, commands: dict[str, Callable[[Path], Any]], tmp_path: Path) -> None:
+    interrupted(commands[name], tmp_path / name, 10 if name == "reproduce" else 100)
