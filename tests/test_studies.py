@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,9 +26,10 @@ from armgpi.config import experiment as experiments
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.health import zoo
 from armgpi.robot import robots
-from armgpi.studies import contend, results, sample, study
+from armgpi.studies import contend, results, sample, study, workers
 from armgpi.studies.sample import Sweep
 
+ROOT = Path(__file__).parents[1]
 TUNED = """
 robot: {name: anthropomorphic3}
 controllers: [{type: gpi, rolloff: 1}]
@@ -323,3 +327,67 @@ def test_a_command_that_is_interrupted_ends_with_the_same_bytes(
 @pytest.mark.parametrize("name", [*COMMANDS, "reproduce"])
 def test_many_signals(name: str, commands: dict[str, Callable[[Path], Any]], tmp_path: Path) -> None:
     interrupted(commands[name], tmp_path / name, 10 if name == "reproduce" else 100)
+
+
+# Clusters.
+
+
+@contextmanager
+def cluster(folder: Path, count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Give the address of a scheduler, and processes in folders of their own: it, and its workers."""
+    pytest.importorskip("distributed")
+    code = "import sys; from dask.__main__ import main; sys.argv[0] = 'dask'; main()"
+    at = folder / "scheduler.json"
+    options = [["scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(at)]]
+    options += [
+        ["worker", "--scheduler-file", str(at), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    ] * count
+    processes = []
+    try:
+        for place, each in enumerate(options):
+            own = files.make_folder(folder / f"process-{place}")
+            command = [sys.executable, "-c", code, *each]
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+            processes.append(subprocess.Popen(command, cwd=own, env=environment, **quiet))  # type: ignore[call-overload]
+        while not at.exists() or not at.read_text():
+            time.sleep(0.1)
+        yield json.loads(at.read_text())["address"], processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_workers_stand_elsewhere_writes_the_same_bytes(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sample, "_MOST", 4096)  # as in the workers, which are other processes
+    monkeypatch.chdir(tmp_path)
+    many = ("study.yaml", "--rollouts", "16400")  # 5 chunks
+    assert not called("sweep", *many, "--out", "here")
+    with cluster(tmp_path, 2) as (address, (scheduler, worker, _)):
+        finished: list[int] = []
+
+        def one_lost(*_: Any) -> Any:
+            finished.append(1)
+            if len(finished) == 2:
+                worker.kill()
+            return progress(*_)
+
+        progress = workers._finished
+        monkeypatch.setattr(workers, "_finished", one_lost)
+        assert not called("sweep", *many, "--out", "there", "--cluster", address)
+        assert worker.poll() is not None
+        assert contents(tmp_path / "there") == contents(tmp_path / "here")
+        capsys.readouterr()
+        finished.clear()
+        monkeypatch.setattr(workers, "_finished", lambda *_: scheduler.kill() or progress(*_))
+        assert called("sweep", *many, "--out", "cut", "--cluster", address) == 2
+        said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+        assert len(said) == 1
+        assert "scheduler" in said[0]
+    assert_part(contents(tmp_path / "cut"), contents(tmp_path / "here"))
+    assert not called("sweep", *many, "--out", "cut")
+    assert contents(tmp_path / "cut") == contents(tmp_path / "here")

@@ -107,6 +107,8 @@ def _ran(
     missing = [(i, rows) for i, rows in chunks if not study.has(chunk_name(i, rows))]
     with _progress(count, count - sum(rows for _, rows in missing)) as done:
         broken = running.run(study.folder, missing, done, workers, cluster)
+    lost = [i for i, rows in chunks if i not in broken and not study.has(chunk_name(i, rows))]
+    broken |= dict.fromkeys(lost, f"no worker has written it to {study.folder}")
     for chunk, reason in broken.items():
         say(f"chunk {chunk} is broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -50,19 +51,14 @@ def run(
     broken: dict[int, str] = {}
     folder = folder.resolve()  # workers stand elsewhere
     with _client(distributed, workers, cluster) as client:
-        rows = {}
-        for chunk, count in chunks:
-            future = client.submit(
-                _task, str(folder), chunk, count, pure=False, retries=_RETRIES, key=f"{folder.name}-{chunk}"
-            )
-            rows[future] = (chunk, count)
+        rows = {
+            client.submit(_task, str(folder), chunk, count, pure=False, retries=_RETRIES): (chunk, count)
+            for chunk, count in chunks
+        }
         # A chunk is on the disk before its future is done: a lost worker loses nothing that was finished.
         for future in distributed.as_completed(list(rows)):
             chunk, count = rows[future]
-            if future.status != "finished":
-                broken[chunk] = _said(future.exception())
-                continue
-            reason, room = future.result()
+            reason, room = _finished(future)
             if not room:
                 client.cancel(list(rows))
                 raise NoRoom(reason)
@@ -71,6 +67,22 @@ def run(
             else:
                 done(count)
     return broken
+
+
+def _finished(future: Any) -> tuple[str, bool]:
+    """Return what :func:`_task` did, or why it came to no end.
+
+    Raises:
+        BackendError: when the scheduler was lost.
+    """
+    if future.status == "error":
+        return _said(future.exception()), True
+    try:
+        done: tuple[str, bool] = future.result()
+    except (OSError, TimeoutError, CancelledError) as error:
+        said = "the Dask scheduler was lost; start the sweep again, and it goes on"
+        raise BackendError(f"{said} ({_said(error)})") from None
+    return done
 
 
 def _here(folder: Path, chunks: Sequence[tuple[int, int]], done: Callable[[int], None]) -> dict[int, str]:
