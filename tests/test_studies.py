@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -25,6 +26,7 @@ from armgpi.config import build, parse, read
 from armgpi.config import experiment as experiments
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.health import zoo
+from armgpi.loop.rollout import Status
 from armgpi.robot import robots
 from armgpi.studies import contend, results, sample, study, workers
 from armgpi.studies.sample import Sweep
@@ -203,6 +205,52 @@ def test_any_damaged_file_of_a_study_is_refused(tmp_path: Path) -> None:
     assert damaged(tmp_path, 5000) > 9000
 
 
+def filled(folder: Path, chunks: int) -> tuple[Sweep, study.Study]:
+    """Return a sweep whose chunks have the right draws, and any metrics."""
+    whole = Sweep.of(*parse(TEXT, "study.yaml"))
+    there, random = whole.enter(folder), np.random.default_rng(0)
+    for chunk in range(chunks):
+        table = random.uniform(size=(whole.size, len(whole.columns)))
+        table[:, : whole.width] = whole.numbers(chunk, whole.size)
+        table[:, whole.columns.index("status")] = Status.FINISHED
+        there.write(sample.chunk_name(chunk, whole.size), table)
+    return whole, there
+
+
+def test_a_result_takes_as_many_bytes_as_promised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sample, "_MOST", 2048)
+
+    def taken(chunks: int) -> Any:
+        whole, there = filled(tmp_path / str(chunks), chunks)
+        tracemalloc.start()
+        found = results.collect(whole, there, chunks * whole.size)
+        held = tracemalloc.get_traced_memory()[0]
+        results.write(whole, found, results.summary(whole, found), there.folder)
+        both = np.array([held, tracemalloc.get_traced_memory()[1]])
+        tracemalloc.stop()
+        return both
+
+    taken(1)  # imports
+    held, most = (taken(9) - taken(2)) / (7 * 2048)
+    whole = Sweep.of(*parse(TEXT, "study.yaml"))
+    bound = 64 + 8 * (len(whole.metrics) * whole.robot.n + whole.width)
+    assert held <= bound
+    assert most <= 3 * bound
+
+
+def test_a_chunk_with_other_draws_is_refused_though_its_hash_is_right(tmp_path: Path) -> None:
+    whole, there = filled(tmp_path, 1)
+    name = sample.chunk_name(0, whole.size)
+    right = there.read(name, (whole.size, len(whole.columns)))
+    assert results.collect(whole, there, whole.size).sizes["rollout"] == whole.size
+    for column in (1, whole.columns.index("status")):
+        wrong = right.copy()
+        wrong[3, column] += 0.5
+        there.write(name, wrong)
+        with pytest.raises(RolloutError, match="other draws"):
+            results.collect(whole, there, whole.size)
+
+
 @contextmanager
 def interrupting(seconds: float, number: int) -> Iterator[list[int]]:
     """Send this process a signal after a time, and give what was sent."""
@@ -349,7 +397,7 @@ def cluster(folder: Path, count: int) -> Iterator[tuple[str, list[subprocess.Pop
             command = [sys.executable, "-c", code, *each]
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-            processes.append(subprocess.Popen(command, cwd=own, env=environment, **quiet))  # type: ignore[call-overload]
+            processes.append(subprocess.Popen(command, cwd=own, env=environment, **quiet))
         while not at.exists() or not at.read_text():
             time.sleep(0.1)
         yield json.loads(at.read_text())["address"], processes
@@ -383,7 +431,12 @@ def test_a_cluster_whose_workers_stand_elsewhere_writes_the_same_bytes(
         assert contents(tmp_path / "there") == contents(tmp_path / "here")
         capsys.readouterr()
         finished.clear()
-        monkeypatch.setattr(workers, "_finished", lambda *_: scheduler.kill() or progress(*_))
+
+        def none_left(*_: Any) -> Any:
+            scheduler.kill()
+            return progress(*_)
+
+        monkeypatch.setattr(workers, "_finished", none_left)
         assert called("sweep", *many, "--out", "cut", "--cluster", address) == 2
         said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
         assert len(said) == 1

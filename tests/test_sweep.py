@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -307,6 +308,14 @@ def test_the_command_of_rare_failures(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(list((out / "rare" / "worst").iterdir())) == 10
     assert called("sweep", str(file), "--rare", "--workers", "2", "--out", str(out)) == 2
     assert "--workers" in capsys.readouterr().err
+
+
+def test_the_coverage_that_is_told_is_the_least_that_was_measured() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "sweep.md").read_text()
+    table = dict(re.findall(r"^\| ([^|]+) \|(?:[^|]+\|){2} ([\d.]+) % \| \d+ \|$", page, re.M))
+    assert len(table) == 12
+    assert float(table.pop("behind a flat margin")) == pytest.approx(100 * rare.HELD_UNSEEN)
+    assert min(map(float, table.values())) == pytest.approx(100 * rare.HELD)
 
 
 def test_maps_by_two_numbers_count_every_rollout_once() -> None:

@@ -49,6 +49,8 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
         if study.has(name := chunk_name(chunk, rows)):
             tables.append(study.read(name, (rows, len(sweep.columns))))
             places.append(np.arange(rows) + chunk * sweep.size)
+            if not sweep.drew(tables[-1], chunk):
+                raise RolloutError(f"{study.place(name)}: has other draws than this sweep; remove it")
     if not tables:
         raise RolloutError(f"{study.folder}: there is no rollout")
     return _dataset(sweep, np.vstack(tables), np.concatenate(places))

@@ -189,6 +189,16 @@ class Sweep:
         seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
         return np.hstack([drawn, self._flat(self._ran(drawn, seeds))])
 
+    def drew(self, table: Array, chunk: int) -> bool:
+        """Tell whether numbers of a chunk are of what is drawn there, and of rollouts that ended."""
+        status = table[:, self.columns.index("status")]
+        if not np.isin(status, list(Status)).all():
+            return False
+        if self.config.reality is not None:  # whose draws take milliseconds
+            return True
+        # Another machine's exponentials differ in their last digits.
+        return np.allclose(table[:, : self.width], self.numbers(chunk, len(table)), rtol=1e-9, atol=0.0)
+
     def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
         """Return metrics (rows, joints) and `status` of rollouts with these numbers and seeds."""
         found = self._ran(drawn, seeds)
