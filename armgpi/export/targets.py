@@ -168,6 +168,8 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "joint_list": repr([plain(name) for name in law.controller.robot.joint_names]),
         "status_list": repr([state.name.lower() for state in State]),
         "reason_list": repr([reason.name.lower() for reason in Reason]),
+        "status_words": ", ".join(f'"{state.name.lower()}"' for state in State),
+        "reason_words": ", ".join(f'"{reason.name.lower()}"' for reason in Reason),
         "middle": ",\n".join(f"    {x!r}" for x in law.controller.robot.middle().tolist()),
         "faults": ",\n".join(_tests(law.controller)),
     }

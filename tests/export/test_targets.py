@@ -15,6 +15,7 @@ from test_grippers import J, text
 
 from armgpi import GPI, PIDInversion, Robot, Supervised, Supervisor, export_controller
 from armgpi.errors import ParameterError
+from armgpi.loop import log as logs
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.export.interfaces import table
@@ -358,10 +359,93 @@ def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path
         if compiler == "g++" or shutil.which(compiler):
             flags = ["-std=c++17", *WARNINGS, stubs, "-fsyntax-only"]
             run(need(compiler), *flags, "ros2_control.cpp", folder=tmp_path)
-    update = (
-        (tmp_path / "ros2_control.hpp").read_text().partition("return_type update")[2].partition("\n  }\n")[0]
-    )
-    assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in update]
+    text = (tmp_path / "ros2_control.hpp").read_text()
+    for function in (
+        "return_type update_and_write",
+        "return_type update_reference",
+        "void follow",
+        "t step(",
+    ):
+        body = text.partition(function)[2].partition("\n  }\n")[0]
+        assert body
+        assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in body]
+
+
+#: A trajectory controller before the plugin: none of its references for 20 samples, then a move, then NaN.
+CHAINED = """
+#include "ros2_control.hpp"
+
+struct Arm : armgpi_controller::Ros2Controller {
+  void wire() {
+    command_interfaces_.resize(ARMGPI_N);
+    state_interfaces_.resize(ARMGPI_N);
+  }
+  void stand(std::size_t i, double q) { stubs::values[&state_interfaces_[i]] = q; }
+  double torque(std::size_t i) { return stubs::values[&command_interfaces_[i]]; }
+  auto references() { return on_export_reference_interfaces(); }
+  auto step() { return update_and_write_commands(rclcpp::Time{}, rclcpp::Duration{0.001}); }
+};
+
+int main() {
+  const double middle[ARMGPI_N] = {%s};
+  stubs::texts["log"] = "motion.armlog";
+  stubs::numbers["log_seconds"] = 1.0;
+  stubs::texts["last_torque"] = "hold";
+  stubs::update_rate = 1000;
+  Arm arm;
+  const rclcpp_lifecycle::State none{};
+  using Return = controller_interface::CallbackReturn;
+  if (arm.on_init() != Return::SUCCESS || arm.on_configure(none) != Return::SUCCESS) return 1;
+  arm.wire();
+  const auto references = arm.references();
+  arm.set_chained_mode(true);
+  for (std::size_t i = 0; i < ARMGPI_N; ++i) arm.stand(i, middle[i]);
+  if (arm.on_activate(none) != Return::SUCCESS || references.size() != 3U * ARMGPI_N) return 2;
+  for (int k = 0; k < 300; ++k) {
+    for (std::size_t i = 0; i < ARMGPI_N && k >= 20; ++i) {
+      const double q = middle[i] + 1e-5 * (k - 20);
+      arm.stand(i, q);
+      *references[i].value = k < 250 ? q : NAN;
+      *references[ARMGPI_N + i].value = 0.01;  // acceleration is not written, and zero
+    }
+    if (arm.step() != controller_interface::return_type::OK) return 3;
+    stubs::timers.front()();
+  }
+  const double last = arm.torque(1);
+  if (arm.on_deactivate(none) != Return::SUCCESS) return 4;
+  if (!(arm.torque(1) >= last && arm.torque(1) <= last)) return 5;
+  for (const std::string& text : stubs::published) std::printf("%%s\\n", text.c_str());
+  std::printf("%%s\\n", references[4].name.c_str());
+  return 0;
+}
+"""
+
+
+@compiled
+def test_a_trajectory_controller_drives_the_ros2_controller(tmp_path: Path) -> None:
+    """Chained: it stands until references come, follows them, stops on NaN; the log says so, and replays."""
+    controller = Supervised(GPI(ARM, 1e-3, feedforward="computed"))
+    export_controller(controller, tmp_path, measure=False, target="ros2_control")
+    middle = ARM.middle()
+    (tmp_path / "chained.cpp").write_text(CHAINED % ", ".join(map(repr, middle.tolist())))
+    run("cc", "-std=c99", "-c", *(f"armgpi_{x}.c" for x in PARTS), folder=tmp_path)
+    objects = [f"armgpi_{x}.o" for x in PARTS]
+    flags = ["-std=c++17", *WARNINGS, "-DARMGPI_ROS2_STUBS", "-o", "chained"]
+    run(need("g++"), *flags, "chained.cpp", *objects, folder=tmp_path)
+    said = run("./chained", folder=tmp_path).splitlines()
+    assert "stopping reference q1" in said
+    assert said[-1] == "q2/velocity"
+    log = logs.read(tmp_path / "motion.armlog")
+    q_ref, v_ref, a_ref = (log.inputs[name] for name in ("q_ref", "v_ref", "a_ref"))
+    np.testing.assert_array_equal(q_ref[:20], np.tile(middle, (20, 1)))
+    np.testing.assert_array_equal(q_ref[20:250], middle + 1e-5 * np.arange(230)[:, None])
+    assert (v_ref[20:250] == 0.01).all()
+    assert (a_ref == 0.0).all()
+    assert log.fault is not None
+    assert log.fault.startswith("0.251 s: REFERENCE")
+    played = logs.replay(log, controller)
+    assert played.status is None
+    assert (played.difference <= 1e-12 * np.asarray(controller.effort)).all()
 
 
 def test_the_docs_have_the_table_of_interfaces() -> None:

@@ -86,6 +86,16 @@ class Rest {
   std::uint32_t count_{0U};
 };
 
+// The words for ARMGPI_STATUS_... and ARMGPI_REASON_...
+inline const char* status_name(std::uint32_t status) noexcept {
+  static const char* const names[] = {$status_words};
+  return status < sizeof names / sizeof names[0] ? names[status] : "unknown";
+}
+inline const char* reason_name(std::uint32_t reason) noexcept {
+  static const char* const names[] = {$reason_words};
+  return reason < sizeof names / sizeof names[0] ? names[reason] : "unknown";
+}
+
 // One arm's controller; it allocates nothing and throws nothing.
 class Controller {
  public:

@@ -4,33 +4,68 @@
 
 #include <cstdint>
 #include <cstdio>
+#include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+// What a test sets and reads.
+namespace stubs {
+inline unsigned int update_rate = 0;
+inline std::map<const void*, double> values;             // of interfaces
+inline std::map<std::string, std::string> texts;         // parameters
+inline std::map<std::string, double> numbers;            // parameters
+inline std::vector<std::string> published;               // std_msgs/String
+inline std::vector<std::function<void()>> timers;
+inline bool put(const void* interface, double value) {
+  values[interface] = value;
+  return true;
+}
+inline bool declare(const std::string& name, const std::string& value) { return texts.emplace(name, value).second; }
+inline bool declare(const std::string& name, double value) { return numbers.emplace(name, value).second; }
+}  // namespace stubs
+
 namespace rclcpp {
 struct Time {};
 struct Duration {
-  double seconds() const { return 0.0; }
+  double period = 0.0;
+  double seconds() const { return period; }
 };
 struct Parameter {
-  std::string as_string() const { return {}; }
-  double as_double() const { return 0.5; }
+  std::string name;
+  std::string as_string() const { return stubs::texts[name]; }
+  double as_double() const { return stubs::numbers[name]; }
 };
 struct Logger {};
 template <typename Message>
 struct Subscription {};
 template <typename Kind>
 struct Service {};
+template <typename Message>
+struct Publisher {
+  void publish(const Message& message) { stubs::published.push_back(message.data); }
+};
+struct TimerBase {};
 }  // namespace rclcpp
 
 namespace rclcpp_lifecycle {
 struct State {};
 struct LifecycleNode {
-  rclcpp::Parameter get_parameter(const std::string&) const { return {}; }
+  rclcpp::Parameter get_parameter(const std::string& name) const { return {name}; }
   rclcpp::Logger get_logger() const { return {}; }
+  const char* get_name() const { return "arm"; }
+  template <typename Message>
+  std::shared_ptr<rclcpp::Publisher<Message>> create_publisher(const std::string&, int) {
+    return std::make_shared<rclcpp::Publisher<Message>>();
+  }
+  template <typename Time, typename Callback>
+  std::shared_ptr<rclcpp::TimerBase> create_wall_timer(Time, const Callback& callback) {
+    stubs::timers.emplace_back(callback);
+    return std::make_shared<rclcpp::TimerBase>();
+  }
   template <typename Message, typename Callback>
   std::shared_ptr<rclcpp::Subscription<Message>> create_subscription(const std::string&, int, const Callback& callback) {
     callback(std::make_shared<const Message>());
@@ -57,6 +92,9 @@ namespace std_msgs::msg {
 struct Float64MultiArray {
   std::vector<double> data;
 };
+struct String {
+  std::string data;
+};
 }  // namespace std_msgs::msg
 
 namespace std_srvs::srv {
@@ -73,12 +111,22 @@ struct Trigger {
 #define RCLCPP_ERROR(logger, ...) ((void)(logger), std::printf(__VA_ARGS__))
 
 namespace hardware_interface {
+struct Handle {
+  Handle(const std::string&, const std::string& interface_name, double* value_ptr) : name(interface_name), value(value_ptr) {}
+  std::string name;
+  double* value;
+};
+// from hardware_interface/handle.hpp
+class CommandInterface : public Handle {
+ public:
+  using Handle::Handle;
+};
 // from hardware_interface/loaned_state_interface.hpp
 class LoanedStateInterface {
  public:
   template <typename T = double>
   [[nodiscard]] std::optional<T> get_optional(unsigned int max_tries = 10) const {
-    return std::optional<T>(T(max_tries));
+    return max_tries > 0U ? std::optional<T>(T(stubs::values[this])) : std::nullopt;
   }
 };
 // from hardware_interface/loaned_command_interface.hpp
@@ -86,7 +134,7 @@ class LoanedCommandInterface {
  public:
   template <typename T>
   [[nodiscard]] bool set_value(const T & value, unsigned int max_tries = 10) {
-    return value <= value && max_tries > 0U;
+    return stubs::put(this, value) && max_tries > 0U;
   }
 };
 // end
@@ -113,18 +161,35 @@ class ControllerInterfaceBase : public rclcpp_lifecycle::node_interfaces::Lifecy
   virtual InterfaceConfiguration command_interface_configuration() const = 0;
   virtual InterfaceConfiguration state_interface_configuration() const = 0;
   virtual CallbackReturn on_init() = 0;
-  virtual return_type update(const rclcpp::Time & time, const rclcpp::Duration & period) = 0;
   std::shared_ptr<rclcpp_lifecycle::LifecycleNode> get_node() { return std::make_shared<rclcpp_lifecycle::LifecycleNode>(); }
-  unsigned int get_update_rate() const { return 0; }
+  unsigned int get_update_rate() const { return stubs::update_rate; }
   template <typename ParameterT>
-  auto auto_declare(const std::string & name, const ParameterT & default_value) { return std::make_pair(name, default_value); }
+  auto auto_declare(const std::string & name, const ParameterT & default_value) { return stubs::declare(name, default_value); }
 
  protected:
   std::vector<hardware_interface::LoanedCommandInterface> command_interfaces_;
   std::vector<hardware_interface::LoanedStateInterface> state_interfaces_;
 };
-// from controller_interface/controller_interface.hpp
-class ControllerInterface : public controller_interface::ControllerInterfaceBase {
+// from controller_interface/chainable_controller_interface.hpp
+class ChainableControllerInterface : public ControllerInterfaceBase {
+ public:
+  bool set_chained_mode(bool chained_mode);
+  bool is_in_chained_mode() const;
+
+ protected:
+  virtual std::vector<hardware_interface::CommandInterface> on_export_reference_interfaces();
+  virtual return_type update_reference_from_subscribers(const rclcpp::Time & time, const rclcpp::Duration & period) = 0;
+  virtual return_type update_and_write_commands(const rclcpp::Time & time, const rclcpp::Duration & period) = 0;
+  std::vector<double> reference_interfaces_;
+  bool in_chained_mode_ = false;
 };
 // end
+inline bool ChainableControllerInterface::set_chained_mode(bool chained_mode) {
+  in_chained_mode_ = chained_mode;
+  return true;
+}
+inline bool ChainableControllerInterface::is_in_chained_mode() const { return in_chained_mode_; }
+inline std::vector<hardware_interface::CommandInterface> ChainableControllerInterface::on_export_reference_interfaces() {
+  return {};
+}
 }  // namespace controller_interface
