@@ -78,7 +78,7 @@ INTERFACES = (
         rate=None,
         adds=(),
         echo="",
-        late="not known",
+        late="all joints alike to the bit",
         tried="compiled with stubs, compared with 4.27.0, 4.46.0, 5.16.0, 6.0.0, 6.8.0",
     ),
     Interface("bare", "any", "none (C99)", None, None, None, (), "", "the caller's", "compiled, simulated"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from armgpi.control.controller import FullState, Measurement
 from armgpi.control.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
+from armgpi.control.supervisor.bounds import COUNTS
 from armgpi.errors import ParameterError, Remedy
 from armgpi.export.code import ABI, Code, template
 from armgpi.export.interfaces import COMPENSATING
@@ -51,6 +52,10 @@ _DITHER = 2e-6
 _OFF = "switched off at export"
 #: An arm rests that stays within 1 mrad (or mm) for 0.1 s: 0.01 rad/s, some encoder noise included.
 _REST_MOTION, _REST_TIME = 1e-3, 0.1
+#: Samples for which a packet without a counter may come once more: a bus cycle or two of 2 to 4 ms.
+_REPEATS = 8
+#: Counts in a sample by which a joint moves that cannot stand still in the next one.
+_MOVING = 4.0
 #: What C++ and Python keep of a motion for its log [s].
 _LOG_TIME = 60.0
 
@@ -151,6 +156,8 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "missed": str(law.controller.supervisor.missed),
         **_move(law.controller, "F" if real == "float" else ""),
         "log_seconds": repr(_LOG_TIME),
+        "moving": ", ".join(repr(x) for x in (_MOVING / COUNTS * law.controller.bounds.travel).tolist()),
+        "repeats": f"{min(_REPEATS, law.controller.supervisor.missed)}U",
         "row_words": str(4 + (len(names) + 2) * law.n),
         "rest_motion": repr(_REST_MOTION),
         "rest_samples": str(max(1, round(_REST_TIME / law.controller.dt))),

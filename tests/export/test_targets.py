@@ -403,10 +403,10 @@ int main() {
   if (arm.on_activate(none) != Return::SUCCESS || references.size() != 3U * ARMGPI_N) return 2;
   for (int k = 0; k < 300; ++k) {
     for (std::size_t i = 0; i < ARMGPI_N && k >= 20; ++i) {
-      const double q = middle[i] + 1e-5 * (k - 20);
-      arm.stand(i, q);
+      const double q = middle[i] + 4e-6 * (k - 20) * (k - 20);
+      if (k < 100 || k >= 106) arm.stand(i, q);  // six packets come once more
       *references[i].value = k < 250 ? q : NAN;
-      *references[ARMGPI_N + i].value = 0.01;  // acceleration is not written, and zero
+      *references[ARMGPI_N + i].value = 8e-3 * (k - 20);  // acceleration is not written, and zero
     }
     if (arm.step() != controller_interface::return_type::OK) return 3;
     stubs::timers.front()();
@@ -438,9 +438,13 @@ def test_a_trajectory_controller_drives_the_ros2_controller(tmp_path: Path) -> N
     log = logs.read(tmp_path / "motion.armlog")
     q_ref, v_ref, a_ref = (log.inputs[name] for name in ("q_ref", "v_ref", "a_ref"))
     np.testing.assert_array_equal(q_ref[:20], np.tile(middle, (20, 1)))
-    np.testing.assert_array_equal(q_ref[20:250], middle + 1e-5 * np.arange(230)[:, None])
-    assert (v_ref[20:250] == 0.01).all()
+    k = log.samples["number"].astype(int) - 1
+    moved = middle + (4e-6 * (k - 20) * (k - 20))[:, None]
+    np.testing.assert_array_equal(q_ref[20:244], moved[20:244])
+    np.testing.assert_array_equal(v_ref[20:244], np.tile(8e-3 * (k[20:244, None] - 20), 3))
     assert (a_ref == 0.0).all()
+    np.testing.assert_array_equal(k[99:102], [99, 106, 107])
+    assert log.samples["elapsed"].max() == 7
     assert log.fault is not None
     assert log.fault.startswith("0.251 s: REFERENCE")
     played = logs.replay(log, controller)

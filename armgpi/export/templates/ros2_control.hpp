@@ -102,6 +102,9 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     }
     stop_ = false;
     driven_ = false;
+    moving_ = false;
+    waiting_ = 0U;
+    before_ = q_;
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), std::numeric_limits<double>::quiet_NaN());
     moves_.stand(q_);
     to_ = moves_.next(0U);
@@ -158,7 +161,21 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
       follow();
     }
     measure();  // one that cannot be read is the last one, which the supervisor finds frozen
-    const armgpi_status_t status = step(samples(period));
+    const std::uint32_t elapsed = waiting_ + samples(period);
+    // There is no counter of packets: one that has every joint where it was, to the bit, though a joint was moving by
+    // several counts, is the last one once more. It counts as late, and the torque stays, for so many samples.
+    if (moving_ && q_ == before_ && elapsed <= $repeats) {
+      waiting_ = elapsed;
+      return command() ? controller_interface::return_type::OK : controller_interface::return_type::ERROR;
+    }
+    static constexpr double counts[ARMGPI_N] = {$moving};
+    moving_ = false;
+    for (std::size_t i = 0; i < q_.size(); ++i) {
+      moving_ = moving_ || std::abs(static_cast<double>(q_[i]) - static_cast<double>(before_[i])) > counts[i];
+    }
+    before_ = q_;
+    waiting_ = 0U;
+    const armgpi_status_t status = step(elapsed);
     // In FAULT the controller manager deactivates it, and the hardware has to brake.
     return command() && status != ARMGPI_STATUS_FAULT ? controller_interface::return_type::OK
                                                       : controller_interface::return_type::ERROR;
@@ -257,6 +274,9 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   Vector q_{};
   Moves moves_{};
   Reference to_{};
+  Vector before_{};
+  bool moving_{false};
+  std::uint32_t waiting_{0U};
   bool driven_{false};
   bool holds_{false};
   std::atomic<bool> stop_{false};
