@@ -212,29 +212,44 @@ def test_the_plant_is_in_files_help_sweeps_provenance_and_c(run: Run, folder: Pa
     same_in_c(run, folder, "springs.yaml")
 
 
-REPRODUCED = """
-import armgpi, numpy as np
-from armgpi.paper import published
-from armgpi.paper.reproduction import tables
+SUMMARY = """
+import armgpi
+from armgpi.studies.objective import Expression
 
-run = armgpi.load("measured/rollout.nc")
-found = tables.contenders([("ideal", run.assign_coords(scale=("rollout", [1.0] * run.sizes["rollout"])))])
-print(tables.comparison(published.TABLES[0], "ideal", found, np.ones(3)).header)
-armgpi.metrics.summary(run)["mean_error"].to_netcdf("metric.nc")
+armgpi.metrics.summary(armgpi.load("measured/rollout.nc"))["mean_error"].to_netcdf("metric.nc")
+print(Expression("itae + 2 * mean_error").names)
+"""
+#: The laws of the metrics, with that of the recipe among them.
+LAWS = """
+import sys, pytest
+from armgpi.loop import metrics
+
+assert "mean_error" in metrics.declared()
+sys.exit(pytest.main(sys.argv[1:]))
 """
 
 
-def test_the_metric_is_in_tables_reports_and_files(run: Run, folder: Path) -> None:
+def test_the_metric_is_in_reports_files_sweeps_and_objectives(run: Run, folder: Path) -> None:
     printed = run("compare", "--config", "gravity_pd.yaml", "--out", "measured", "--report", "measured.html")
-    assert "mean error" in printed
+    assert "final error" in printed
+    assert "mean error" not in printed  # nor in what the pages show of it
     run("report", "measured/rollout.nc", "-o", "again.html")  # of a rollout that is there already
     for page in ("measured.html", "again.html"):
         assert "mean error<br>rad" in (folder / page).read_text(encoding="utf-8")
     entries = json.loads((folder / "measured" / "metrics.json").read_text(encoding="utf-8"))
     assert all(len(entry["metrics"]["mean_error"]) == 3 for entry in entries)
-    assert "mean error [rad]" in run("-c", REPRODUCED, module=())
+    assert "mean_error" in run("-c", SUMMARY, module=())
     with xr.open_dataset(folder / "metric.nc") as table:
         assert table["mean_error"].attrs == {"long_name": "mean error", "units": "rad"}
+    run("sweep", "springs.yaml", "--rollouts", "4", "--out", "spread")
+    texts = [path.read_text(encoding="utf-8") for path in (folder / "spread").glob("*.json")]
+    assert any("mean_error" in text for text in texts)
+
+
+def test_the_laws_of_metrics_hold_for_that_of_the_recipe(run: Run) -> None:
+    laws = [str(ROOT / "tests" / "test_metrics.py"), "-q", "-p", "no:cacheprovider", f"--rootdir={ROOT}"]
+    assert "mean_error" in run("-c", LAWS, *laws, "--collect-only", module=())
+    run("-c", LAWS, *laws, module=())
 
 
 def test_the_check_is_in_the_output_of_inspect_and_in_its_json(run: Run, folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import runpy
 from pathlib import Path
+from typing import NamedTuple, get_args
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad, trapezoid
 
 from armgpi import Status, config, metrics
+from armgpi.arrays import Array
 from armgpi.config.experiment import compare, save
 from armgpi.errors import ArmgpiError, RolloutError
+from armgpi.loop.running import TOTALS, Running, Totals, fold
 from armgpi.loop.units import Unit
 
 ROOT = Path(__file__).parents[1]
@@ -55,6 +58,14 @@ def rollout(
 
 def column(values: np.ndarray) -> np.ndarray:
     return np.broadcast_to(values, TIME.shape)[:, None]
+
+
+class Limits(NamedTuple):
+    """Limits of joints."""
+
+    lower: Array
+    upper: Array
+    effort: Array
 
 
 # Rounding of 4,000 terms, each a multiple of q - q_ref that is rounded to 1e-16.
@@ -321,6 +332,54 @@ def test_a_dataset_that_is_no_rollout_is_refused(name: str) -> None:
 # Declared once.
 
 
+def test_a_metric_is_in_files_and_reports_by_default_and_in_no_other_table(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(metrics, "ALL", dict(metrics.ALL))
+
+    @metrics.metric("mean", Unit(position=1), "errors")
+    def mean_error(run: Totals) -> Array:
+        """Return the mean of the absolute error."""
+        return run.integral(run.absolute, abs(run.e)) / (run.dt * run.span)
+
+    assert "mean_error" in metrics.summary(rollout(column(0.5)))
+    declared = metrics.ALL["mean_error"]
+    assert [each for each in get_args(metrics.Table) if declared in metrics.shown_in(each)] == ["report"]
+    # By name it is what it was, of rollouts.
+    np.testing.assert_allclose(mean_error(rollout(column(-0.5))), [0.5], **EXACT)
+    with pytest.raises(AttributeError, match="'peek' is no total; there are timed, absolute"):
+        _ = fold(TIME, TIME[:, None], TIME[:, None], TIME[:, None], Limits(*np.ones((3, 1)))).peek
+
+
+@pytest.mark.parametrize("first", [1, 2, 1999])
+def test_totals_do_not_depend_on_how_samples_are_parted(first: int) -> None:
+    q, q_ref, tau = np.random.default_rng(2).normal(size=(3, 2000, 2, 3))
+    q_ref[1500:] = 0.0
+    times, limits = np.arange(2000) * 1e-3, Limits(*np.ones((3, 3)))
+    running = Running(times, limits.effort)
+    sums = running.init((2, 3))
+    for part in (slice(0, first), slice(first, 2000)):
+        sums = running.add_all(part.start, q[part], q_ref[part], tau[part], sums)
+    whole = fold(times, q, q_ref, tau, limits)
+    one_by_one = running.init((2, 3))
+    for k in range(2000):
+        one_by_one = running.add(np.float64(k), q[k], q_ref[k], tau[k], one_by_one)
+    for name, parted, each in zip(TOTALS, sums, one_by_one, strict=True):
+        np.testing.assert_array_equal(getattr(whole, name), parted)
+        np.testing.assert_array_equal(getattr(whole, name), each)
+
+
+def test_a_grid_is_even_where_its_steps_are_equal_but_for_rounding() -> None:
+    # Moved by far less than a step, times are still those of k dt. By more, they are a grid of their own.
+    e = np.random.default_rng(3).normal(size=(len(TIME), 1))
+    run = rollout(e)
+    rounded = metrics.summary(run.assign_coords(time=TIME * (1.0 + 1e-15)))
+    apart = metrics.summary(run.assign_coords(time=TIME + 1e-5 * H * np.sin(np.arange(len(TIME)))))
+    for name, values in metrics.summary(run).items():
+        np.testing.assert_allclose(rounded[name], values, rtol=1e-14, err_msg=str(name))
+        np.testing.assert_allclose(apart[name], values, rtol=1e-4, err_msg=str(name))
+
+
 def test_units_in_files_are_those_of_the_joints() -> None:
     run = rollout(np.zeros((len(TIME), 2)))
     kinds = {"rad s^2": ["revolute", "prismatic"], "m s^2": ["prismatic", "prismatic"]}
@@ -341,10 +400,11 @@ def test_numbers_have_as_many_digits_as_there_are() -> None:
 
 @pytest.fixture
 def scratch(monkeypatch: pytest.MonkeyPatch) -> metrics.Metric:
-    """A metric that is declared and nothing else: the mean of t e^2."""
+    """A metric of rollouts that is declared for all tables, and nothing else: the mean of t e^2."""
     monkeypatch.setattr(metrics, "ALL", dict(metrics.ALL))
+    facts = {"long_name": "a scratch metric", "digits": 3, "tables": get_args(metrics.Table)}
 
-    @metrics.metric("scratch", Unit(position=2, time=1), "errors", long_name="a scratch metric", digits=3)
+    @metrics.metric("scratch", Unit(position=2, time=1), "errors", of_rollout=True, **facts)
     def scratch_metric(rollout: xr.Dataset) -> xr.DataArray:
         """Return a mean that nobody needs."""
         return (rollout["time"] * metrics.error(rollout) ** 2).mean("time")

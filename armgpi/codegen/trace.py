@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, cast
 import casadi as ca
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.arrays import Array
 from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
@@ -31,7 +31,7 @@ from armgpi.control.controller import ControlStep
 from armgpi.control.splines import BSplineBasis
 from armgpi.control.supervisor import Supervised
 from armgpi.control.weights import Weights
-from armgpi.loop.running import Running, Sums
+from armgpi.loop.running import TOTALS, Running
 from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
 from armgpi.plants.loads import Load
@@ -719,7 +719,7 @@ def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool 
 
 def _add_up(running: Any, result: Trace) -> None:
     """Note how the sums change with a sample."""
-    before = new(Sums, [Symbols.new(name, (result.n,)) for name in Sums._fields])
+    before = tuple(Symbols.new(name, (result.n,)) for name in TOTALS)
     result.sums = [x for part in before for x in flat(part)]
     seen = {name: Symbols.new(f"seen_{name}", (result.n,)) for name in ("q", "q_ref", "tau")}
     result.seen = {name: flat(part) for name, part in seen.items()}

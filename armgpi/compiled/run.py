@@ -205,7 +205,7 @@ class CompiledRun:
     @property
     def sums(self) -> Sums:
         """What was added up, arrays (rollouts, n)."""
-        return Sums(*self._unpacked(self._keep["sums"], self._layout.sums))
+        return tuple(self._unpacked(self._keep["sums"], self._layout.sums))
 
     @property
     def last(self) -> dict[str, Array]:

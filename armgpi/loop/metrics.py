@@ -1,8 +1,10 @@
-"""Metrics of a rollout: pure functions, one number per joint (and rollout).
+"""Metrics: pure functions of a run's totals, one number per joint (and rollout).
 
-Each is declared once, by :func:`metric` on its function. From that it is in :data:`ALL`, and so in the table
-on the terminal, the HTML report, ``metrics.json``, :func:`summary` with its attributes, the tables of the
-reproduction and of the zoo, and the documentation.
+Each is declared once, by :func:`metric` on its function. From that it is in :data:`ALL`, and so in the HTML
+report, ``metrics.json``, :func:`summary` with its attributes and the documentation, and in each table that it
+names. Totals are folds over samples (:mod:`armgpi.loop.running`): those of a recorded rollout, and those that
+a loop without trajectories adds up, by NumPy or in generated code. A metric that no total gives may take the
+rollout.
 
 Integrals run over the recorded samples: errors by the trapezoidal rule, torques as the steps they are.
 Of a rollout that was thinned (``record_every`` above 1) they are those of the samples kept; total variation
@@ -12,10 +14,9 @@ interrupted the metrics are those until then.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import wraps
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -24,14 +25,15 @@ from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Recorded, Status
-from armgpi.loop.running import LAST, LIMIT_SHARE, ROUNDING, SHARE, Running, Totals
+from armgpi.loop.running import ROUNDING, Totals, fold
 from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: A function of a rollout, dimensions ([rollout], time, joint), to numbers ([rollout], joint).
-Function = Callable[["xr.Dataset"], "xr.DataArray"]
+#: A function of totals to numbers (..., n); or of a rollout, dimensions ([rollout], time, joint), to numbers
+#: ([rollout], joint).
+Function = Callable[[Any], Any]
 #: What a metric is about; a table that is too wide is split by it.
 Group = Literal["errors", "torques"]
 GROUPS: tuple[Group, ...] = get_args(Group)
@@ -39,8 +41,16 @@ GROUPS: tuple[Group, ...] = get_args(Group)
 Table = Literal["terminal", "report", "reproduction", "zoo"]
 _PAPER: tuple[Table, ...] = ("terminal", "report", "reproduction")
 _RUNS: tuple[Table, ...] = ("terminal", "report", "zoo")
-#: The values of a metric from what a run without trajectories adds up, (..., n).
-OnLine = Callable[[Totals], Array]
+#: What of a rollout is folded.
+_FOLDED = ("q", "q_ref", "tau")
+
+
+class _Limits(NamedTuple):
+    """Limits of rollouts, (rollouts, n)."""
+
+    lower: Array
+    upper: Array
+    effort: Array
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ class Metric:
         total: whether the value of an arm is the sum of those of its joints; else it is the largest.
         digits: significant digits that are shown.
         function: what computes it.
-        on_line: what computes it of a run that keeps no trajectories; None for one that needs them.
+        of_rollout: whether that takes the rollout: a run without trajectories has no such metric.
     """
 
     name: str
@@ -69,7 +79,7 @@ class Metric:
     total: bool
     digits: int
     function: Function
-    on_line: OnLine | None = None
+    of_rollout: bool = False
 
     def __call__(self, rollout: xr.Dataset) -> xr.DataArray:
         """Return the metric of a rollout, dimensions ([rollout], joint); infinite where it diverged.
@@ -79,20 +89,7 @@ class Metric:
         Raises:
             RolloutError: when the rollout lacks a variable or has fewer than two samples.
         """
-        import xarray as xr
-
-        if not isinstance(rollout, xr.Dataset):
-            raise RolloutError(f"{self.long_name} needs a rollout, got a {type(rollout).__name__}")
-        try:
-            if (count := rollout.sizes["time"]) < 2:
-                raise RolloutError(f"{self.long_name} needs at least two samples, the rollout has {count}")
-            values = self.function(rollout).where(rollout["status"] != Status.DIVERGED, np.inf)
-        except KeyError as error:
-            raise RolloutError(
-                f"{self.long_name}: the rollout lacks a variable that it needs: {error}"
-            ) from None
-        units = self.unit.symbol(bool(prismatic(rollout).all()), ascii=True)
-        return values.rename(self.name).assign_attrs(long_name=self.long_name, units=units)
+        return _values(rollout, [self])[self.name]
 
     def of_arm(self, values: Array) -> Array:
         """Return one value for the arm: the sum over its joints, or the largest, as the metric is declared.
@@ -120,11 +117,11 @@ def metric(
     group: Group,
     *,
     long_name: str = "",
-    tables: tuple[Table, ...] = get_args(Table),
+    tables: tuple[Table, ...] = ("report",),
     total: bool = False,
     digits: int = 4,
-    on_line: OnLine | None = None,
-) -> Callable[[Function], Function]:
+    of_rollout: bool = False,
+) -> Callable[[Function], Callable[[xr.Dataset], xr.DataArray]]:
     """Declare a metric: its name is that of the function, the rest is what :class:`Metric` says.
 
     Args:
@@ -132,24 +129,26 @@ def metric(
         unit: of its values.
         group: what it is about.
         long_name: what it is, in words; the heading where that says it.
-        tables: where it is shown; everywhere when not given.
+        tables: where it is shown besides the files; in reports alone when not given.
         total: whether the value of an arm is the sum of those of its joints.
         digits: significant digits that are shown.
-        on_line: what computes it of a run that keeps no trajectories; such a run leaves it out without.
+        of_rollout: whether the function takes a rollout in place of its totals; a run that keeps no
+            trajectories leaves it out.
     """
 
-    def declare(function: Function) -> Function:
+    def declare(function: Function) -> Callable[[xr.Dataset], xr.DataArray]:
         name = function.__name__
         words = (name, heading, long_name or heading)
-        made = Metric(*words, unit, group, tables, total, digits, function, on_line)
-        ALL[name] = made
+        declared = Metric(*words, unit, group, tables, total, digits, function, of_rollout)
+        ALL[name] = declared
 
-        @wraps(function)
-        def checked(rollout: xr.Dataset) -> xr.DataArray:
-            return made(rollout)
+        def of_rollouts(rollout: xr.Dataset) -> xr.DataArray:
+            return declared(rollout)
 
-        checked.__doc__ = f"{function.__doc__}\n\nUnit: {str(unit) or 'none'}."
-        return checked
+        of_rollouts.__name__ = of_rollouts.__qualname__ = name
+        of_rollouts.__module__ = function.__module__
+        of_rollouts.__doc__ = f"{function.__doc__}\n\nUnit: {str(unit) or 'none'}."
+        return of_rollouts
 
     return declare
 
@@ -185,11 +184,10 @@ def error(rollout: xr.Dataset) -> xr.DataArray:
     long_name="integral of time times absolute error",
     tables=_PAPER,
     total=True,
-    on_line=lambda x: x.dt * x.integral(x.sums.timed, x.last * abs(x.sums.e)),
 )
-def itae(rollout: xr.Dataset) -> xr.DataArray:
+def itae(run: Totals) -> Array:
     """Return the integral of time times absolute error, ``∫ t |e| dt`` (eq. 34)."""
-    return _integral(rollout["time"] * abs(error(rollout)))
+    return run.dt * run.integral(run.timed, run.end * abs(run.e))
 
 
 @metric(
@@ -199,11 +197,10 @@ def itae(rollout: xr.Dataset) -> xr.DataArray:
     long_name="integral of absolute error",
     tables=(),
     total=True,
-    on_line=lambda x: x.integral(x.sums.absolute, abs(x.sums.e)),
 )
-def iae(rollout: xr.Dataset) -> xr.DataArray:
+def iae(run: Totals) -> Array:
     """Return the integral of absolute error, ``∫ |e| dt``."""
-    return _integral(abs(error(rollout)))
+    return run.integral(run.absolute, abs(run.e))
 
 
 @metric(
@@ -213,38 +210,28 @@ def iae(rollout: xr.Dataset) -> xr.DataArray:
     long_name="integral of squared error",
     tables=(),
     total=True,
-    on_line=lambda x: x.integral(x.sums.squared, x.sums.e**2),
 )
-def ise(rollout: xr.Dataset) -> xr.DataArray:
+def ise(run: Totals) -> Array:
     """Return the integral of squared error, ``∫ e² dt``."""
-    return _integral(error(rollout) ** 2)
+    return run.integral(run.squared, run.e**2)
 
 
-@metric(
-    "RMS error",
-    POSITION,
-    "errors",
-    tables=("report",),
-    on_line=lambda x: np.sqrt(x.integral(x.sums.squared, x.sums.e**2) / (x.dt * x.last)),
-)
-def rms(rollout: xr.Dataset) -> xr.DataArray:
+@metric("RMS error", POSITION, "errors")
+def rms(run: Totals) -> Array:
     """Return the root of the mean squared error."""
-    e = error(rollout)
-    time = e["time"].where(e.notnull())
-    return (_integral(e**2) / (time.max("time") - time.min("time"))) ** 0.5
+    return np.sqrt(run.integral(run.squared, run.e**2) / (run.dt * run.span))
 
 
-@metric("peak error", POSITION, "errors", tables=_RUNS, on_line=lambda x: x.sums.peak)
-def peak_error(rollout: xr.Dataset) -> xr.DataArray:
+@metric("peak error", POSITION, "errors", tables=_RUNS)
+def peak_error(run: Totals) -> Array:
     """Return the largest absolute error."""
-    return abs(error(rollout)).max("time")
+    return run.peak
 
 
-@metric("final error", POSITION, "errors", tables=_RUNS, on_line=lambda x: abs(x.sums.e))
-def final_error(rollout: xr.Dataset) -> xr.DataArray:
+@metric("final error", POSITION, "errors", tables=_RUNS)
+def final_error(run: Totals) -> Array:
     """Return the absolute error of the last sample."""
-    e = abs(error(rollout))
-    return e.isel(time=e.notnull().sum("time") - 1).drop_vars("time")
+    return abs(run.e)
 
 
 @metric(
@@ -254,122 +241,58 @@ def final_error(rollout: xr.Dataset) -> xr.DataArray:
     long_name="integral of squared control input",
     tables=_PAPER,
     total=True,
-    on_line=lambda x: x.dt * x.sums.effort,
 )
-def isci(rollout: xr.Dataset) -> xr.DataArray:
+def isci(run: Totals) -> Array:
     """Return the integral of squared control input, ``∫ τ² dt`` (eq. 35)."""
-    return _held_integral(rollout["tau"] ** 2)
+    return run.dt * run.squared_torque
 
 
-@metric(
-    "variation",
-    TORQUE,
-    "torques",
-    long_name="total variation of torque",
-    tables=_PAPER,
-    total=True,
-    on_line=lambda x: x.sums.variation,
-)
-def total_variation(rollout: xr.Dataset) -> xr.DataArray:
+@metric("variation", TORQUE, "torques", long_name="total variation of torque", tables=_PAPER, total=True)
+def total_variation(run: Totals) -> Array:
     """Return the total variation of torque, ``Σ |τₖ₊₁ - τₖ|``: how much it chatters."""
-    return abs(rollout["tau"].diff("time")).sum("time")
+    return run.variation
 
 
-@metric(
-    "peak",
-    TORQUE,
-    "torques",
-    long_name="peak torque",
-    tables=("terminal", "report"),
-    on_line=lambda x: x.sums.peak_torque,
-)
-def peak_torque(rollout: xr.Dataset) -> xr.DataArray:
+@metric("peak", TORQUE, "torques", long_name="peak torque", tables=("terminal", "report"))
+def peak_torque(run: Totals) -> Array:
     """Return the largest absolute torque."""
-    return abs(rollout["tau"]).max("time")
+    return run.peak_torque
 
 
-def _share_used(x: Totals) -> Array:
-    peak = x.sums.peak_torque
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(peak > 0.0, peak / x.effort, 0.0)
-
-
-@metric("effort used", Unit(), "torques", tables=("zoo",), on_line=_share_used)
-def effort_used(rollout: xr.Dataset) -> xr.DataArray:
+@metric("effort used", Unit(), "torques", tables=("zoo",))
+def effort_used(run: Totals) -> Array:
     """Return the largest share of the effort limit that was used; 0 where there is no limit."""
-    peak = abs(rollout["tau"]).max("time")
-    return (peak / rollout["effort"]).where(peak > 0.0, 0.0)
+    return np.where(run.peak_torque > 0.0, run.peak_torque / run.effort, 0.0)
 
 
-@metric(
-    "saturated",
-    Unit(time=1),
-    "torques",
-    long_name="saturated time",
-    tables=_RUNS,
-    on_line=lambda x: x.dt * x.sums.saturated,
-)
-def saturated_time(rollout: xr.Dataset) -> xr.DataArray:
+@metric("saturated", Unit(time=1), "torques", long_name="saturated time", tables=_RUNS)
+def saturated_time(run: Totals) -> Array:
     """Return how long the applied torque was at its limit."""
-    tau = rollout["tau"]
-    at_limit = abs(tau) >= rollout["effort"] * LIMIT_SHARE
-    return _held_integral(at_limit.astype(float).where(tau.notnull()))
+    return run.dt * run.saturated
 
 
-@metric(
-    "beyond position limits",
-    POSITION,
-    "errors",
-    tables=(),
-    on_line=lambda x: np.maximum(np.maximum(x.lower - x.sums.lowest, x.sums.highest - x.upper), 0.0),
-)
-def limit_excess(rollout: xr.Dataset) -> xr.DataArray:
+@metric("beyond position limits", POSITION, "errors", tables=())
+def limit_excess(run: Totals) -> Array:
     """Return how far the joint went beyond its position limits; 0 when it stayed inside."""
-    lowest, highest = rollout["q"].min("time"), rollout["q"].max("time")
-    below, above = -(lowest - rollout["lower"]), highest - rollout["upper"]
-    return below.where(below > above, above).clip(min=0.0)
+    return np.maximum(np.maximum(run.lower - run.lowest, run.highest - run.upper), 0.0)
 
 
-@metric(
-    "hunting",
-    POSITION,
-    "errors",
-    long_name="range of the joint at rest",
-    tables=("report",),
-    on_line=lambda x: x.swing,
-)
-def hunting_amplitude(rollout: xr.Dataset) -> xr.DataArray:
+@metric("hunting", POSITION, "errors", long_name="range of the joint at rest")
+def hunting_amplitude(run: Totals) -> Array:
     """Return how far the joint swings, peak to peak, in the last 1.2 s, a fifth of the horizon at most.
 
     It is 0 where the reference moves in that time. A joint that still settles has a range as well, but swings
     half a time or less.
     """
-    swing = _at_rest(rollout)
-    return (swing.max("time") - swing.min("time")).fillna(0.0)
+    return run.swing
 
 
-def _swings(x: Totals) -> Array:
-    seconds = x.dt * (x.last - x.late)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(x.swing > ROUNDING, x.sums.way / (2.0 * x.swing) / seconds, 0.0)
-
-
-@metric(
-    "hunting frequency",
-    Unit(time=-1),
-    "errors",
-    long_name="frequency of the joint at rest",
-    tables=(),
-    on_line=_swings,
-)
-def hunting_frequency(rollout: xr.Dataset) -> xr.DataArray:
+@metric("hunting frequency", Unit(time=-1), "errors", long_name="frequency of the joint at rest", tables=())
+def hunting_frequency(run: Totals) -> Array:
     """Return how many times a second the joint swings up and down its range at rest; 0 if it stands still."""
-    swing = _at_rest(rollout)
-    amplitude = swing.max("time") - swing.min("time")
-    time = swing["time"].where(swing.notnull())
     # One swing up and down is twice the range.
-    swings = abs(swing.diff("time")).sum("time") / (2.0 * amplitude)
-    return (swings / (time.max("time") - time.min("time"))).where(amplitude > ROUNDING, 0.0)
+    swings = run.way / (2.0 * run.swing) / (run.dt * run.late)
+    return np.where(run.swing > ROUNDING, swings, 0.0)
 
 
 def summary(rollout: xr.Dataset) -> xr.Dataset:
@@ -380,37 +303,34 @@ def summary(rollout: xr.Dataset) -> xr.Dataset:
     """
     import xarray as xr
 
-    return xr.Dataset({name: metric(rollout) for name, metric in declared().items()})
+    return xr.Dataset(_values(rollout, declared().values()))
 
 
-def on_line(totals: Totals, diverged: npt.NDArray[np.bool_]) -> dict[str, Array]:
-    """Return the metrics of a run that kept no trajectories, name -> (..., n); infinite where it diverged.
+def of_totals(totals: Totals, diverged: npt.NDArray[np.bool_]) -> dict[str, Array]:
+    """Return the metrics of a run's totals, name -> (..., n); infinite where it diverged.
 
     Args:
         totals: what was added up.
         diverged: which rollouts did, shape (...).
     """
-    found = {}
     with np.errstate(all="ignore"):
-        for name, each in declared().items():
-            if each.on_line is not None:
-                found[name] = np.where(diverged[..., None], np.inf, each.on_line(totals))
-    return found
+        return {
+            name: np.where(diverged[..., None], np.inf, each.function(totals))
+            for name, each in declared().items()
+            if not each.of_rollout
+        }
 
 
 def of_recorded(run: Recorded) -> dict[str, Array]:
     """Return every metric of what was recorded, name -> (rollouts, n); infinite where it diverged.
 
-    They are those of its dataset, which is made for metrics without an ``on_line`` alone.
+    They are those of its dataset, which is made for metrics of rollouts alone.
     """
-    recording, limits = run.recording, run.robot.limits
-    last, dt = recording.kept - 1, recording.every * recording.dt
-    rows = len(recording.status), run.robot.n
-    kept = {name: values[: last + 1].reshape(-1, *rows) for name, values in recording.variables.items()}
-    running = Running(last, dt, limits.effort)
-    sums = running.add_all(0, kept["q"], kept["q_ref"], kept["tau"], running.init(rows))
-    totals = Totals(sums, dt, last, float(running.late), limits.lower, limits.upper, limits.effort)
-    found = on_line(totals, recording.status == Status.DIVERGED)
+    recording, rows = run.recording, (len(run.recording.status), run.robot.n)
+    kept = recording.kept
+    q, q_ref, tau = (recording.variables[name][:kept].reshape(-1, *rows) for name in _FOLDED)
+    totals = fold(recording.times[:kept], q, q_ref, tau, run.robot.limits)
+    found = of_totals(totals, recording.status == Status.DIVERGED)
     missing = [each for name, each in declared().items() if name not in found]
     if missing:
         dataset = run.dataset()
@@ -418,25 +338,54 @@ def of_recorded(run: Recorded) -> dict[str, Array]:
     return found
 
 
-def _at_rest(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the error of the last seconds, NaN before that and where the reference moves then."""
-    e, time = error(rollout), rollout["time"]
-    end = time.where(e.notnull()).max("time")
-    last = time >= end - np.minimum(LAST, SHARE * (end - time[0])) - ROUNDING
-    reference = rollout["q_ref"].where(last)
-    moves = reference.max("time") - reference.min("time") > ROUNDING
-    return e.where(last & ~moves)
+def _values(rollout: xr.Dataset, declared: Iterable[Metric]) -> dict[str, xr.DataArray]:
+    """Return metrics of a rollout, name -> ([rollout], joint), infinite where it diverged.
+
+    Raises:
+        RolloutError: when the rollout lacks a variable or has fewer than two samples.
+    """
+    import xarray as xr
+
+    if not isinstance(rollout, xr.Dataset):
+        raise RolloutError(f"a metric needs a rollout, got a {type(rollout).__name__}")
+    found: dict[str, Any] = {}
+    name = ""
+    try:
+        if (count := rollout.sizes["time"]) < 2:
+            raise RolloutError(f"a metric needs at least two samples, the rollout has {count}")
+        diverged, slides = rollout["status"] == Status.DIVERGED, bool(prismatic(rollout).all())
+        of_totals = _of_totals(rollout)
+        for each in declared:
+            name = f"{each.long_name}: "
+            values = each.function(rollout) if each.of_rollout else of_totals(each.function)
+            facts = {"long_name": each.long_name, "units": each.unit.symbol(slides, ascii=True)}
+            found[each.name] = values.where(~diverged, np.inf).rename(each.name).assign_attrs(facts)
+    except KeyError as error:
+        raise RolloutError(f"{name}the rollout lacks a variable that it needs: {error}") from None
+    return found
 
 
-def _integral(values: xr.DataArray) -> xr.DataArray:
-    """Integrate over time by the trapezoidal rule, up to where the values end."""
-    steps = values["time"].diff("time", label="lower")
-    means = (0.5 * (values + values.shift(time=-1))).isel(time=slice(None, -1))
-    return (means * steps).sum("time")
+def _of_totals(rollout: xr.Dataset) -> Callable[[Any], xr.DataArray]:
+    """Return what works out a function of totals for a rollout, each until its end."""
+    import xarray as xr
 
+    template = rollout["q"].isel(time=0, drop=True).transpose(..., "joint")
+    dims, shape = ("time", *template.dims), (rollout.sizes["time"], -1, rollout.sizes["joint"])
+    arrays = xr.broadcast(*(rollout[name] for name in (*_FOLDED, "lower", "upper", "effort")))
+    q, q_ref, tau, *limits = (x.transpose(*dims).values.reshape(shape) for x in arrays)
+    ends = np.maximum((~np.isnan(q - q_ref).any(axis=-1)).sum(axis=0), 2)
+    times = rollout["time"].values
+    folds = []
+    for end in np.unique(ends):
+        rows = ends == end
+        own = _Limits(*(x[0, rows] for x in limits))
+        folds.append((rows, fold(times[:end], q[:end, rows], q_ref[:end, rows], tau[:end, rows], own)))
 
-def _held_integral(values: xr.DataArray) -> xr.DataArray:
-    """Integrate over time values that are held from each sample to the next, up to where they end."""
-    steps = values["time"].diff("time", label="lower")
-    whole = values.where(values.shift(time=-1).notnull()).isel(time=slice(None, -1))
-    return (whole * steps).sum("time")
+    def values(function: Callable[[Totals], Array]) -> xr.DataArray:
+        found = np.empty(q.shape[1:])
+        for rows, totals in folds:
+            with np.errstate(all="ignore"):
+                found[rows] = function(totals)
+        return xr.DataArray(found.reshape(template.shape), template.coords, template.dims)
+
+    return values

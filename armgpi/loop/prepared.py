@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from armgpi.arrays import ArrayLike, check_choice, check_number, check_type, check_whole
+from armgpi.arrays import Array, ArrayLike, check_choice, check_number, check_type, check_whole
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
@@ -177,8 +177,8 @@ class PreparedLoop:
             partial: on Ctrl-C return what is there, with the status "interrupted", in place of the exception.
 
         Returns:
-            A dataset as of :func:`armgpi.simulate`; with ``record="metrics"`` one with every metric that is
-            declared with an ``on_line``, dimensions ([rollout], joint), `status` and `t_end`; under a
+            A dataset as of :func:`armgpi.simulate`; with ``record="metrics"`` one with every metric of
+            totals, dimensions ([rollout], joint), `status` and `t_end`; under a
             supervisor also `fault`, `fault_joint` and `t_fault`, NaN for one that diverged.
 
         Raises:
@@ -243,6 +243,11 @@ class PreparedLoop:
         kept = "metrics" if self._metrics else "trajectories"
         return f"PreparedLoop({self.loop.controller!r}, {self.steps} samples, {kept})"
 
+    @property
+    def _times(self) -> Array:
+        """Times of the samples, and of the state after them [s]."""
+        return np.arange(self.steps + 1) * np.float64(self.loop.dt)
+
     def _with(self, values: Mapping[str, Any], seed: Any) -> ClosedLoop:
         """Return the loop with other numbers; itself without any."""
         check_type(values, "values", Mapping, "name -> value")
@@ -264,7 +269,7 @@ class PreparedLoop:
         """Run a loop to its end, or until Ctrl-C where a part is wanted, and return what did it."""
         running = None
         if self._metrics:
-            running = Running(self.steps, loop.dt, loop.plant.robot.limits.effort)
+            running = Running(self._times, loop.plant.robot.limits.effort)
         steps = self.steps
         run: Runner = NumPyRun(
             loop, state, recording, self._divergence, signals=self._signals, running=running
@@ -321,9 +326,9 @@ class PreparedLoop:
         diverged = recording.status == Status.DIVERGED
         interrupted = (recording.status == Status.INTERRUPTED).any()
         last = max(run.done - 1, 1) if interrupted else self.steps
-        late = Running(self.steps, loop.dt, limits.effort).late
-        totals = Totals(run.sums, loop.dt, last, float(late), limits.lower, limits.upper, limits.effort)
-        found = metrics.on_line(totals, diverged)
+        running = Running(self._times, limits.effort)
+        totals = Totals(running, run.sums, self._times[: last + 1], limits)
+        found = metrics.of_totals(totals, diverged)
         ends = {}
         if final:
             ends = {name: np.where(diverged[:, None], np.nan, run.last[name]) for name in ("q", "v")}

@@ -1,19 +1,19 @@
-"""Running sums from which every metric follows: a loop that keeps no trajectories adds them up as it goes.
+"""Totals from which metrics follow: each is a fold over samples, declared once, in :data:`TOTALS`.
 
-They are elementwise NumPy, which the generated code does as well. Their number does not depend on the length
-of the run.
+A loop that keeps no trajectories folds its samples as it goes, by NumPy or in generated code, and a recorded
+rollout is folded by the same. The terms are elementwise NumPy; their number does not depend on the length of
+the run.
 """
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.arrays import Array
 
 #: Hunting is looked for in the last seconds, but in no more than this share of the horizon.
 LAST, SHARE = 1.2, 0.2
@@ -21,188 +21,248 @@ LAST, SHARE = 1.2, 0.2
 ROUNDING = 1e-12
 #: A torque is at its limit from this share of it on.
 LIMIT_SHARE = 1.0 - 1e-9
+#: Times are those of equal steps where they differ from them by no more than this share of a step. Times of
+#: files are k dt, rounded: 1e-10 of a step after 1e6 samples.
+_EVEN = 1e-6
 
 
-class Sums(NamedTuple):
-    """What is added up over the samples, arrays (n,) or (batch, n); the first one counts half in integrals.
+class Sample(NamedTuple):
+    """A sample, or many along a first axis, as a total sees it: arrays (..., n). Times are in sample times.
 
     Attributes:
-        timed: sum of k abs(e), k the sample's number [rad or m].
-        absolute: sum of abs(e) [rad or m].
-        squared: sum of e^2 [rad^2 or m^2].
-        peak: largest abs(e) [rad or m].
-        e: the last tracking error [rad or m].
-        effort: sum of squared torques before the last one.
-        variation: sum of abs(tau_k - tau_(k - 1)) [N m or N].
-        peak_torque: largest abs(tau) [N m or N].
-        saturated: samples before the last one with the torque at its limit.
-        tau: the last torque [N m or N].
-        lowest: lowest position [rad or m].
-        highest: highest position [rad or m].
-        low: lowest error of the last seconds [rad or m].
-        high: highest error of the last seconds [rad or m].
-        way: sum of abs(e_k - e_(k - 1)) in the last seconds [rad or m].
-        target_low: lowest target of the last seconds [rad or m].
-        target_high: highest target of the last seconds [rad or m].
+        moment: its time, times its weight.
+        weight: its share of an integral by the trapezoidal rule, as if a sample like it came next.
+        step: time since the sample before, for which that one's torque was held.
+        later: whether it is not the first one.
+        e: tracking error q - q* [rad or m].
+        size: its absolute value [rad or m].
+        e_before: that of the sample before [rad or m]; 0 in the first one.
+        q: position [rad or m].
+        q_ref: its target [rad or m].
+        tau: torque from this sample on [N m or N].
+        tau_before: that of the sample before [N m or N]; 0 in the first one.
+        limit: from which on a torque is at its limit [N m or N].
     """
 
-    timed: Array
-    absolute: Array
-    squared: Array
-    peak: Array
+    moment: Any
+    weight: Any
+    step: Any
+    later: Any
     e: Array
-    effort: Array
-    variation: Array
-    peak_torque: Array
-    saturated: Array
+    size: Array
+    e_before: Array
+    q: Array
+    q_ref: Array
     tau: Array
-    lowest: Array
-    highest: Array
-    low: Array
-    high: Array
-    way: Array
-    target_low: Array
-    target_high: Array
+    tau_before: Array
+    limit: Array
 
 
 class _Fold(NamedTuple):
-    """How samples change a sum: one after the other, and many along a first axis with the same bits."""
+    """How samples change a total: one after the other, and many along a first axis with the same bits."""
 
+    start: float
     one: Callable[[Any, Any], Any]
     all: Callable[[Array, Array], Array]
 
 
-_ADD = _Fold(operator.add, lambda s, x: np.cumsum(np.concatenate([s[None], x]), axis=0)[-1])
-_LEAST = _Fold(np.minimum, lambda s, x: np.minimum(s, x.min(axis=0, initial=np.inf)))
-_MOST = _Fold(np.maximum, lambda s, x: np.maximum(s, x.max(axis=0, initial=-np.inf)))
-_LAST = _Fold(lambda s, x: x, lambda s, x: x[-1])
-#: Of the sums in their order, and of those of the last seconds; when the terms of these begin to count.
-_FOLDS = (_ADD, _ADD, _ADD, _MOST, _LAST, _ADD, _ADD, _MOST, _ADD, _LAST, _LEAST, _MOST)
-_LATE_FOLDS, _SINCE = (_LEAST, _MOST, _ADD, _LEAST, _MOST), (-0.5, -0.5, 0.5, -0.5, -0.5)
+_ADD = _Fold(0.0, operator.add, lambda s, x: np.cumsum(np.concatenate([s[None], x]), axis=0)[-1])
+_LEAST = _Fold(np.inf, np.minimum, lambda s, x: np.minimum(s, x.min(axis=0, initial=np.inf)))
+_MOST = _Fold(-np.inf, np.maximum, lambda s, x: np.maximum(s, x.max(axis=0, initial=-np.inf)))
+#: Of magnitudes.
+_PEAK = _MOST._replace(start=0.0)
+_LAST = _Fold(0.0, lambda s, x: x, lambda s, x: x[-1])
 
 
-def _late_terms(e: Array, q_ref: Array, e_before: Array) -> tuple[Array, ...]:
-    """Return what a sample of the last seconds adds to the sums of these."""
-    return e, e, np.abs(e - e_before), q_ref, q_ref
+class Total(NamedTuple):
+    """A number of each joint that samples add up to.
+
+    Attributes:
+        fold: how.
+        term: what a sample adds.
+        since: of the last seconds alone: from which sample on, counted from their first one; None of all.
+    """
+
+    fold: _Fold
+    term: Callable[[Sample], Any]
+    since: float | None = None
+
+
+#: Name -> total. Samples before the last one count in what is held until the next.
+TOTALS: dict[str, Total] = {
+    "timed": Total(_ADD, lambda x: x.moment * x.size),  # time times absolute error
+    "absolute": Total(_ADD, lambda x: x.weight * x.size),
+    "squared": Total(_ADD, lambda x: x.weight * (x.e * x.e)),
+    "peak": Total(_PEAK, lambda x: x.size),
+    "e": Total(_LAST, lambda x: x.e),
+    "squared_torque": Total(_ADD, lambda x: x.step * (x.tau_before * x.tau_before)),
+    "variation": Total(_ADD, lambda x: np.where(x.later, np.abs(x.tau - x.tau_before), 0.0)),
+    "peak_torque": Total(_PEAK, lambda x: np.abs(x.tau)),
+    "saturated": Total(
+        _ADD, lambda x: x.step * np.where(x.later & (np.abs(x.tau_before) >= x.limit), 1.0, 0.0)
+    ),
+    "tau": Total(_LAST, lambda x: x.tau),
+    "lowest": Total(_LEAST, lambda x: x.q),
+    "highest": Total(_MOST, lambda x: x.q),
+    # Of the error in the last seconds, how far it goes there, and its target.
+    "low": Total(_LEAST, lambda x: x.e, -0.5),
+    "high": Total(_MOST, lambda x: x.e, -0.5),
+    "way": Total(_ADD, lambda x: np.abs(x.e - x.e_before), 0.5),
+    "target_low": Total(_LEAST, lambda x: x.q_ref, -0.5),
+    "target_high": Total(_MOST, lambda x: x.q_ref, -0.5),
+}
+#: What is added up, in the order of :data:`TOTALS`.
+Sums = tuple[Any, ...]
 
 
 class Running:
-    """Adds samples to :class:`Sums`.
+    """Adds samples to totals.
 
     Attributes:
-        dt: sample time [s].
+        dt: sample time [s]; of unequal steps the first one.
         late: number of the first sample of the last seconds.
     """
 
-    def __init__(self, steps: int, dt: float, effort: Array) -> None:
-        """Begin a run of so many samples with these torque limits, (n,) or (batch, n)."""
-        self.dt = dt
-        end = steps * dt
-        # The rule of the metrics, on the times that they see.
-        last = end - min(LAST, SHARE * end) - ROUNDING
-        first = max(0, math.floor(last / dt) - 1)
-        self.late = np.array(float(next(k for k in range(first, steps + 1) if k * np.float64(dt) >= last)))
+    def __init__(self, times: Array, effort: Array) -> None:
+        """Begin a run of samples at these times [s], two at least, with torque limits (n,) or (batch, n)."""
+        # Two samples of a file may have one time.
+        self.dt = float(times[1] - times[0]) or float(times[-1] - times[0])
+        window = times[-1] - min(LAST, SHARE * (times[-1] - times[0])) - ROUNDING
+        self.late = np.array(float(np.searchsorted(times, window)))
         self._limit = effort * LIMIT_SHARE
 
     def init(self, shape: tuple[int, ...]) -> Sums:
-        """Return the sums of no samples, of this shape."""
-        zero, most = np.zeros(shape), np.full(shape, np.inf)
-        ends = {"lowest": most, "highest": -most, "low": most, "high": -most}
-        ends |= {"target_low": most, "target_high": -most}
-        return Sums(*(ends.get(name, zero) for name in Sums._fields))
+        """Return the totals of no samples, of this shape."""
+        return tuple(np.full(shape, total.fold.start) for total in TOTALS.values())
 
-    def add(self, k: Any, q: Array, q_ref: Array, tau: Array, s: Sums, late: bool = True) -> Sums:
-        """Return the sums with one more sample.
+    def add(self, k: Any, q: Array, q_ref: Array, tau: Array, sums: Sums, late: bool = True) -> Sums:
+        """Return the totals with one more sample; steps are equal.
 
         Args:
             k: number of the sample.
             q: positions [rad or m].
             q_ref: their targets [rad or m].
             tau: torques applied from this sample on [N m or N].
-            s: the sums before.
-            late: False where the sample is known to be before the last seconds: their sums stay.
+            sums: the totals before.
+            late: False where the sample is known to be before the last seconds: their totals stay.
         """
-        e = q - q_ref
-        terms = self._terms(k, e, q, tau, s.tau)
-        values = [fold.one(x, term) for fold, x, term in zip(_FOLDS, s, terms, strict=False)]
-        if not late:
-            return new(Sums, (*values, *s[len(values) :]))
-        for fold, x, term, since in zip(
-            _LATE_FOLDS, s[len(values) :], _late_terms(e, q_ref, s.e), _SINCE, strict=True
-        ):
-            values.append(np.where(k > self.late + since, fold.one(x, term), x))
-        return new(Sums, values)
+        before, later = dict(zip(TOTALS, sums, strict=True)), k > 0.0
+        weight, e = np.where(later, 1.0, 0.5), q - q_ref
+        sample = Sample(
+            *(k, weight, 1.0, later, e, np.abs(e), before["e"], q, q_ref, tau, before["tau"], self._limit)
+        )
 
-    def add_all(self, first: int, q: Array, q_ref: Array, tau: Array, s: Sums) -> Sums:
-        """Return the sums with samples from number `first` on, the same as those of one after the other.
+        def added(total: Total, value: Any) -> Any:
+            if total.since is not None and not late:
+                return value
+            after = total.fold.one(value, total.term(sample))
+            return after if total.since is None else np.where(k > self.late + total.since, after, value)
+
+        return tuple(added(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
+
+    def add_all(
+        self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums, times: Array | None = None
+    ) -> Sums:
+        """Return the totals with samples from number `first` on, the same as those of one after the other.
 
         Args:
             first: number of the first sample.
             q: positions [rad or m], shape (samples, ...).
             q_ref: their targets [rad or m], likewise.
             tau: torques applied from each sample on [N m or N], likewise.
-            s: the sums before, arrays (...).
+            sums: the totals before, arrays (...).
+            times: of all samples, where steps are not equal [s].
         """
-        e = q - q_ref
-        e_before, tau_before = (np.concatenate([x[None], y[:-1]]) for x, y in ((s.e, e), (s.tau, tau)))
-        k = np.arange(first, first + len(e), dtype=np.float64).reshape(-1, *[1] * (e.ndim - 1))
-        terms = self._terms(k, e, q, tau, tau_before)
-        values = [fold.all(x, term) for fold, x, term in zip(_FOLDS, s, terms, strict=False)]
-        for fold, x, term, since in zip(
-            _LATE_FOLDS, s[len(values) :], _late_terms(e, q_ref, e_before), _SINCE, strict=True
-        ):
-            values.append(fold.all(x, term[k.ravel() > self.late + since]))
-        return new(Sums, values)
-
-    def _terms(self, k: Any, e: Array, q: Array, tau: Array, tau_before: Array) -> Any:
-        """Return what a sample, or each of many, adds to all sums but those of the last seconds."""
-        size = np.abs(e)
-        weight, more = np.where(k > 0.0, 1.0, 0.5), k > 0.0
-        return (
-            k * size,
-            weight * size,
-            weight * (e * e),
-            size,
-            e,
-            tau_before * tau_before,
-            np.where(more, np.abs(tau - tau_before), 0.0),
-            np.abs(tau),
-            np.where(more & (np.abs(tau_before) >= self._limit), 1.0, 0.0),
-            tau,
-            q,
-            q,
+        k, e = np.arange(first, first + len(q), dtype=np.float64), q - q_ref
+        weight, step = np.where(k > 0.0, 1.0, 0.5), np.ones(len(q))
+        moment = k
+        if times is not None:
+            step = np.diff(times, prepend=times[:1]) / self.dt
+            # The last one counts as if its step were the next, too: Totals.integral takes half of it away.
+            weight = 0.5 * (step + np.append(step[1:], step[-1]))
+            moment = times / self.dt * weight
+        before = dict(zip(TOTALS, sums, strict=True))
+        e_before, tau_before = (
+            np.concatenate([before[name][None], x[:-1]]) for name, x in (("e", e), ("tau", tau))
+        )
+        # Of all joints and rollouts the same.
+        grid: list[Any] = [x.reshape(-1, *[1] * (e.ndim - 1)) for x in (moment, weight, step, k > 0.0)]
+        errors, torques = (e, np.abs(e), e_before), (tau, tau_before, self._limit)
+        sample = Sample._make((*grid, *errors, q, q_ref, *torques))
+        return tuple(
+            total.fold.all(
+                value, total.term(sample)[... if total.since is None else k > self.late + total.since]
+            )
+            for total, value in zip(TOTALS.values(), sums, strict=True)
         )
 
 
-class Totals(NamedTuple):
-    """What a metric is worked out from at the end of a run without trajectories.
+class Totals:
+    """What metrics are worked out from: all of :data:`TOTALS` as attributes, arrays (..., n), and the run's.
 
     Attributes:
-        sums: what was added up.
         dt: sample time [s].
-        last: number of the last sample.
-        late: number of the first sample of the last seconds.
+        end: time of the last sample, in sample times.
+        span: from the first sample to the last, likewise.
+        late: the last seconds in which hunting is looked for, likewise.
+        step: from the last but one sample to the last, likewise.
         lower: lower position limits [rad or m].
         upper: upper position limits [rad or m].
         effort: torque limits [N m or N].
     """
 
-    sums: Sums
-    dt: float
-    last: int
-    late: float
-    lower: Array
-    upper: Array
-    effort: Array
+    def __init__(self, running: Running, sums: Sums, times: Array, limits: Any, even: bool = True) -> None:
+        """Keep what was added up.
 
-    def integral(self, sum_: Array, last: Array) -> Array:
-        """Return an integral by the trapezoidal rule, of a sum whose last value counts half."""
-        return self.dt * (sum_ - 0.5 * last)
+        Args:
+            running: what added it up.
+            sums: the totals.
+            times: of the samples [s].
+            limits: `lower`, `upper` [rad or m] and `effort` [N m or N], each (n,) or (..., n).
+            even: whether all steps are equal.
+        """
+        self._sums = dict(zip(TOTALS, sums, strict=True))
+        self.dt, last, late = running.dt, float(len(times) - 1), float(running.late)
+        self.end, self.span, self.late, self.step = last, last, last - late, 1.0
+        if not even:
+            ends = times[-1] - np.array([0.0, times[0], times[int(late)], times[-2]])
+            self.end, self.span, self.late, self.step = (ends / self.dt).tolist()
+        self.lower: Array = limits.lower
+        self.upper: Array = limits.upper
+        self.effort: Array = limits.effort
+
+    def __getattr__(self, name: str) -> Array:
+        """Return a total."""
+        try:
+            total: Array = vars(self)["_sums"][name]
+        except KeyError:
+            raise AttributeError(f"{name!r} is no total; there are {', '.join(TOTALS)}") from None
+        return total
+
+    def integral(self, total: Array, last: Array) -> Array:
+        """Return an integral by the trapezoidal rule, of a total and the last sample's value."""
+        return self.dt * (total - 0.5 * self.step * last)
 
     @property
     def swing(self) -> Array:
         """Range of the error in the last seconds [rad or m]; 0 where the reference moves then."""
-        s = self.sums
         with np.errstate(invalid="ignore"):
-            rests = ~(s.target_high - s.target_low > ROUNDING)
-            return np.where(rests & (s.high >= s.low), s.high - s.low, 0.0)
+            rests = ~(self.target_high - self.target_low > ROUNDING)
+            return np.where(rests & (self.high >= self.low), self.high - self.low, 0.0)
+
+
+def fold(times: Array, q: Array, q_ref: Array, tau: Array, limits: Any) -> Totals:
+    """Return the totals of recorded samples.
+
+    Args:
+        times: of the samples [s], shape (samples,), two at least.
+        q: positions [rad or m], shape (samples, ..., n).
+        q_ref: their targets [rad or m], likewise.
+        tau: torques applied from each sample on [N m or N], likewise.
+        limits: as for :class:`Totals`.
+    """
+    running = Running(times, limits.effort)
+    apart = np.abs(times - np.arange(len(times)) * running.dt)
+    even = bool((apart <= _EVEN * running.dt).all())
+    sums = running.add_all(0, q, q_ref, tau, running.init(q.shape[1:]), None if even else times)
+    return Totals(running, sums, times, limits, even)

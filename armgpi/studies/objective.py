@@ -40,7 +40,7 @@ def known_names() -> dict[str, str]:
 
     They are the metrics that a loop adds up while it runs.
     """
-    known = {name: each for name, each in metrics.declared().items() if each.on_line is not None}
+    known = {name: each for name, each in metrics.declared().items() if not each.of_rollout}
     found = {each.heading.casefold(): name for name, each in known.items()}
     return {key: name for key, name in found.items() if key.isidentifier()} | {name: name for name in known}
 

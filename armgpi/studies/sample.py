@@ -153,7 +153,7 @@ class Sweep:
     @property
     def metrics(self) -> list[str]:
         """Names of the metrics that are kept."""
-        return [name for name, each in metrics.declared().items() if each.on_line is not None]
+        return [name for name, each in metrics.declared().items() if not each.of_rollout]
 
     def rows(self, chunk: int, rollouts: int) -> int:
         """Return how many rollouts a chunk has where there are so many in all."""
