@@ -21,7 +21,7 @@ from armgpi.loop.backends import BACKENDS, runner
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.rollout import Recorded, Recording, Status, provenance, summary_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
-from armgpi.loop.running import Running, Totals
+from armgpi.loop.running import TOTALS, Running, Totals
 from armgpi.loop.variables import Variable, checked, rows_of, spread, variables, with_values
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
@@ -326,8 +326,8 @@ class PreparedLoop:
         diverged = recording.status == Status.DIVERGED
         interrupted = (recording.status == Status.INTERRUPTED).any()
         last = max(run.done - 1, 1) if interrupted else self.steps
-        running = Running(self._times, limits.effort)
-        totals = Totals(running, run.sums, self._times[: last + 1], limits)
+        running, by_name = Running(self._times, limits.effort), dict(zip(TOTALS, run.sums, strict=True))
+        totals = Totals(running, by_name.__getitem__, self._times[: last + 1], limits)
         found = metrics.of_totals(totals, diverged)
         ends = {}
         if final:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -160,9 +161,7 @@ class Running:
 
         return tuple(added(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
 
-    def add_all(
-        self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums, times: Array | None = None
-    ) -> Sums:
+    def add_all(self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums) -> Sums:
         """Return the totals with samples from number `first` on, the same as those of one after the other.
 
         Args:
@@ -171,6 +170,20 @@ class Running:
             q_ref: their targets [rad or m], likewise.
             tau: torques applied from each sample on [N m or N], likewise.
             sums: the totals before, arrays (...).
+        """
+        return tuple(map(self.totals(first, q, q_ref, tau, sums), TOTALS))
+
+    def totals(
+        self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums, times: Array | None = None
+    ) -> Callable[[str], Array]:
+        """Return what gives a total by its name, each worked out when it is asked for.
+
+        Args:
+            first: as for :meth:`add_all`.
+            q: likewise.
+            q_ref: likewise.
+            tau: likewise.
+            sums: likewise.
             times: of all samples, where steps are not equal [s].
         """
         k, e = np.arange(first, first + len(q), dtype=np.float64), q - q_ref
@@ -189,12 +202,12 @@ class Running:
         grid: list[Any] = [x.reshape(-1, *[1] * (e.ndim - 1)) for x in (moment, weight, step, k > 0.0)]
         errors, torques = (e, np.abs(e), e_before), (tau, tau_before, self._limit)
         sample = Sample._make((*grid, *errors, q, q_ref, *torques))
-        return tuple(
-            total.fold.all(
-                value, total.term(sample)[... if total.since is None else k > self.late + total.since]
-            )
-            for total, value in zip(TOTALS.values(), sums, strict=True)
-        )
+
+        def total(name: str) -> Array:
+            fold, term, since = TOTALS[name]
+            return fold.all(before[name], term(sample)[... if since is None else k > self.late + since])
+
+        return total
 
 
 class Totals:
@@ -211,17 +224,19 @@ class Totals:
         effort: torque limits [N m or N].
     """
 
-    def __init__(self, running: Running, sums: Sums, times: Array, limits: Any, even: bool = True) -> None:
+    def __init__(
+        self, running: Running, total: Callable[[str], Array], times: Array, limits: Any, even: bool = True
+    ) -> None:
         """Keep what was added up.
 
         Args:
             running: what added it up.
-            sums: the totals.
+            total: gives a total by its name; asked once for each that is wanted.
             times: of the samples [s].
             limits: `lower`, `upper` [rad or m] and `effort` [N m or N], each (n,) or (..., n).
             even: whether all steps are equal.
         """
-        self._sums = dict(zip(TOTALS, sums, strict=True))
+        self._total = cache(total)
         self.dt, last, late = running.dt, float(len(times) - 1), float(running.late)
         self.end, self.span, self.late, self.step = last, last, last - late, 1.0
         if not even:
@@ -233,11 +248,9 @@ class Totals:
 
     def __getattr__(self, name: str) -> Array:
         """Return a total."""
-        try:
-            total: Array = vars(self)["_sums"][name]
-        except KeyError:
-            raise AttributeError(f"{name!r} is no total; there are {', '.join(TOTALS)}") from None
-        return total
+        if name not in TOTALS:
+            raise AttributeError(f"{name!r} is no total; there are {', '.join(TOTALS)}")
+        return self._total(name)
 
     def integral(self, total: Array, last: Array) -> Array:
         """Return an integral by the trapezoidal rule, of a total and the last sample's value."""
@@ -264,5 +277,5 @@ def fold(times: Array, q: Array, q_ref: Array, tau: Array, limits: Any) -> Total
     running = Running(times, limits.effort)
     apart = np.abs(times - np.arange(len(times)) * running.dt)
     even = bool((apart <= _EVEN * running.dt).all())
-    sums = running.add_all(0, q, q_ref, tau, running.init(q.shape[1:]), None if even else times)
-    return Totals(running, sums, times, limits, even)
+    total = running.totals(0, q, q_ref, tau, running.init(q.shape[1:]), None if even else times)
+    return Totals(running, total, times, limits, even)
