@@ -36,9 +36,9 @@ checker: Any = check_certificate  # generic over number types, so without annota
 FORMAT = check_certificate.FORMAT
 #: By how much claims are rounded up, so that they are short.
 _ROUNDED = 1e-6
-#: Speed of the error for which a torque's claim is made: by how much it raises sigma or kappa_v, and what it
-#: is where it raises neither, as in a gantry, whose D(q) is constant.
-_SPREAD, _FREE = 0.02, 1e3
+#: Speed of the error for which a torque's claim is made where it moves nothing, as in a gantry, whose D(q) is
+#: constant; and the share of it that other claims try first.
+_FREE, _FIRST = 1e3, 0.02
 #: Rates [1/s per unit of the error's speed] that are rounding.
 _NO_MOTION = 1e-6
 #: Rates at which a common omega may move that are tried.
@@ -279,10 +279,10 @@ class _Known:
         self.inputs: dict[str, Any] = {}
         self.solutions: dict[str, Any] = {}
         self.said: list[str] = []
-        # So slow that the numbers of the reference's motion hardly grow by it.
+        # So slow that D and Coriolis torques are moved no more than by joints at the speed that was stated.
         pairs = (("sigma", "sigma_error"), ("kappa_v", "kappa_error"))
         shares = [float(numbers[x]) / float(numbers[y]) for x, y in pairs if float(numbers[y]) > _NO_MOTION]
-        self.spread = min([_FREE, *(_SPREAD * share for share in shares)])
+        self.spread = min([_FREE, *shares])
         self.one = {**NOTHING, "torque": "1", "spread": f"{self.spread:.9g}"}
 
     def gain(self) -> None:
@@ -308,7 +308,7 @@ class _Known:
 
     def close(self, name: str, what: str, stated: Mapping[str, str]) -> None:
         """Make a claim that implies what it rests on: the error is no faster than was taken for granted."""
-        spread = self.spread
+        spread = _FIRST * self.spread
         found = None
         for _ in range(_TRIES):
             inputs = {**stated, "spread": f"{spread:.9g}"}
@@ -416,9 +416,10 @@ def _assumptions(asked: Asked) -> list[str]:
         f"has the heaviest load, {moves}, and its arithmetic is exact.",
         "The reference stays in the box, within its speed and acceleration. That the arm stays within radius "
         "of it, that the error is no faster than spread and that no torque is cut follows from the claims.",
-        "The claims gain and stated hold from a start at rest with the torque that holds the arm, or as soon "
-        "as V is at most what the inputs keep it at, and for ever after; the claim start holds from a start "
-        "with the torque of another load of the range. Starts are at rest, where the reference rests.",
+        "The claim gain is for a reference at rest. It and the claim stated hold from a start at rest with "
+        "the torque that holds the arm, or as soon as V is at most what the inputs keep it at, and for ever "
+        "after; the claim start holds from a start with the torque of another load of the range. Starts are "
+        "at rest, where the reference rests.",
         "The claim for a jump holds at any time after a jump between the two loads; a load that is picked up "
         "has the velocity of the frame that picks it up.",
         "Numbers that are searched are the largest that a search found, and 3 % more: that is no proof.",

@@ -29,7 +29,7 @@ NUMBERS.update(inverse=1, hold=1, reach=1)
 LIMITS = ("effort", "lower", "upper", "radius", "speed", "velocity", "acceleration")
 INPUTS = ("torque", "shift", "count", "reference", "zone", "spread")
 CLAIMS = {
-    "gain": "an error per torque, once settled",
+    "gain": "an error per torque with the reference at rest, once settled",
     "stated": "the errors under all that was stated, once settled",
     "start": "the same from a start with the torque that holds the arm with another load of the range",
     "jump": "the same after the load jumped once, at any time",
@@ -107,10 +107,12 @@ def sample(c):
     """Return growths, rest, delta's ends, what a sample adds, the sizes of inputs, torque and noise."""
     h, d, kg, kf, s = (c[x] for x in ("sample_time", "delay", "kappa_g", "kappa_f", "spread"))
     least, most = min(c["omega"]), max(c["omega"])
-    # The Coriolis torque of the error is there twice for the reference's speed, and once for its own.
-    sigma, kv = c["sigma"] + s * c["sigma_error"], 2 * c["kappa_v"] + s * c["kappa_error"]
+    # The Coriolis torque of the error is there twice for the reference's speed, where that moves, and once
+    # for its own.
+    moves = bool(c["reference"])
+    sigma, kv = moves * c["sigma"] + s * c["sigma_error"], moves * 2 * c["kappa_v"] + s * c["kappa_error"]
     # At least e^x: the series of e^-x is below it after a negative term.
-    exponents = sigma * h, sigma * (d * h + c["count_time"])
+    exponents = sigma * h, sigma * d * h + c["sigma"] * c["count_time"]
     f, wide = (1 / (1 - x + x * x / 2 - x**3 / 6) if x < 1 else 0 for x in exponents)
     rest = 1 - f * ((kv + kf) * h + kg * h * h / 2)
     low, high = (c["delta_low"] / wide, c["delta_high"] * wide) if wide else (0, 0)

@@ -50,7 +50,7 @@ class Setting(NamedTuple):
         lower: lower end of the reference's configurations [rad or m], shape (n,).
         upper: upper end [rad or m], shape (n,).
         radius: how far the arm is from its reference at most [rad or m], shape (n,).
-        speed: largest speed of each joint of the reference [rad/s or m/s], shape (n,).
+        speed: largest speed of each joint of a reference that moves [rad/s or m/s], shape (n,).
         feedforward: "none", "gravity" or "model".
         torque: bound on the disturbance torque [N m or N], shape (n,).
         friction: bound on the torque of friction [N m or N], shape (n,).
@@ -96,8 +96,8 @@ class Numbers(NamedTuple):
     Attributes:
         delta_low: at most the least eigenvalue of D^-1 D^ [-].
         delta_high: at least the largest one [-].
-        sigma: largest ``|eigenvalue|`` of D^-1 dD/dt [1/s].
-        kappa_v: largest norm of D^-1/2 C D^-1/2 [1/s].
+        sigma: largest ``|eigenvalue|`` of D^-1 dD/dt at the stated speed [1/s].
+        kappa_v: largest norm of D^-1/2 C D^-1/2 at the stated speed [1/s].
         kappa_e: largest norm of D^-1/2 d(G - D^ v*)/dq D^-1/2, the stiffness of gravity [1/s^2].
         kappa_g: the same of dG/dq alone, for the time between two samples [1/s^2].
         kappa_f: largest eigenvalue of D^-1 F, with the coefficients F of viscous friction [1/s].

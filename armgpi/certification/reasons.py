@@ -15,12 +15,12 @@ from armgpi.control.margins import open_loop, sector
 #: What each number comes from.
 _NUMBERS = {
     "delta_high": "the range of loads",
-    "sigma": "the rate of the metric D(q)",
-    "kappa_v": "Coriolis torques",
+    "sigma_error": "the rate of the metric D(q)",
+    "kappa_error": "Coriolis torques",
     "kappa_e": "the stiffness of gravity",
     "kappa_g": "gravity between samples",
 }
-_UNITS = {"delta_high": "", "sigma": " 1/s", "kappa_v": " 1/s", "kappa_e": " 1/s^2", "kappa_g": " 1/s^2"}
+_UNITS = {**dict.fromkeys(_NUMBERS, ""), "kappa_e": " 1/s^2", "kappa_g": " 1/s^2"}
 #: Bandwidths that are tried in place of the one asked for.
 _BANDWIDTHS = (0.5, 0.7, 0.85, 1.2, 1.5, 2.0)
 _SHARES = (0.5, 0.25, 0.1)
@@ -37,7 +37,7 @@ def unsolved(
         numbers: of the certificate.
         inputs: of the certificate.
     """
-    said = [_sector(asked, law, numbers)]
+    said = [_sector(asked, law, numbers, float(inputs["spread"]))]
     blamed = [name for name in _NUMBERS if solvable(law, _less(numbers, name, 0.0), inputs)]
     said += [
         f"in the way: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}" for name in blamed
@@ -90,9 +90,10 @@ def _less(numbers: Mapping[str, Any], name: str, share: float) -> dict[str, Any]
     return changed
 
 
-def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any]) -> str:
-    """Return what the law takes beside what is asked."""
-    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
+def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], spread: float) -> str:
+    """Return what the law takes beside what is asked, with an error of some speed."""
+    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma_error"))
+    sigma *= spread
     omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
     loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
     most = sector(loop, low, sigma).upper
@@ -114,8 +115,7 @@ def _remedies(
             said.append(f"what would do: omega = {float(tried):.3g} rad/s")
             break
     for share in _SHARES:
-        slower = {**numbers, **{x: repr(share * float(numbers[x])) for x in ("sigma", "kappa_v")}}
-        if solvable(law, slower, {**inputs, "spread": repr(share * float(inputs["spread"]))}):
+        if solvable(law, numbers, {**inputs, "spread": repr(share * float(inputs["spread"]))}):
             said.append(f"what would do: {share:g} of the speed")
             break
     for share in _SHARES:

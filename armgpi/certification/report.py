@@ -59,7 +59,7 @@ def _claims(asked: Asked, made: Certificate) -> str:
         [name, gain, f"{case.error:.3g}", f"{certified / case.error:.2f}", *others]
         for name, (gain, *others), certified, case in told
     ]
-    head = ["joint", "error per torque,\ncertified", "worst found", "ratio", "for torques\nup to"]
+    head = ["joint", "error per torque\nat rest, certified", "worst found", "ratio", "for torques\nup to"]
     head += ["error under\nall stated", "from a start", "after a jump\nof the load", "torque\nneeded"]
     inputs = shares(made)
     said = (
@@ -106,7 +106,8 @@ def _nyquist(made: Certificate) -> str:
         parts.append(drawing.text(x + (0.12 if x > -1.0 / low else -0.12), -0.1, text))
     said = (
         f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
-        "A curve that stays out of it is necessary; sampling, delay, gravity and Coriolis torques take more."
+        "A curve that stays out of it is necessary while the arm moves at the stated speed; sampling, delay, "
+        "gravity and Coriolis torques take more."
     )
     return drawing.figure(parts, said)
 

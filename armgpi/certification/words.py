@@ -46,7 +46,7 @@ def table(made: Any) -> list[str]:
         f"{robot['name']}, taken as rigid: loads {light:g} to {heavy:g} kg, omega {_omega(law)} rad/s, "
         f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
         f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late",
-        f"  reference {course}, up to {_joined(limits['speed'])} rad/s or m/s; start {robot['start']}",
+        f"  reference {course}, speed {_joined(limits['speed'])} rad/s or m/s; start {robot['start']}",
         *_price(robot, law),
         f"  box [rad or m]: {', '.join(_ends(limits))}",
     ]
@@ -140,7 +140,7 @@ def _omega(law: Any) -> str:
 def _joints(made: Any) -> list[str]:
     """Return a line for each joint."""
     width = max(len(name) for name in ["joint", *made.joint_names])
-    head = ["error per torque", "up to", "under all", "from a start", "after a jump", "torque"]
+    head = ["per torque, at rest", "up to", "under all", "from a start", "after a jump", "torque"]
     sizes, lines = (20, 11, 12, 12, 12, 10), []
     for name, cells in zip(["joint", *made.joint_names], [head, *claims(made)], strict=True):
         padded = (f"{x:<{w}}" for x, w in zip(cells, sizes, strict=True))

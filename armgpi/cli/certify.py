@@ -26,7 +26,12 @@ _Payload = Annotated[
     typer.Option(metavar="KG:KG", help="Lightest and heaviest load at the tip, as '0:3'; none by default."),
 ]
 _Speed = Annotated[
-    str, typer.Option(metavar="NUMBERS", help="Speed of each joint of the reference at most [rad/s or m/s].")
+    str,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Speed of each joint of the reference at most [rad/s or m/s]; where it rests, of an error that "
+        "moves D(q) as much.",
+    ),
 ]
 _Acceleration = Annotated[
     str | None,

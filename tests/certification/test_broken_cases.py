@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi.certification.asked import ask
+from armgpi.certification.asked import NOTHING, ask
 from armgpi.certification.certificate import certificate
 from armgpi.certification.quantities import searched
+from armgpi.certification.solve import solve
+from armgpi.certification.soundness import observe
 
 LINK = """<link name="{0}"><inertial><mass value="{1}"/>
 <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -36,9 +38,15 @@ def certified(robot: armgpi.Robot, **options: Any) -> tuple[Any, armgpi.Certific
 @pytest.mark.parametrize("speed", [6.0, 8.0])
 def test_an_arm_that_rotates_so_fast_that_its_loop_is_unstable_is_refused(speed: float) -> None:
     """The error's Coriolis torque is there twice: from 0.59 omega on the loop is unstable."""
-    made = certified(turntable(), speed=[speed, 0.01])[1]
+    asked, made = certified(turntable(), speed=[speed, 0.01], acceleration=0.1)
     assert not made.certified
-    assert not made.data["solutions"]
+    assert set(made.data["solutions"]) == {"gain"}  # with the reference at rest
+    assert "reference moves" in str(made)
+    assert (observe(asked, made, 500).gain <= 1.0).all()
+    facts = [made.data[key] for key in ("limits", "law", "numbers")]
+    push = {**NOTHING, "torque": "1"}
+    assert solve(*facts, push) is not None
+    assert solve(*facts, {**push, "reference": "1"}) is None  # whatever disturbs
 
 
 def test_damping_so_large_that_the_loop_is_unstable_is_refused() -> None:

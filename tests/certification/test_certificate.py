@@ -68,7 +68,8 @@ INPUTS = {"torque": "1", "shift": "0", "count": "0", "reference": "0", "zone": "
 def made() -> armgpi.Certificate:
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
     options = {"torque": 0.005, "bits": 20, "feedforward": "gravity", "radius": 0.05, "jump": True}
-    return armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, start="held", **options)
+    moves = {"acceleration": 0.2}
+    return armgpi.certify(robot, payload=(0.0, 0.25), speed=0.2, start="held", **options, **moves)
 
 
 def test_a_certificate_holds_and_its_file_says_so(made: armgpi.Certificate, tmp_path: Path) -> None:
@@ -192,7 +193,10 @@ def test_the_last_digit_of_what_is_sealed_or_one_of_a_pair_is_refused(
             assert checker.check(other) == [f"{path[1]}: the matrix inequality does not hold"], path
 
 
-@pytest.mark.parametrize("name", ["delta_high", "sigma", "kappa_v", "kappa_e", "kappa_g", "inverse", "hold"])
+@pytest.mark.parametrize(
+    "name",
+    ["delta_high", "sigma", "sigma_error", "kappa_v", "kappa_error", "kappa_e", "kappa_g", "inverse", "hold"],
+)
 def test_worse_numbers_under_a_new_seal_no_longer_imply_the_claims(
     made: armgpi.Certificate, name: str
 ) -> None:

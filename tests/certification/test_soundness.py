@@ -9,10 +9,11 @@ import pytest
 
 import armgpi
 from armgpi.certification.adversary import worst
-from armgpi.certification.asked import ask
+from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import certificate
 from armgpi.certification.quantities import searched
-from armgpi.certification.soundness import observe
+from armgpi.certification.soundness import Adversary, Observed, bred, observe
+from armgpi.health.zoo import fingers
 
 
 @pytest.mark.parametrize(
@@ -59,6 +60,104 @@ def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
     assert "one omega: the rule gives the joints" in str(made)
     with pytest.raises(armgpi.errors.ParameterError, match="lightest load of 0"):
         ask(robot, 1e-3, speed=0.2, controller="untuned", payload=(0.05, 0.1))
+
+
+def test_each_generation_keeps_the_best_and_is_better() -> None:
+    """Genes of 1 are best here: half of them at first, nearly all of them after some generations."""
+    rng = np.random.default_rng(0)
+    genes = rng.random((200, 30))
+    for _ in range(60):
+        fitness = genes.sum(axis=1)
+        following = bred(genes, fitness, 200, rng)
+        assert following.sum(axis=1).max() >= fitness.max()
+        genes = following
+    assert genes.min() >= 0.0
+    assert genes.max() <= 1.0
+    assert genes.mean() > 0.9
+
+
+@pytest.fixture(scope="module")
+def jumping() -> tuple[Asked, armgpi.Certificate]:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.02)
+    given = {"payload": (0.0, 0.02), "speed": 0.2, "radius": 0.05, "torque": 0.001, "jump": True}
+    asked = ask(robot, 1e-3, acceleration=0.2, **given)
+    return asked, certificate(asked, searched(asked.setting))
+
+
+def test_evolution_finds_more_than_drawing_and_exceeds_no_claim(
+    jumping: tuple[Asked, armgpi.Certificate],
+) -> None:
+    asked, made = jumping
+    assert set(made.data["solutions"]) == set(Observed._fields[1:])
+    drawn, evolved = (observe(asked, made, 2000, claims=["jump"], generations=each) for each in (1, 10))
+    assert drawn.rollouts == evolved.rollouts == 2000
+    assert 1.05 * drawn.jump.max() < evolved.jump.max() <= 1.0
+
+
+@pytest.mark.parametrize("claim", Observed._fields[1:])
+def test_an_adversary_does_nothing_that_a_claim_does_not_allow(
+    jumping: tuple[Asked, armgpi.Certificate], claim: str
+) -> None:
+    asked, made = jumping
+    setting, rng = asked.setting, np.random.default_rng(0)
+    adversary = Adversary(asked, made, claim)
+    q = setting.lower + rng.random((50, 3)) * (setting.upper - setting.lower)
+    reference = adversary.reference(q, rng.random((50, adversary.widths[3])))
+    target = reference.at(np.linspace(0.0, 1.0, 201))
+    tiny = 1e-9
+    assert (target.q >= setting.lower - tiny).all()
+    assert (target.q <= setting.upper + tiny).all()
+    moves = float(claim != "gain")
+    assert (np.abs(target.v) <= moves * setting.velocity + tiny).all()
+    assert (np.abs(target.a) <= moves * setting.acceleration + tiny).all()
+    np.testing.assert_allclose(np.gradient(target.q, 0.005, axis=0)[1:-1], target.v[1:-1], atol=1e-3)
+    loads = rng.random((2, 50))
+    arm, before, controller = adversary.loads(*loads)
+    for robots in (arm, before):
+        assert (robots.variation["payload"] >= 0.0).all()
+        assert (robots.variation["payload"] <= 0.02).all()
+    same = np.array_equal(arm.variation["payload"], before.variation["payload"])
+    assert same == (claim in ("gain", "stated"))
+    levels = rng.uniform(-1.0, 1.0, (50, 8, 3))
+    tau = adversary.torques(levels, reference.start, arm)
+    if claim == "gain":
+        near = reference.start + adversary.claimed * rng.uniform(-1.0, 1.0, (50, 3))
+        inverse = np.linalg.inv(arm.mass_matrix(near))
+        length = np.sqrt(np.einsum("kpa,kab,kpb->kp", tau, inverse, tau))
+        assert (length <= float(made.data["inputs"]["gain"]["torque"])).all()
+    else:
+        assert (np.abs(tau) <= 0.001).all()
+    if claim == "jump":
+        moved = adversary.excited(reference, before, controller, rng.uniform(-1.0, 1.0, (50, 2, 3)))
+        stated = np.array(made.data["solutions"]["jump"]["claims"]["errors"], dtype=float)
+        assert (np.abs(moved["q0"] - reference.start) <= stated).all()
+
+
+ARMS: list[tuple[str, float, dict[str, Any]]] = [
+    ("anthropomorphic3", 0.02, {"payload": (0.0, 0.02)}),
+    ("anthropomorphic3", 0.1, {"payload": (0.0, 0.5), "radius": 0.2}),
+    ("anthropomorphic3", 0.02, {"payload": (0.0, 0.02), "delay": 1, "bits": 20}),
+    ("anthropomorphic3", 0.02, {"payload": (0.0, 0.02), "feedforward": "gravity"}),
+    ("anthropomorphic3", 0.02, {"payload": (0.0, 0.02), "feedforward": "model"}),
+    ("so100", 0.1, {"payload": (0.0, 0.1)}),
+    ("ur5", 0.1, {"payload": (0.0, 0.5)}),
+    ("panda", 0.2, {"payload": (0.0, 0.02)}),
+]
+
+
+@pytest.mark.search
+@pytest.mark.parametrize(("name", "inertia", "options"), ARMS)
+def test_no_evolved_adversary_exceeds_a_claim(name: str, inertia: float, options: dict[str, Any]) -> None:
+    """Over references that move, torques, loads and starts: 30,000 rollouts of each claim."""
+    robot = armgpi.Robot.load(name, lock=fingers(name))
+    robot = robot.with_armature(robot.armature + inertia)
+    given = {"speed": 0.2, "acceleration": 0.2, "radius": 0.05, "torque": 0.001, "jump": True}
+    asked = ask(robot, 1e-3, **{**given, **options})
+    made = certificate(asked, searched(asked.setting))
+    assert {"gain", "stated", "start"} <= set(made.data["solutions"]), made.reasons
+    seen = observe(asked, made, 30_000, generations=30)
+    for claim in made.data["solutions"]:
+        assert (getattr(seen, claim) <= 1.0).all()
 
 
 @pytest.mark.parametrize(("name", "load", "inertia"), [("anthropomorphic3", 0.25, 0.0), ("ur5", 3.0, 0.0)])
