@@ -72,22 +72,21 @@ def test_a_law_from_the_bare_file_holds_the_arm_with_its_rotors(arm: Robot) -> N
     for name, model in (("silent", arm), ("told none", rotors.without_rotors(arm))):
         with pytest.warns(ArmgpiWarning) if name == "told none" else nullcontext():
             law = GPI.untuned(model, 1e-3, delay=1e-3, bits=16)
-        loops = [
-            two_mass.loop(two_mass.plant(arm, q, gears, 1e-3), two_mass.law(law, q), 1)
+        held[name] = sum(
+            two_mass.ArmLoop(arm, q, gears, 1e-3, 1).growth(two_mass.law(law, q)) < 1.0
             for q in random_configurations(arm, 8, seed=0)
-        ]
-        held[name] = sum(two_mass.growth(each) < 1.0 for each in loops)
+        )
     assert held == {"silent": 8, "told none": 0}
 
 
 def test_a_stiff_gear_is_no_gear() -> None:
     q, rotor = UR5.middle(), np.array(ROTORS[UR5])
     law = two_mass.law(GPI.untuned(UR5, 1e-3, delay=1e-3, bits=16), q)
-    rigid = two_mass.growth(two_mass.loop(two_mass.plant(UR5, q, two_mass.Gears(rotor), 1e-3), law, 1))
+    rigid = two_mass.ArmLoop(UR5, q, two_mass.Gears(rotor), 1e-3, 1).growth(law)
     off = []
     for factor in (1e3, 1e4):
         stiff = two_mass.Gears(rotor, factor * np.array(GEARS[UR5]))
-        off.append(abs(two_mass.growth(two_mass.loop(two_mass.plant(UR5, q, stiff, 1e-3), law, 1)) - rigid))
+        off.append(abs(two_mass.ArmLoop(UR5, q, stiff, 1e-3, 1).growth(law) - rigid))
     assert off[1] < 0.15 * off[0] < 1e-4
 
 

@@ -21,7 +21,6 @@ _LOOKS = 401
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
     from armgpi.config import Experiment
-    from armgpi.robot.robot import Robot
 
 
 @stoppable
@@ -104,7 +103,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     check_out(options, experiment)
-    note_rotors(experiment.robot)
+    note_drives(experiment)
     wanted = ("plot", "view", "html", "report", "interactive")
     pictures.check(**{name: options[name] for name in wanted})
     check_table(options["table"])
@@ -144,12 +143,15 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     return code.get(experiments.overall_status(records), FAILED)
 
 
-def note_rotors(robot: Robot) -> None:
-    """Say what is believed of an arm's rotors, or that somebody told it to have none."""
-    from armgpi.robot.rotors import describe
+def note_drives(experiment: Experiment) -> None:
+    """Say what is believed of an arm's drives, and what limits the laws made by the rule for untuned arms."""
+    from armgpi.config.building import verdicts
+    from armgpi.robot.rotors import describe, describe_gears
 
-    if said := describe(robot):
+    for said in filter(None, (describe(experiment.robot), describe_gears(experiment.robot))):
         say(said, err=True)
+    for label, each in verdicts(experiment).items():
+        say(f"{label}: {each.describe()}", err=True)
 
 
 def check_out(options: dict[str, Any], experiment: Experiment) -> None:

@@ -119,7 +119,7 @@ def _export(options: dict[str, Any]) -> int:
     """Write what the options describe, print what it takes, and return the exit code."""
     import numpy as np
 
-    from armgpi.cli.experiment import note_rotors
+    from armgpi.cli.experiment import note_drives
     from armgpi.config import experiment as experiments
     from armgpi.errors import ParameterError
 
@@ -137,7 +137,7 @@ def _export(options: dict[str, Any]) -> int:
     target = _target(options)
     experiment = _experiment(options, target)
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    note_rotors(experiment.robot)
+    note_drives(experiment)
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.

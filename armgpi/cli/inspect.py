@@ -128,8 +128,7 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
         f"from {facts['base']!r} to {facts['tip']!r}",
         f"file: {shown(facts['source'])}",
     ]
-    if facts["rotors"]:
-        said.insert(1, shown(facts["rotors"]))
+    said[1:1] = [shown(facts[key]) for key in ("rotors", "gears") if facts[key]]
     if facts["sag"]:
         said.append(facts["sag"])
     if facts["locked"]:
@@ -184,7 +183,8 @@ def _untuned(facts: Mapping[str, Any]) -> list[str]:
         f"{law['nominal_load']:.2g} kg, omega_c = {slowest:.3g} to {fastest:.3g} rad/s; phase margin "
         f"{math.degrees(phase):.3g} deg, stable for delta {low:.2g} to {high:.2g}, delay margin "
         f"{1e3 * delay:.3g} ms; one count moves the torque of {shown(name[j])} by "
-        f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort"
+        f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
+        f"untuned: {law['verdict']}",
     ]
 
 

@@ -97,7 +97,7 @@ def loop(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config as configuration
     from armgpi.cli import pictures
-    from armgpi.cli.experiment import check_out, note_differences, note_rotors
+    from armgpi.cli.experiment import check_out, note_differences, note_drives
     from armgpi.cli.settings import settings
     from armgpi.config import experiment as experiments
     from armgpi.realtime import Injected, Watchdog, run
@@ -108,7 +108,7 @@ def loop(
     experiment = configuration.build(*settings(options, compare=False))
     check_out(options, experiment)
     pictures.check(view=view, report=report)
-    note_rotors(experiment.robot)
+    note_drives(experiment)
     note_differences(experiment)
     label, *others = experiment.runs
     if others:

@@ -156,7 +156,7 @@ def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str
     from armgpi.cli.parsing import per_joint
 
     found: dict[str, Any] = {}
-    if str(path) in ("believed", "rigid"):
+    if str(path) in ("believed", "soft", "rigid"):
         found["drives"] = str(path)
     elif path is not None:
         from armgpi.robot.drives import Drives
@@ -180,7 +180,8 @@ Drives = Annotated[
     typer.Option(
         metavar="FILE",
         help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known; "
-        "'believed': rotors that nothing tells are believed, 'rigid': there are none.",
+        "'believed': rotors that nothing tells are believed, 'soft': so are gears that twist, 'rigid': there "
+        "are none.",
     ),
 ]
 PlantEngine = Annotated[

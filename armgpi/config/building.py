@@ -23,7 +23,7 @@ from armgpi.config.schema import (
 )
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, suited
-from armgpi.control.untuned import Untuned
+from armgpi.control.untuned import Untuned, Verdict, verdict
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
@@ -250,26 +250,44 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     """Return the arm of an experiment, and the experiment with what is believed of its rotors filled in.
 
     They are believed where the file asks for it, and where it says nothing and has the rule for untuned arms.
-    What is simulated then has them as well. A reality says itself what rotors there are.
+    What is simulated then has them as well. A reality says itself what rotors there are. With "soft" the
+    stiffness of gears is believed too, and the plant is elastic unless another one is asked for.
     """
     section = config.robot
     robot = _robot(section, top.at("robot"))
     if section.drives == "rigid":
         return config, rotors.without_rotors(robot)
     untuned = any(each.type == Untuned.config_name for each in config.controllers)
-    if section.drives == "believed" or (untuned and config.reality is None):
-        if rotors.silent(robot):
-            robot = rotors.believe(robot)
-            given = section.drives if isinstance(section.drives, dict) else {}
-            known = {joint: dict(own) for joint, own in given.items()}
-            for joint, datum in robot.drives.data["rotor_inertia"].items():
+    soft = section.drives == "soft"
+    if soft or section.drives == "believed" or (untuned and config.reality is None):
+        robot = rotors.believe_gears(robot) if soft else rotors.believe(robot)
+        given = section.drives if isinstance(section.drives, dict) else {}
+        known = {joint: dict(own) for joint, own in given.items()}
+        for quantity, data in robot.drives.data.items():
+            for joint, datum in data.items():
                 if datum.source == "believed":
-                    known.setdefault(joint, {})["rotor_inertia"] = datum.plain()
-            section = section.model_copy(update={"drives": known})
-        elif section.drives == "believed":
-            section = section.model_copy(update={"drives": None})
+                    known.setdefault(joint, {})[quantity] = datum.plain()
+        section = section.model_copy(update={"drives": known or None})
         config = config.model_copy(update={"robot": section})
+        if soft and "engine" not in config.plant.model_fields_set and config.reality is None:
+            plant = config.plant.model_copy(update={"engine": "elastic"})
+            config = config.model_copy(update={"plant": plant})
     return config, robot
+
+
+def verdicts(experiment: Experiment) -> dict[str, Verdict]:
+    """Return what each controller made by the rule for untuned arms bears, label -> verdict.
+
+    Those of a reality, whose drives are drawn, have none.
+    """
+    config, found = experiment.config, {}
+    if config.reality is None and isinstance(experiment.robot, Robot):
+        context = _context(config, experiment.robot, _Place(Origin("experiment")))
+        for section in config.controllers:
+            if section.type == Untuned.config_name:
+                law = experiment.controllers[section.label]
+                found[section.label] = verdict(law, experiment.robot, context.bits)
+    return found
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:

@@ -325,7 +325,8 @@ class RobotSection(Section):
         friction: joint friction that replaces the URDF's.
         drives: joint -> what is known of its drive (:mod:`armgpi.robot.drives`); the keys above come on top.
             Or "believed": rotors of which the file says nothing are believed (:mod:`armgpi.robot.rotors`), as
-            they are where a controller has the rule for untuned arms; or "rigid": there are none.
+            they are where a controller has the rule for untuned arms; or "soft": so is the stiffness of
+            gears, and the plant is elastic where nothing says otherwise; or "rigid": there are none.
         gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
             itself; then plant and nominal models have no gravity.
     """
@@ -338,7 +339,7 @@ class RobotSection(Section):
     effort: PerJointNotNegative | None = None
     rotor_inertia: PerJointNotNegative | None = None
     friction: FrictionSection | None = None
-    drives: dict[str, Any] | Literal["believed", "rigid"] | None = None
+    drives: dict[str, Any] | Literal["believed", "soft", "rigid"] | None = None
     gravity: Literal["arm", "robot"] = "arm"
 
 

@@ -28,7 +28,7 @@ from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, with_heavier_rotors
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import believe
 
@@ -88,6 +88,8 @@ class GPI(Controller):
             `rest_leak` it keeps friction and encoder counts from making the arm hunt.
         rest_leak: rate at which every integrator but the first empties while the reference rests [1/s]; some
             50 end hunting, 0 is the paper.
+        rotor_factor: factor of the rotors' inertia in the nominal model of the feedback, the feedforward's
+            has the robot's own; 1 is the paper, more serves gears that twist.
         bias_robot: the robot that the feedforward is of; `robot` when not given.
     """
 
@@ -202,6 +204,13 @@ class GPI(Controller):
         per_joint=True,
         slider=(0.0, 100.0),
     )
+    rotor_factor: float = parameter(
+        "factor of the rotors' inertia in the nominal model of the feedback",
+        default=1.0,
+        least=0.0,
+        above=True,
+        structural=True,
+    )
     bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -224,6 +233,8 @@ class GPI(Controller):
             raise ParameterError("frame", self.frame, "left out where there is no payload")
         self.fill("bias_robot", self.robot)
         check_same_joints(self.bias_robot, "bias_robot", self.robot)
+        if self.rotor_factor != 1.0:
+            self.keep("robot", with_heavier_rotors(self.robot, self.rotor_factor))
         if given is None:
             given = self._default_gains(member)
         if not isinstance(given, Gains):
@@ -361,6 +372,11 @@ class GPI(Controller):
         zone = rests * self.rest_dead_zone
         beyond = e - np.minimum(np.maximum(e, -zone), zone)
         return (new(Resting, (beyond, 1.0 - rests * self._emptied)),)
+
+    @property
+    def member(self) -> Member:
+        """Which member of the family it is."""
+        return untuned.member(vars(self))
 
     def margins(self) -> Margins:
         """Return what the loops of all joints tolerate, in continuous time and with the gains at rest."""

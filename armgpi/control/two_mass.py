@@ -7,6 +7,7 @@ the law.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,11 @@ from armgpi.robot.robot import Robot
 
 #: Step of the differences [rad or m].
 _STEP = 1e-5
+#: Frequencies of a response: from this [rad/s], so many, and where a plant's pole is less damped than this
+#: ratio, so many times its width around it.
+_LOWEST, _POINTS, _SHARP, _AROUND = 0.7, 50, 0.3, np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
+#: Terms of the series of e^A at norms to a quarter: the next is below 1e-17.
+_TERMS = 13
 
 
 class Gears(NamedTuple):
@@ -24,20 +30,28 @@ class Gears(NamedTuple):
     Attributes:
         rotor: inertia of the rotors [kg m^2 or kg], (n,).
         stiffness: of the gears [N m/rad or N/m], (n,); None for rigid ones.
-        damping: of the gears, as a ratio of each joint's own mode [-].
+        damping: of the gears, as a ratio of each joint's own mode [-], a number or (n,).
         current: bandwidth of the current loop [Hz]; None for one that is at once.
-        side: where the encoder sits: "motor" or "link".
+        side: where the encoder sits: "motor" or "link", for all joints or one each.
     """
 
     rotor: Array
     stiffness: Array | None = None
-    damping: float = 0.05
+    damping: Any = 0.05
     current: float | None = 500.0
-    side: str = "motor"
+    side: Any = "motor"
 
 
-def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> tuple[Array, Array, Array]:
-    """Return A, B and C of an arm over a sample, about rest at q: x' = A x + B tau, measured = C x.
+class Plant(NamedTuple):
+    """An arm about rest over a sample: x' = A x + B tau, measured = C x."""
+
+    A: Array
+    B: Array
+    C: Array
+
+
+def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> Plant:
+    """Return an arm about rest at q.
 
     Args:
         robot: its links; rotors of its own count for nothing.
@@ -45,8 +59,6 @@ def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> tuple[Array, Array
         gears: its drives.
         dt: sample time [s].
     """
-    from scipy.linalg import expm
-
     n, one, nil = robot.n, np.eye(robot.n), np.zeros((robot.n, robot.n))
     links = robot.mass_matrix(q) - np.diag(robot.armature)
     steep = gravity_stiffness(robot, q)
@@ -57,21 +69,44 @@ def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> tuple[Array, Array
         B = np.vstack([nil, inverse])
         C = np.hstack([one, nil])
     else:
-        mass = np.diag(links)
-        ratio = 2.0 * gears.damping * np.sqrt(gears.stiffness * mass * gears.rotor / (mass + gears.rotor))
-        K, D = np.diag(gears.stiffness), np.diag(ratio)
+        K, D = np.diag(gears.stiffness), np.diag(gears.damping * damping_at_one(links, gears))
         stiff, damp = np.block([[K + steep, -K], [-K, K]]), np.block([[D, -D], [-D, D]])
         inverse = np.linalg.inv(np.block([[links, nil], [nil, rotor]]))
         A = np.block([[np.zeros((2 * n, 2 * n)), np.eye(2 * n)], [-inverse @ stiff, -inverse @ damp]])
         B = np.vstack([np.zeros((2 * n, n)), inverse[:, n:]])
-        C = np.hstack([nil, one, nil, nil] if gears.side == "motor" else [one, nil, nil, nil])
+        motor = np.diag((np.asarray(gears.side) == "motor") * np.ones(n))
+        C = np.hstack([one - motor, motor, nil, nil])
     if gears.current is not None:
         rate, k = 2.0 * np.pi * gears.current, len(A)
         A = np.block([[A, B], [np.zeros((n, k)), -rate * one]])
         B, C = np.vstack([np.zeros((k, n)), rate * one]), np.hstack([C, nil])
     k = len(A)
-    whole = expm(dt * np.block([[A, B], [np.zeros((n, k + n))]]))
-    return whole[:k, :k], whole[:k, k:], C
+    whole = _exponential(dt * np.block([[A, B], [np.zeros((n, k + n))]]))
+    return Plant(whole[:k, :k], whole[:k, k:], C)
+
+
+def _exponential(A: Array) -> Array:
+    """Return e^A by its series and squarings; SciPy's takes a second to import."""
+    halvings = max(0, math.ceil(math.log2(max(float(np.abs(A).sum(axis=1).max()), 1e-300))) + 2)
+    small = A / 2.0**halvings
+    term = total = np.eye(len(A))
+    for i in range(1, _TERMS):
+        term = term @ small / i
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return total
+
+
+def damping_at_one(links: Array, gears: Gears) -> Array:
+    """Return the damping of each gear at a ratio of 1 of the joint's own mode [N m s/rad or N s/m], (n,).
+
+    Args:
+        links: inertia matrix without rotors [kg m^2], (n, n).
+        gears: the drives.
+    """
+    mass, stiffness = np.diag(links), np.asarray(gears.stiffness)
+    return np.asarray(2.0 * np.sqrt(stiffness * mass * gears.rotor / (mass + gears.rotor)))
 
 
 def gravity_stiffness(robot: Robot, q: Array) -> Array:
@@ -80,7 +115,7 @@ def gravity_stiffness(robot: Robot, q: Array) -> Array:
     return np.asarray((robot.gravity(q + steps) - robot.gravity(q - steps)).T / (2.0 * _STEP))
 
 
-class _Law(NamedTuple):
+class Law(NamedTuple):
     """A law about rest: state' = A state + B e, torque = C state + D e."""
 
     A: Array
@@ -89,23 +124,149 @@ class _Law(NamedTuple):
     D: Array
 
 
-def law(controller: Any, q: Array) -> _Law:
+def law(controller: Any, q: Array) -> Law:
     """Return a GPI controller with fixed gains, linear about rest at q."""
-    n, realisation, c = controller.robot.n, controller._law, controller._nominal  # its own parts
-    first = realisation.init(np.zeros(n), c)
+    steep = None
+    if controller.feedforward == "computed":
+        steep = gravity_stiffness(controller.bias_robot, q)
+    own = joint_laws(controller._law, controller._nominal, controller.robot.n)
+    return around(own, controller.robot.mass_matrix(q), steep)
+
+
+def joint_laws(realisation: Any, coefficients: Any, n: int) -> Law:
+    """Return the realisation of n joints, from errors to accelerations v."""
+    first = realisation.init(np.zeros(n), coefficients)
     size = len(first) * n
     unit = np.eye(size + n)
     e = unit[:, size:]
     state = type(first)(*(unit[:, i * n : (i + 1) * n] for i in range(len(first))))
-    v = realisation.output(e, state, c)
-    ahead = np.concatenate(realisation.update(e, v, None, state, c), axis=1)
-    tau = v @ controller.robot.mass_matrix(q)
-    if controller.feedforward == "computed":
-        tau = tau + e @ gravity_stiffness(controller.bias_robot, q).T
-    return _Law(ahead[:size].T, ahead[size:].T, tau[:size].T, tau[size:].T)
+    v = realisation.output(e, state, coefficients)
+    ahead = np.concatenate(realisation.update(e, v, None, state, coefficients), axis=1)
+    return Law(ahead[:size].T, ahead[size:].T, v[:size].T, v[size:].T)
 
 
-def loop(of_plant: tuple[Array, Array, Array], of_law: _Law, delay: int) -> tuple[Array, Array, Array, Array]:
+def around(own: Law, inertia: Array, steep: Array | None = None) -> Law:
+    """Return a law of torques from one of accelerations.
+
+    Args:
+        own: from :func:`joint_laws`.
+        inertia: of the nominal model [kg m^2], (n, n).
+        steep: dG/dq of the nominal model where the feedforward is taken at the measured position, (n, n).
+    """
+    direct = inertia @ own.D if steep is None else inertia @ own.D + steep
+    return Law(own.A, own.B, inertia @ own.C, direct)
+
+
+class ArmLoop:
+    """An arm about rest, sampled and late, to be closed by many laws.
+
+    Attributes:
+        dt: sample time [s].
+        plant: without lateness.
+        modes: natural frequencies of the free arm with its gears, ascending, without those at zero [Hz].
+    """
+
+    def __init__(self, robot: Robot, q: Array, gears: Gears, dt: float, delay: int = 0) -> None:
+        """Work out the plant.
+
+        Args:
+            robot: its links; rotors of its own count for nothing.
+            q: configuration [rad or m], (n,).
+            gears: its drives.
+            dt: sample time [s].
+            delay: samples by which measurements are late.
+        """
+        self.dt, self._delay, self.plant = dt, delay, plant(robot, q, gears, dt)
+        links = robot.mass_matrix(q) - np.diag(robot.armature)
+        self._inertia, self._n = links + np.diag(gears.rotor), robot.n
+        self.modes = free_modes(links, gears)
+        self._response: tuple[Any, Any] | None = None
+
+    def growth(self, of_law: Law, later: int = 0) -> float:
+        """Return the largest eigenvalue of the closed loop over a sample; below 1 it is stable.
+
+        Args:
+            of_law: what closes it.
+            later: samples by which measurements are later.
+        """
+        A, B, C, _ = loop(self.plant, of_law, self._delay + later)
+        return float(np.abs(np.linalg.eigvals(A + B @ C)).max())
+
+    def sensitivity(self, of_law: Law) -> float:
+        """Return Ms [-], infinite where the loop is unstable.
+
+        It is the largest singular value of (1 - P K)^-1 over the frequencies, of errors weighted with the
+        root of the inertia matrix: then an arm without gears has that of one of its joints.
+        """
+        if self.growth(of_law) >= 1.0:
+            return float("inf")
+        z, P = self._respond()
+        K = law_response(of_law, z)
+        root = np.linalg.cholesky(self._inertia)
+        L = root.T @ P @ K @ np.linalg.inv(root.T)
+        return float(1.0 / np.linalg.svd(np.eye(self._n) - L, compute_uv=False)[:, -1].min())
+
+    def delay_margin(self, of_law: Law) -> float:
+        """Return by how much later measurements may be until the stable loop swings [s]; infinite for ever.
+
+        An eigenvalue of P K of size 1 at w is turned to 1 by a delay of its angle over w.
+        """
+        z, P = self._respond()
+        order = np.argsort(np.angle(z))
+        turn, values = np.angle(z)[order], np.linalg.eigvals(P @ law_response(of_law, z))[order]
+        values = np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
+        size = np.log(np.abs(values))
+        cross = size[:-1] * size[1:] < 0.0
+        share = np.where(cross, size[:-1] / np.where(cross, size[:-1] - size[1:], 1.0), 0.0)
+        w = turn[:-1, None] + share * np.diff(turn)[:, None]
+        where = np.where(share < 0.5, values[:-1], values[1:])
+        margins = np.where(cross, np.angle(where) % (2.0 * np.pi) / w, np.inf)
+        return float(margins.min()) * self.dt
+
+    def _respond(self) -> tuple[Any, Any]:
+        """Return frequencies, as points on the unit circle, and the plant's response there."""
+        if self._response is not None:
+            return self._response
+        A, B, C = self.plant
+        poles = np.linalg.eigvals(A)
+        turn = np.abs(np.angle(poles))
+        width = np.abs(np.log(np.abs(poles) + 1e-300)) / np.maximum(turn, 1e-9)
+        sharp = (turn > 1e-2) & (turn < np.pi) & (width < _SHARP)
+        near = (turn[sharp, None] * (1.0 + width[sharp, None] * _AROUND)).ravel()
+        w = np.concatenate([np.geomspace(_LOWEST * self.dt, 0.999 * np.pi, _POINTS), near])
+        z = np.exp(1j * np.clip(w, _LOWEST * self.dt, 0.999 * np.pi))
+        P = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, _each(B, z))
+        self._response = z, P * (z**-self._delay)[:, None, None]
+        return self._response
+
+
+def law_response(of_law: Law, z: Array) -> Array:
+    """Return the response of a law at points on the unit circle, from errors to torques, (len(z), n, n)."""
+    A, B, C, D = of_law
+    return np.asarray(C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, _each(B, z)) + D)
+
+
+def _each(B: Array, z: Array) -> Array:
+    """Return a matrix for each frequency."""
+    return np.broadcast_to(B.astype(complex), (len(z), *B.shape))
+
+
+def free_modes(links: Array, gears: Gears) -> Array:
+    """Return the natural frequencies of an arm with free motors, ascending, without those at zero [Hz].
+
+    Args:
+        links: inertia matrix without rotors [kg m^2], (n, n).
+        gears: its drives.
+    """
+    if gears.stiffness is None:
+        return np.array([])
+    # Of the twist alone: (M^-1 + J^-1) K.
+    both = np.linalg.inv(links) + np.diag(1.0 / gears.rotor)
+    squares = np.linalg.eigvals(both * gears.stiffness).real
+    return np.asarray(np.sqrt(np.sort(np.maximum(squares, 0.0))) / (2.0 * np.pi))
+
+
+def loop(of_plant: Plant, of_law: Law, delay: int) -> tuple[Array, Array, Array, Array]:
     """Return the open loop from a torque at the plant to the torque that the law answers, A, B, C, D."""
     A, B, C = of_plant
     k, n, s = len(A), B.shape[1], len(of_law.A)
@@ -124,20 +285,3 @@ def loop(of_plant: tuple[Array, Array, Array], of_law: _Law, delay: int) -> tupl
     out = of_law.D @ late
     out[:, k + delay * n :] += of_law.C
     return whole, entry, out, np.zeros((n, n))
-
-
-def growth(open_loop: tuple[Array, Array, Array, Array]) -> float:
-    """Return the largest eigenvalue of the closed loop over a sample; below 1 it is stable."""
-    A, B, C, _ = open_loop
-    return float(np.abs(np.linalg.eigvals(A + B @ C)).max())
-
-
-def sensitivity(open_loop: tuple[Array, Array, Array, Array], dt: float, points: int = 300) -> float:
-    """Return Ms, the largest singular value of (1 - L)^-1 over the frequencies; infinite where unstable."""
-    A, B, C, _ = open_loop
-    if growth(open_loop) >= 1.0:
-        return float("inf")
-    z = np.exp(1j * np.geomspace(0.3 * dt, np.pi, points))
-    solved = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, B.astype(complex))
-    S = np.linalg.inv(np.eye(B.shape[1]) - C @ solved)
-    return float(np.linalg.svd(S, compute_uv=False).max())

@@ -17,12 +17,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
+from armgpi.control import geared, two_mass
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Tuning
 from armgpi.control.margins import (
     SLOWEST_DEFAULT,
     count_noise,
     crossovers,
+    delay_margins,
     loops,
     tolerated_phase,
 )
@@ -37,7 +39,7 @@ from armgpi.control.payload import (
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.parameter import with_parameters
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered
+from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, with_heavier_rotors
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import told_none
@@ -45,6 +47,15 @@ from armgpi.robot.rotors import told_none
 #: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
 #: lateness limits the loop, which then has no count noise to spare it.
 INTEGRATORS, ROLLOFF, RATIO, LATE_RATIO = 1, 1, 4.0, 8.0
+#: Where gears twist, all integral action starts from the measured position, and the side of the encoders says
+#: what bears the resonance: at the motor rotors three times as heavy as they are and no roll-off, which would
+#: make it late; at the link a roll-off. Chosen on Panda and UR5, judged on others (tools/gears.py).
+GEARED: Mapping[bool, Mapping[str, Any]] = {
+    False: {"rolloff": 0, "rotor_factor": 3.0, "feedforward": "computed"},
+    True: {"rolloff": 1, "rolloff_ratio": RATIO, "feedforward": "computed"},
+}
+#: How much faster a law with roll-off has to be to reject as much as one without it and with heavier rotors.
+ROLLOFF_GAIN = 1.6
 #: Highest crossover frequency [rad/s]; that of the printed law at 30 rad/s is 56. Arms are not stiff beyond.
 CROSSOVER = 70.0
 #: Standard deviation of the torque's step between samples at rest, as a share of the effort: Panda with
@@ -56,6 +67,8 @@ COUNT_SHARE = 0.01
 REST_ZONE = 3e-4
 #: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
 _MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
+#: Share of a limit from which on it is reached: numbers are found to within some percent.
+_REACHED = 0.95
 #: Configurations over which inertia and gravity are taken.
 _CONFIGURATIONS = 50
 #: What chooses the member of the family, in the order of :class:`armgpi.control.family.Member`.
@@ -92,6 +105,18 @@ def untuned(
         ParameterError: when a number is out of its range.
         PayloadError: when no bandwidth serves the loads given.
     """
+    given = given or {}
+    chosen = _rigid(robot, dt, delay, bits, given)
+    if soft := _twists(robot, dt, delay, {**chosen, **given}):
+        chosen = _geared(robot, dt, delay, bits, given)
+    chosen = {name: value for name, value in chosen.items() if name not in given}
+    if isinstance(robot, Robot):
+        _warn(robot, None if soft or "gains" in given else chosen.get("omega_c"), chosen.get("payload"))
+    return chosen
+
+
+def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears are rigid."""
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
         "rolloff": ROLLOFF,
@@ -100,7 +125,6 @@ def untuned(
         "friction_feedforward": _knows_friction(robot),
         "rest_dead_zone": REST_ZONE,
     }
-    given = given or {}
     law = member({**chosen, **given})
     limits = _limits(law, dt, delay)
     if limits.lateness < limits.stiffness:
@@ -117,11 +141,72 @@ def untuned(
     if bits is not None:
         nominal = robot if loads is None else loads.found(robot, dt, delay, 1e-9, law).nominal
         omega = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits))
-    chosen["omega_c"] = omega
-    chosen = {name: value for name, value in chosen.items() if name not in given}
-    if isinstance(robot, Robot):
-        _warn(robot, None if "gains" in given else chosen.get("omega_c"), chosen.get("payload"))
+    return {**chosen, "omega_c": omega}
+
+
+def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) -> bool:
+    """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
+    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+    known = [one for one in dict.fromkeys(robots) if geared.is_known(one)]
+    if not known or len(known) > 1 or "omega_c" not in law:
+        return bool(known)
+    (one,) = known
+    loads, bias = law.get("payload"), one if law["feedforward"] == "computed" else None
+    nominal = one if loads is None else loads.found(one, dt, delay, 1e-9, member(law)).nominal
+    loops = geared.Loops(geared.cases(one, dt, _samples(dt, delay)), nominal, bias, member(law), dt)
+    return not loops.holds(np.ravel(law["omega_c"])[: one.n], geared.RIGID_SENSITIVITY)
+
+
+def _samples(dt: float, delay: float) -> int:
+    """Return by how many samples measurements are late."""
+    return math.ceil(round(delay / dt, 6))
+
+
+def _geared(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears twist."""
+    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
+    link = geared.at_link(first)
+    chosen = _with_structure(GEARED[link], robot, dt, delay, bits, given)
+    if not link and not geared.is_believed(first):
+        other = _with_structure(GEARED[True], robot, dt, delay, bits, given)
+        if np.min(other["omega_c"]) > ROLLOFF_GAIN * np.min(chosen["omega_c"]):
+            return other
     return chosen
+
+
+def _with_structure(
+    structure: Mapping[str, Any],
+    robot: AnyRobot,
+    dt: float,
+    delay: float,
+    bits: Any,
+    given: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears twist, with some structure of the law."""
+    chosen: dict[str, Any] = {
+        "integrators": INTEGRATORS,
+        **structure,
+        "friction_feedforward": _knows_friction(robot),
+        "rest_dead_zone": REST_ZONE,
+    }
+    every = {**chosen, **given}
+    law, factor, loads = member(every), every.get("rotor_factor", 1.0), given.get("payload")
+    highest = min(_limits(law, dt, delay))
+
+    def nominal(one: AnyRobot) -> AnyRobot:
+        loaded = one if loads is None else loads.found(one, dt, delay, 1e-9, law).nominal
+        return with_heavier_rotors(loaded, factor)
+
+    def fastest(one: Robot) -> Array:
+        own: Any = nominal(one)
+        bias = one if every["feedforward"] == "computed" else None
+        loops = geared.Loops(geared.cases(one, dt, _samples(dt, delay)), own, bias, law, dt)
+        return geared.bandwidth(loops, highest, geared.is_believed(one)) * np.ones(one.n)
+
+    omega = _of_each(robot, fastest)
+    if bits is not None:
+        omega = omega * np.minimum(1.0, _quietness(nominal(robot), dt, law, omega, bits, not law.rolloff))
+    return {**chosen, "omega_c": omega}
 
 
 def _spare(robot: AnyRobot, most: float) -> LoadRange:
@@ -173,10 +258,13 @@ def _limits(law: Member, dt: float, delay: float) -> _Limits:
     return _Limits(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / late(dt, delay))
 
 
-def _quietness(robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any) -> Array:
+def _quietness(
+    robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False
+) -> Array:
     """Return by what factor joints must be slower than `omega` to be quiet, (n,) or (batch, n).
 
-    The step of the torque grows with the third power of the bandwidth, to within a tenth.
+    The step of the torque grows with the third power of the bandwidth, to within a tenth; where there is no
+    roll-off, with the second.
     """
     bits = as_float_array(bits, "bits")
     if not ((bits >= 1.0) & (bits <= 52.0)).all():
@@ -185,9 +273,10 @@ def _quietness(robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any)
     fast = [None if x is None else float(np.max(x)) for x in law.ratios]
     loudest = Member(law.integrators, law.rolloff, fast[0] or 1.0, fast[1], fast[2])
     one = Tuning(*map(np.array, (slowest, 1.0, slowest)))
-    step = count_noise(one, dt, loudest).step / math.sqrt(12.0) * (omega / slowest) ** 3
+    power, root = (2, np.sqrt) if direct else (3, np.cbrt)
+    step = count_noise(one, dt, loudest).step / math.sqrt(12.0) * (omega / slowest) ** power
     noise = step * robot.encoder_count(bits)
-    return np.asarray(np.cbrt(TORQUE_SHARE * _of_each(robot, _least_acceleration) / noise))
+    return np.asarray(root(TORQUE_SHARE * _of_each(robot, _least_acceleration) / noise))
 
 
 def usual_effort(robot: Robot) -> Array:
@@ -231,6 +320,92 @@ def _knows_friction(robot: AnyRobot) -> bool:
     """Tell whether friction was given: what URDFs state is not measured."""
     robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
     return all(any("friction" in change for change in each.provenance["changes"]) for each in robots)
+
+
+class Verdict(NamedTuple):
+    """What a law made by the rule bears, and why it is no faster.
+
+    Attributes:
+        limits: joint by joint what limits the bandwidth: "gears", "noise", "delay", "load" or "crossover".
+        sensitivity: largest peak Ms over configurations and what is known of the gears; infinite where a loop
+            is unstable.
+        spare: delay margin, beyond the delay that there is [s].
+        resonance: lowest one of gears as known or believed, in the middle [Hz]; NaN for rigid ones.
+        borne: of rigid ones, the lowest that the law would bear with Ms of at most 3 [Hz]; else NaN.
+        usual: of rigid ones, the lowest that gears of such motors have [Hz]; else NaN.
+    """
+
+    limits: tuple[str, ...]
+    sensitivity: float
+    spare: float
+    resonance: float
+    borne: float
+    usual: float
+
+    def describe(self) -> str:
+        """Return it in a line."""
+        said = "limited by " + " and ".join(dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1]))
+        if math.isfinite(self.sensitivity):
+            said += f"; Ms {self.sensitivity:.2f}, {1e3 * self.spare:.3g} ms of delay to spare"
+        else:
+            said += "; not stable at every end of what is known of the gears"
+        if math.isfinite(self.resonance):
+            said += f", lowest resonance {self.resonance:.3g} Hz"
+        if math.isfinite(self.borne) and self.borne > self.usual:
+            said += (
+                f"; gears are taken as rigid: below {self.borne:.3g} Hz of resonance they may lose the arm, "
+                f"and those of such motors have some {self.usual:.2g} Hz: --drives soft, or tell them by "
+                "--drives FILE"
+            )
+        return said
+
+
+def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
+    """Return what a law bears on an arm.
+
+    Args:
+        law: a GPI with fixed gains, for one arm.
+        robot: the arm as it is known.
+        bits: resolution of the encoders [bits], a number or (n,); None for exact positions.
+    """
+    soft, late = geared.is_known(robot), _samples(law.dt, law.delay)
+    every = geared.cases(robot, law.dt, late) if soft else geared.rigid_cases(robot, law.dt, late)
+    pairs = [(case, two_mass.law(law, case.q)) for case in every]
+    judged = [(case.arm, own) for case, own in pairs if case.judged]
+    sensitivity, spare = math.inf, 0.0
+    if all(case.arm.growth(own) < 1.0 for case, own in pairs):
+        sensitivity = max(arm.sensitivity(own) for arm, own in judged)
+        spare = min(arm.delay_margin(own) for arm, own in judged)
+    resonance, borne, usual = (math.nan,) * 3
+    if soft:
+        resonance = geared.resonance(robot)
+    elif robot.armature.any():
+        borne, usual = geared.borne(law, robot, late)
+    return Verdict(_what_limits(law, soft, bits), sensitivity, spare, resonance, borne, usual)
+
+
+def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
+    """Return joint by joint what limits the bandwidth of a law: of what it takes the largest share."""
+    tuning, own, n = law.gains.nominal(), law.member, law.robot.n
+    omega = tuning.omega_c * np.ones(n)
+    loaded = 1.0 if law.payload is None else law.payload.delta[1]
+    margin = delay_margins(tuning, own) * np.ones(n)
+    unit = np.ones(1)
+    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(unit, unit, unit), own))
+    shares = {
+        "crossover": omega * crossover / CROSSOVER,
+        "delay": late(law.dt, law.delay) / (DELAY_SHARE * margin),
+        "load": late(law.dt, law.delay) / (DELAY_SHARE * delay_margins(tuning, own, loaded) * np.ones(n)),
+        "noise": 0.0 * omega
+        if bits is None
+        else 1.0 / _quietness(law.robot, law.dt, own, omega, bits, not own.rolloff),
+    }
+    names, rows = list(shares), np.stack(list(shares.values()))
+    most = [names[i] for i in rows.argmax(axis=0)]
+    return tuple(
+        "gears" if soft and share < _REACHED else name
+        for name, share in zip(most, rows.max(axis=0), strict=True)
+    )
 
 
 @with_parameters

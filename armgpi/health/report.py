@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import check_choice, check_number, check_path, check_type, check_whole
+from armgpi.control import untuned
 from armgpi.control.gpi import GPI
 from armgpi.control.payload import PLAUSIBLE_DELTA, largest_payload, plausible_load
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
@@ -136,8 +137,9 @@ def inspect(
     if rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
     if isinstance(drives, str):
-        check_choice(drives, "drives", ("believed", "rigid"))
+        check_choice(drives, "drives", ("believed", "soft", "rigid"))
         robot = rotors.without_rotors(robot) if drives == "rigid" else robot
+        robot = rotors.believe_gears(robot) if drives == "soft" else robot
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject)).with_findings(findings.find(subject))
 
@@ -206,6 +208,7 @@ def _facts(subject: Subject) -> dict[str, Any]:
         "mimic": robot.provenance.get("mimic", "lock"),
         "repairs": list(robot.provenance.get("repairs", ())),
         "rotors": rotors.describe(rotors.believe(robot)),
+        "gears": rotors.describe_gears(robot),
         "sag": sag(robot),
         "joints": _joints(subject),
         "least_eigenvalue": float(subject.eigenvalues[:, 0].min()),
@@ -230,16 +233,21 @@ def _untuned(subject: Subject) -> dict[str, Any] | None:
         warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
         law = GPI.untuned(subject.robot, dt, delay=subject.delay * dt, bits=bits)
     margins, torque = law.margins(), law.count_torque(bits)
+    said = untuned.verdict(law, rotors.believe(subject.robot), bits)
     return {
         "integrators": law.integrators,
         "rolloff": law.rolloff,
-        "nominal_load": law.payload.heaviest,
+        "nominal_load": 0.0 if law.payload is None else law.payload.heaviest,
         "omega_c": law.gains.nominal().omega_c.tolist(),
         "phase_margin": margins.phase,
         "delay_margin": margins.delay,
         "delta": list(margins.delta),
         "count_torque": torque.tolist(),
         "count_share": (torque / law.effort).tolist(),
+        "limits": list(said.limits),
+        "sensitivity": said.sensitivity,
+        "spare": said.spare,
+        "verdict": said.describe(),
     }
 
 

@@ -238,6 +238,16 @@ def common_batch(rows: Mapping[str, int]) -> int:
 AnyRobot = Robot | RobotBatch
 
 
+def with_heavier_rotors(robot: AnyRobot, factor: float) -> AnyRobot:
+    """Return a robot with its rotors' inertia multiplied by a factor; what is known of them stays known."""
+    if isinstance(robot, VariedRobots):
+        rotors = robot.variation.get("rotor_inertia", np.tile(robot.base.armature, (robot.batch, 1)))
+        return robot.base.varied(**{**robot.variation, "rotor_inertia": factor * rotors})
+    if isinstance(robot, RobotBatch):
+        return RobotBatch([with_heavier_rotors(each, factor) for each in robot.robots])  # type: ignore[misc]
+    return robot.with_drives(robot.drives.scaled("rotor_inertia", factor))
+
+
 def check_robot(robot: Any, name: str = "robot") -> None:
     """Refuse what is neither a robot nor one per rollout.
 

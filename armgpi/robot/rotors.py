@@ -1,9 +1,12 @@
-"""Rotors that a file does not tell: what is believed of them, and from which published drives.
+"""Rotors and gears that a file does not tell: what is believed of them, and from which published drives.
 
 A motor that gives a torque T up to a speed v can turn its own rotor from rest to v in some time J v / T,
 all as seen at the joint. Over five decades of J that time is nearly the same, as larger motors and higher
 gear ratios raise T / v as they raise J: the gear ratio cancels. So a joint without a word of its rotor is
 believed to have J = SPIN_UP T / v.
+
+A gear twists by some angle under its largest torque, small ones as large ones: so a gear without a word of
+its stiffness is believed to have K = T / TWIST.
 """
 
 from __future__ import annotations
@@ -81,6 +84,11 @@ PUBLISHED = (
 SPIN_UP = 0.0226
 #: Factor either way of the believed value within which 95 % of the held-out joints are (tools/rotors.py).
 SCATTER = 2.5
+#: Angle by which a gear twists under its torque limit [rad], and the factor either way within which it is
+#: taken to be. Harmonic drives alone twist by some 5 mrad under their repeated peak torque (first stiffness
+#: K1 of sizes 14 to 32, as cited from their catalogues, not looked up again; 31 kN m/rad at 100:1 in
+#: CompliantJointToolbox, from a data sheet); links, bearings and torque sensors add to it.
+TWIST, TWIST_SCATTER = 8e-3, 2.0
 #: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s].
 _NO_EFFORT, _NO_VELOCITY = 1000.0, 100.0
 #: Most that an arm's strongest joint may have over its largest gravity torque: limits above are no motors'.
@@ -99,7 +107,14 @@ def silent(robot: Robot) -> tuple[str, ...]:
 
 def believable(robot: Robot) -> Array:
     """Return the rotor inertia that each joint of an arm is believed to have [kg m^2 or kg], (n,)."""
-    effort, velocity = (np.abs(x) for x in (robot.limits.effort, robot.limits.velocity))
+    velocity = np.abs(robot.limits.velocity)
+    speed = np.where((velocity > 0.0) & (velocity < _NO_VELOCITY), velocity, _SPEED)
+    return np.asarray(SPIN_UP * motor_torque(robot) / speed)
+
+
+def motor_torque(robot: Robot) -> Array:
+    """Return the torque limit of each motor [N m or N], (n,), believed where the limit is a word for none."""
+    effort = np.abs(robot.limits.effort)
     gravity = np.abs(robot.gravity(random_configurations(robot, 50, seed=0))).max(axis=0)
     largest = float(gravity.max())
     told = (effort > 0.0) & (effort < _NO_EFFORT)
@@ -107,8 +122,7 @@ def believable(robot: Robot) -> Array:
     if strongest > _MOST_GRAVITY * largest > 0.0:
         effort = effort * _MOST_GRAVITY * largest / strongest
     guessed = _GRAVITIES * np.maximum(gravity, _LEAST_SHARE * largest)
-    speed = np.where((velocity > 0.0) & (velocity < _NO_VELOCITY), velocity, _SPEED)
-    return np.asarray(SPIN_UP * np.where(told, effort, guessed) / speed)
+    return np.where(told, effort, guessed)
 
 
 def believe(robot: Robot) -> Robot:
@@ -121,6 +135,20 @@ def believe(robot: Robot) -> Robot:
     return robot.with_drives(
         Drives(robot.joint_names).with_value("rotor_inertia", value, low, high, source="believed")
     )
+
+
+def believe_gears(robot: Robot) -> Robot:
+    """Return the arm with believed stiffness of the gears where nothing is known of it.
+
+    Rotors of which nothing is known are believed as well: a gear that twists is between two masses.
+    """
+    robot = believe(robot)
+    known = robot.drives.data.get("stiffness", {})
+    every = zip(robot.joint_names, (motor_torque(robot) / TWIST).tolist(), robot.armature, strict=True)
+    value = {name: K for name, K, rotor in every if name not in known and rotor > 0.0}
+    low, high = ({name: f * K for name, K in value.items()} for f in (1.0 / TWIST_SCATTER, TWIST_SCATTER))
+    more = Drives(robot.joint_names).with_value("stiffness", value, low, high, source="believed")
+    return robot.with_drives(more) if value else robot
 
 
 def without_rotors(robot: Robot) -> Robot:
@@ -160,14 +188,31 @@ def describe(robot: Robot) -> str:
         return (
             f"no rotors, as it is told: {', '.join(none)}; an arm with geared motors is lost under such a law"
         )
-    if not (names := believed(robot)):
-        return ""
-    values = robot.drives.value("rotor_inertia")
-    rows = [f"{name} {values[robot.joint_names.index(name)]:.2g}" for name in names]
-    return (
+    rows = _believed_rows(robot, "rotor_inertia")
+    return rows and (
         f"rotors believed, as the file is silent of them [kg m² or kg, within a factor of {SCATTER:g}]: "
-        f"{', '.join(rows)}; tell them by --rotor-inertia or --drives FILE, or none by --drives rigid"
+        f"{rows}; tell them by --rotor-inertia or --drives FILE, or none by --drives rigid"
     )
+
+
+def describe_gears(robot: Robot) -> str:
+    """Return in a line what is believed of the stiffness of an arm's gears; or nothing."""
+    rows = _believed_rows(robot, "stiffness")
+    return rows and (
+        f"gears believed to twist [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: {rows}; tell "
+        "them by --drives FILE"
+    )
+
+
+def _believed_rows(robot: Robot, quantity: str) -> str:
+    """Return what is believed of a quantity, joint by joint."""
+    data = robot.drives.data.get(quantity, {})
+    rows = (
+        f"{joint} {data[joint].value:.2g}"
+        for joint in robot.joint_names
+        if joint in data and data[joint].source == "believed"
+    )
+    return ", ".join(rows)
 
 
 def spin_up(rotor: Rotor) -> float:
