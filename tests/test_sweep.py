@@ -22,11 +22,13 @@ from armgpi.config import build as build_experiment
 from armgpi.config import experiment as experiments
 from armgpi.config import parse, read
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
+from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson, quantile, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
-from armgpi.parameter import Parameter
-from armgpi.studies import rare, results, sample, workers
+from armgpi.parameter import Parameter, parameters
+from armgpi.plants.reality import Reality
+from armgpi.studies import page, rare, results, sample, workers
 from armgpi.studies.distributions import Distribution, shares
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import IDENTITY
@@ -538,6 +540,38 @@ def test_a_sweep_of_a_reality_draws_by_index() -> None:
     config = found.config_of({}, 5)
     assert config.reality is not None
     assert config.reality.index == 5
+    # A row of a chunk is the draw of its index, as it runs alone.
+    object.__setattr__(found, "size", 4)
+    table = dict(zip(found.columns, found.run(1, 3).T, strict=True))
+    reality = Reality(**{name: getattr(config.reality, name) for name in parameters(Reality)})
+    for row in range(3):
+        draw = reality.draw(found.robot, 4 + row)
+        told = (table["payload"][row], table["inertia_scale"][row])
+        assert told == (draw.numbers.payload, draw.numbers.inertia_scale)
+        (alone,) = health.outcomes([draw], "arm", {"type": "gpi", "rolloff": 1})
+        peak = max(table[f"peak_error[{joint}]"][row] for joint in found.robot.joint_names)
+        assert peak == pytest.approx(alone.peak, rel=1e-6)
+
+
+def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> None:
+    margins = np.full(100, 0.5)
+    margins[7] = 0.6
+    level = np.column_stack([np.zeros((100, 2)), margins])
+    assert rare._bound(level, 0.5) == (0.6, 0.01)
+    assert rare._bound(level, 0.6) == (0.6, 1.0)
+
+
+def test_bars_of_a_picture_stand_on_one_line() -> None:
+    svg = page._svg([(0.0, 0.5, 0.25, "red"), (0.5, 0.5, 1.0, "red")], ["a", "b", "c"])
+    bars = re.findall(r'y="([\d.]+)" width="[\d.]+" height="([\d.]+)"', svg)
+    assert {float(y) + float(high) for y, high in bars} == {92.0}
+
+
+def test_levels_that_random_rollouts_do_not_confirm_are_said_to_be_wrong() -> None:
+    said = {"value": 0.02, "rollouts": 1000, "lower": 0.01, "upper": 0.04, "by the levels": 0.03}
+    assert "WRONG" not in rare._checked(said)
+    assert "WRONG" in rare._checked({**said, "by the levels": 0.05})
+    assert "WRONG" in rare._checked({**said, "by the levels": 0.005})
 
 
 def test_parameters_say_whether_they_vary() -> None:

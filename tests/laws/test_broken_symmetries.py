@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,11 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from armgpi import GPI, Hold, RigidBodyPlant, Robot, files
+from armgpi import GPI, Hold, Reality, RigidBodyPlant, Robot, files
+from armgpi.certification import check_certificate
 from armgpi.loop.prepared import prepare
+from armgpi.robot.kinematics import TrackingInverse
+from armgpi.robot.rotors import believable
 
 UR5 = Robot.load("ur5")
 Q = np.array([0.3, -1.1, 0.9, -0.4, 0.7, 0.5])
@@ -87,3 +91,47 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place(
     number, folder = target.stat().st_ino, tmp_path.stat().st_ino
     # The file, then its name, then the folder that has the name.
     assert calls == [("sync", number), ("replace", number), ("sync", folder)]
+
+
+def test_a_move_at_full_speed_takes_the_fastest_joint_to_its_limit() -> None:
+    reality = Reality.bare(speed=(1.0, 1.0), duration=(1e-3, 1e3), distance=(0.3, 0.9), t_final=1e4)
+    for index in range(4):
+        draw = reality.draw(UR5, index)
+        move = draw.reference.at(np.linspace(0.0, 20.0, 200_001))
+        shares = np.abs(move.v).max(axis=0) / UR5.limits.velocity
+        assert shares.max() == pytest.approx(1.0, rel=1e-3)
+
+
+def test_free_joints_are_drawn_home_and_the_frame_goes_where_it_should() -> None:
+    inverse = TrackingInverse(UR5, "tool0", rate=0.7)
+    velocity, home = np.array([0.1, -0.2, 0.05]), Q + 0.3 * np.sin(np.arange(6.0))
+    flow = inverse.flow(Q[None], velocity[None], home)[0]
+    J = UR5.frame_jacobian("tool0", Q)[:3]
+    np.testing.assert_allclose(J @ flow, velocity, atol=1e-9)
+    free = np.eye(6) - np.linalg.pinv(J) @ J
+    np.testing.assert_allclose(free @ flow, 0.7 * free @ (home - Q), atol=1e-9)
+
+
+def test_a_joint_without_a_speed_is_believed_to_have_a_rotor_like_any_other() -> None:
+    still = UR5.with_limits(velocity=[0.0, 3.0, 3.0, 3.0, 3.0, 3.0])
+    assert np.isfinite(believable(still)).all()
+    np.testing.assert_array_equal(believable(still)[1:], believable(UR5.with_limits(velocity=3.0))[1:])
+
+
+def test_whatever_disturbs_more_adds_more_to_a_sample_of_a_certificate() -> None:
+    one, none = Fraction(1), Fraction(0)
+    law = {"integrators": 2, "rolloff": 1, "delay": 1, "omega": [30 * one]}
+    ratios = dict.fromkeys(
+        ("zeta", "pole_ratio", "second_ratio", "second_zeta", "delta_low", "delta_high"), one
+    )
+    numbers = dict.fromkeys(("sigma", "kappa_v", "kappa_f", "sigma_error", "kappa_error", "shift"), none)
+    rest = {"rolloff_ratio": 4 * one, "sample_time": one / 1000, "rate": none, "spread": none, "zone": none}
+    known = {**law, **ratios, **numbers, **rest, "count_time": none, "reference": none}
+    known |= {"kappa_e": 2 * one, "kappa_g": 16 * one, "torque": one / 10, "count": one / 1000}
+    before = check_certificate.sample(known)
+    # Stiffness and gravity act on an error of one count, beside what the law makes of the count.
+    added = float(known["torque"] + (known["kappa_e"] + known["kappa_g"]) * known["count"])
+    growth, gain = float(before[0][0]), float(before[3][0])
+    assert float(before[5]) == pytest.approx(growth * added + gain * float(before[6]), rel=1e-12)
+    for name in ("kappa_e", "kappa_g", "torque", "count"):
+        assert check_certificate.sample({**known, name: 2 * known[name]})[5] > before[5], name
