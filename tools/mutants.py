@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("robot", "plants", "loop", "studies", "certification")
+#: Where else the tests of a package or module are.
+ELSEWHERE = {"studies": ("tests/test_sweep.py", "tests/search"), "intervals": ("tests/test_sweep.py",)}
 #: Longest time that the tests of a mutant may take [s]: who never ends is found.
 PATIENCE = 600.0
 
@@ -116,6 +118,7 @@ def tests_of(path: Path) -> list[str]:
     if (ROOT / "tests" / package).is_dir():
         named += (ROOT / "tests" / package).glob("test_*.py")
     found = [str(each.relative_to(ROOT)) for each in named]
+    found += [*ELSEWHERE.get(package, ()), *ELSEWHERE.get(stem, ())]
     return list(dict.fromkeys(["tests/laws/test_broken_symmetries.py", *found]))
 
 
@@ -151,6 +154,7 @@ def main() -> None:
     chosen = list(planted())
     if not asked.planted:
         modules = [path for name in PACKAGES for path in sorted((ROOT / "armgpi" / name).rglob("*.py"))]
+        modules.append(ROOT / "armgpi" / "intervals.py")
         every = [each for path in modules for each in mutants_of(path.relative_to(ROOT))]
         chosen = random.Random(asked.seed).sample(every, min(asked.count, len(every)))
     with tempfile.TemporaryDirectory() as folder:
