@@ -332,6 +332,6 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
 
 
 def share(happened: Sequence[bool], interval: Callable[[int, int], Estimate] = wilson) -> str:
-    """Return a share with its interval of 95 %, in per cent; see :mod:`armgpi.intervals`."""
+    """Return a share with its interval of 95 %, in per cent (Wilson)."""
     value, low, high = interval(sum(happened), len(happened))
     return f"{100.0 * (value if happened else 0.0):.1f} ({100.0 * low:.1f} to {100.0 * high:.1f})"

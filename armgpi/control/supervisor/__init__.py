@@ -21,7 +21,9 @@ from armgpi.control.supervisor.bounds import suited as suited
 from armgpi.control.supervisor.state import COUNTED as COUNTED
 from armgpi.control.supervisor.state import SIGNALS as SIGNALS
 from armgpi.control.supervisor.state import FaultReport as FaultReport
+from armgpi.control.supervisor.state import FrozenState as FrozenState
 from armgpi.control.supervisor.state import Reason as Reason
+from armgpi.control.supervisor.state import ResponseState as ResponseState
 from armgpi.control.supervisor.state import State as State
 from armgpi.control.supervisor.state import SupervisedState as SupervisedState
 from armgpi.control.supervisor.state import Watch as Watch

@@ -46,7 +46,8 @@ class Supervised(Controller):
         supervisor: the bounds, as they were given.
         bounds: the same as numbers for this arm and sample time.
         frozen_samples: samples that make a measurement frozen, 0 for no check.
-        finite, jump, position, reference, following, frozen, saturated, response: the checks.
+        finite: the check of that name, as are `jump`, `position`, `reference`, `following`, `frozen`,
+            `saturated` and `response`.
         stop: how the arm is stopped.
         _sound: torque below which none is cut [N m or N].
     """
