@@ -9,17 +9,20 @@ from functools import cache
 import numpy as np
 import pytest
 from machines import swing
-from scipy import stats
+from scipy import linalg, stats
 
 from armgpi import GPI, PIDInversion, Reality, Robot, config, robots, simulate
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError
 from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson, wilson
-from armgpi.plants.reality import Numbers, batches, scales, together
+from armgpi.parameter import parameters
+from armgpi.plants.reality import Draw, Gears, Numbers, batches, scales, together
+from armgpi.robot import rotors
 
 ARM = Robot.load("anthropomorphic3")
 #: Draws for tests of distributions, and the level of significance: some twenty are made.
 MANY, LEVEL = 3000, 1e-4
+KINDS = parameters(Reality)["name"].choices
 
 
 @cache
@@ -35,7 +38,7 @@ def drawn(reality: Reality, name: str) -> np.ndarray:
 
 
 def test_the_same_seed_and_index_are_the_same_draw_and_others_are_not() -> None:
-    for name in ("geared", "bare"):
+    for name in KINDS:
         first, again = Reality(name, 3).draw(ARM, 7), Reality(name, 3).draw(ARM, 7)
         for a, b in zip(first.numbers, again.numbers, strict=True):
             np.testing.assert_array_equal(a, b)
@@ -101,8 +104,9 @@ def test_changing_one_distribution_leaves_the_others_as_they_were_drawn() -> Non
             np.testing.assert_array_equal(value, getattr(heavy, name))
 
 
-def test_draws_of_a_block_run_as_one_batch_and_are_what_they_are_alone() -> None:
-    reality = Reality.geared(seed=2, block=4, t_final=3.0)
+@pytest.mark.parametrize("kind", ["geared", "elastic", "owned"])
+def test_draws_of_a_block_run_as_one_batch_and_are_what_they_are_alone(kind: str) -> None:
+    reality = Reality(kind, seed=2, block=4, t_final=3.0)
     draws = [reality.draw(ARM, index) for index in range(8)]
     groups = batches(draws)
     assert sorted(draw.index for group in groups for draw in group) == list(range(8))
@@ -126,6 +130,76 @@ def test_there_is_no_friction_without_rotor_inertia() -> None:
         assert (draw.arm.armature[(draw.friction.coulomb > 0.0) | (draw.friction.viscous > 0.0)] > 0.0).all()
     with pytest.raises(ParameterError, match="rotor_share must be positive"):
         Reality.geared(rotor_share=0.0)
+
+
+def test_rotors_have_the_scatter_of_published_drives_about_what_is_believed() -> None:
+    reality = Reality("undriven", seed=1, block=1)
+    ratios = np.array([reality.numbers(3, index).rotor_inertia for index in range(MANY)])
+    common, each = reality.rotor_common, reality.rotor_each
+    assert np.abs(np.log(ratios)).max() <= math.log(common * each)
+    # Of two joints of an arm the common factor cancels: a difference of two uniform numbers is triangular.
+    apart = np.log(ratios[:, 0] / ratios[:, 1]) / math.log(each)
+    assert stats.kstest(apart, "triang", (0.5, -2.0, 4.0)).pvalue > LEVEL
+    # Published drives that are held out are within it.
+    held_out = [rotors.spin_up(x) / rotors.SPIN_UP for x in rotors.PUBLISHED if x.part == "held-out"]
+    assert np.abs(np.log(held_out)).max() <= math.log(common * each)
+
+
+def gears_of(draw: Draw) -> Gears:
+    """Return the gears of a draw that has any."""
+    assert draw.gears is not None
+    return draw.gears
+
+
+def test_what_is_known_of_an_arm_that_somebody_has() -> None:
+    arm = Robot.load("ur5")
+    believed = rotors.believe(arm)
+    for index in range(8):
+        draws = {kind: Reality(kind, 4).draw(arm, index) for kind in ("undriven", "elastic", "owned")}
+        for kind, draw in draws.items():
+            true = draw.numbers.rotor_inertia * believed.armature
+            np.testing.assert_allclose(draw.arm.armature, true, rtol=1e-12)
+            knows = true if kind == "elastic" else believed.armature
+            np.testing.assert_allclose(draw.model.armature, knows, rtol=1e-12)
+            (source,) = set(draw.model.drives.sources("rotor_inertia"))
+            assert source == ("told" if kind == "elastic" else "believed")
+            side = [gears_of(draw).side if kind == "elastic" else ""] * 6
+            assert draw.model.drives.value("encoder_side").tolist() == side
+            assert np.isnan(draw.model.drives.value("stiffness")).all()
+        assert gears_of(draws["owned"]).side == "motor"
+        # As geared ones, but for what is theirs alone.
+        geared = Reality("geared", 4).draw(arm, index)
+        np.testing.assert_array_equal(draws["owned"].friction, geared.friction)
+        np.testing.assert_array_equal(draws["owned"].torque_step, geared.torque_step)
+
+
+def test_the_lowest_mode_of_an_arm_with_gears_is_the_one_drawn() -> None:
+    for index in range(8):
+        draw = Reality("elastic", 5).draw(ARM, index)
+        K, J = np.diag(gears_of(draw).stiffness), np.diag(draw.arm.armature)
+        links = draw.arm.mass_matrix(ARM.middle()) - J
+        nil = np.zeros((3, 3))
+        stiffness, mass = np.block([[K, -K], [-K, K]]), np.block([[links, nil], [nil, J]])
+        square = linalg.eigh(stiffness, mass, eigvals_only=True)
+        # Three modes of an arm whose motors are free are no oscillation.
+        assert np.sqrt(square[3]) / (2.0 * math.pi) == pytest.approx(draw.numbers.mode, rel=1e-9)
+        assert 5.0 <= draw.numbers.mode <= 25.0
+
+
+def test_an_arm_is_held_where_a_law_with_the_truth_has_little_sensitivity() -> None:
+    slow = {"sample_time": [0.004], "delay": (3, 3)}
+    assert not health.held(Reality("elastic", 1, mode=(1.0, 1.0), **slow).draw(ARM, 0))
+    fast = {"sample_time": [0.001], "delay": (1, 1), "gear_damping": (0.05, 0.05)}
+    assert health.held(Reality("elastic", 1, mode=(25.0, 25.0), **fast).draw(ARM, 0))
+    assert health.held(Reality("geared", 1, **slow).draw(ARM, 0))
+
+
+def test_what_gravity_twists_unseen_loses_no_arm() -> None:
+    draw = Reality("owned", 3).draw(ARM, 1)
+    still = np.tile(draw.q0, (5, 1))
+    low = health.sunk(draw, still)
+    np.testing.assert_allclose(low, draw.arm.gravity(still) / gears_of(draw).stiffness)
+    assert not health.sunk(Reality("geared", 3).draw(ARM, 1), still).any()
 
 
 def test_a_draw_is_the_arm_with_what_was_drawn() -> None:

@@ -3,6 +3,7 @@
 Usage:
     python tools/reality.py --count 1500 --arms fit
     python tools/reality.py --count 200 --arms held-out --laws gpi adrc '{type: gpi, rolloff: 1}'
+    python tools/reality.py --arms ur5 panda z1 --count 240 --laws untuned --only --reality elastic
     python tools/reality.py --arms ur5 panda --laws gpi --reality bare --seed 1 --out found.json
 
 The first row is the law of version 0.1, `gpi` with its defaults. Intervals are Wilson's, of
@@ -25,6 +26,9 @@ import yaml
 from armgpi import Reality, Robot
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
+from armgpi.parameter import parameters
+
+KINDS = parameters(Reality)["name"].choices
 
 
 def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, Any], label: str) -> str:
@@ -51,7 +55,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=200, help="draws in all")
     parser.add_argument("--arms", nargs="+", default=["fit"], help="fit, held-out, or names of arms")
     parser.add_argument("--laws", nargs="+", default=[], help="controllers beside gpi: types, or sections")
-    parser.add_argument("--reality", default="geared", choices=("geared", "bare"))
+    parser.add_argument("--only", action="store_true", help="those laws alone, without gpi")
+    parser.add_argument("--reality", default="geared", choices=KINDS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--backend", default="compiled", choices=("numpy", "compiled", "auto"))
     parser.add_argument("--warned", action="store_true", help="of which draws something is said beforehand")
@@ -59,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="write all outcomes as JSON")
     given = parser.parse_args(arguments)
     names = health.arms(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
-    laws = {"gpi": {"type": "gpi"}}
+    laws = {} if given.only else {"gpi": {"type": "gpi"}}
     for text in given.laws:
         section = yaml.safe_load(text)
         laws[text] = section if isinstance(section, dict) else {"type": section}
@@ -68,6 +73,15 @@ def main(arguments: list[str] | None = None) -> int:
         drawn, names, laws, given.count, lambda name: print(name, file=sys.stderr, flush=True), given.backend
     )
     print(health.markdown(done.found))
+    print("\nfeasible draws alone\n")
+    print(health.markdown({label: [x for x in found if x.feasible] for label, found in done.found.items()}))
+    draws = next(iter(done.found.values()))
+    shares = {
+        "infeasible": [not x.feasible for x in draws],
+        "by torque": [x.demand > 1.0 for x in draws],
+        "held by no law": [not x.held for x in draws],
+    }
+    print(", ".join(f"{name}: {health.share(row)} %" for name, row in shares.items()), "\n")
     for label, law in laws.items():
         print(f"{label}: measures {health.known(law)}")
     if given.warned:

@@ -32,7 +32,7 @@ def zoo(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Instead, draw drives, sensors, loads and moves of this reality: geared or bare.",
+            help="Instead, draw drives, sensors, loads and moves of this reality: geared, elastic, owned ...",
             show_default=False,
         ),
     ] = None,

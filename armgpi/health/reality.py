@@ -1,11 +1,12 @@
 """What laws come to on arms as they may really be: draws of a reality, counted by what went wrong.
 
-A rollout is *lost* when it diverged, its error passed 0.5 rad, or 0.1 rad in the last 1.2 s. One that is not
-lost is *hunting* when a joint moves by more than four encoder counts and 0.5 mrad in that time; it is
-*swinging* when a joint also comes back by as much, and not only creeps where friction lets it. It *chatters*
-when a joint's torque changes by more than 1 % of its effort from sample to sample in that time, on average.
-(m instead of rad for prismatic joints.) A draw is *feasible* when its motors can give what it takes to follow
-the reference exactly; no law can follow one that is not.
+A rollout is *lost* when it diverged, its error passed 0.5 rad, or 0.1 rad in the last 1.2 s; what gravity
+lets gears sink by unseen is not counted. One that is not lost is *hunting* when a joint moves by more than
+four encoder counts and 0.5 mrad in that time; it is *swinging* when a joint also comes back by as much, and
+not only creeps where friction lets it. It *chatters* when a joint's torque changes by more than 1 % of its
+effort from sample to sample in that time, on average. (m instead of rad for prismatic joints.) A draw is
+*feasible* when its motors can give what it takes to follow the reference exactly, and, where gears twist,
+when a law searched with the truth holds the arm; no law can follow one that is not.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ import xarray as xr
 from armgpi import config
 from armgpi.arrays import Array, check_whole
 from armgpi.config.schema import KINDS, PlantSection
+from armgpi.control import two_mass
 from armgpi.control.controller import Controller
-from armgpi.control.gpi import KNOWS
+from armgpi.control.gains import FixedGains
+from armgpi.control.gpi import GPI, KNOWS
 from armgpi.control.supervisor import Supervisor, suited
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.health.zoo import fingers
@@ -41,6 +44,15 @@ LOST_PEAK, LOST_END, END = 0.5, 0.1, 1.2
 HUNTING, HUNTING_COUNTS = 5e-4, 4.0
 #: Mean step of torque at the end that is chatter, as a share of the effort.
 CHATTER = 0.01
+#: Largest sensitivity of a loop that counts as held, over so many frequencies.
+MOST_SENSITIVITY, _FREQUENCIES = 3.0, 120
+#: Laws that are tried: bandwidth [rad/s], share of the inertia in the feedback, roll-off over the bandwidth.
+SEARCHED = tuple(
+    (omega, share, ratio)
+    for ratio in (None, 8.0)
+    for omega in (8.0, 5.0, 12.0, 3.5, 2.0)
+    for share in (0.7, 1.0, 0.5, 0.35)
+)
 #: Moments at which the torque that a move takes is looked at.
 _MOMENTS = 301
 #: Arms that are part of a larger robot belong to the family of the arm.
@@ -62,6 +74,7 @@ class Outcome(NamedTuple):
         peak: largest error [rad or m]; infinite where it diverged.
         itae: sum of the joints' ITAE [rad s^2 or m s^2], likewise.
         demand: largest share of a motor's torque that following takes [-]; above 1 nothing can.
+        held: whether a law searched with the truth holds it.
     """
 
     arm: str
@@ -73,11 +86,12 @@ class Outcome(NamedTuple):
     peak: float
     itae: float
     demand: float
+    held: bool = True
 
     @property
     def feasible(self) -> bool:
-        """Whether the motors can follow the reference."""
-        return self.demand <= 1.0
+        """Whether the motors can follow the reference, and a law hold the arm."""
+        return self.demand <= 1.0 and self.held
 
 
 def families() -> dict[str, list[str]]:
@@ -161,7 +175,11 @@ def rollouts(
 
 
 def outcomes(
-    found: Sequence[Draw], name: str, law: Mapping[str, Any], backend: str = "compiled"
+    found: Sequence[Draw],
+    name: str,
+    law: Mapping[str, Any],
+    backend: str = "compiled",
+    holds: Mapping[int, bool] | None = None,
 ) -> list[Outcome]:
     """Return what a law makes of draws of one arm.
 
@@ -170,15 +188,18 @@ def outcomes(
         name: of the arm.
         law: a controller's section of an experiment file.
         backend: as for :func:`armgpi.simulate`.
+        holds: index -> whether the draw is :func:`held`, where that is known.
 
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
     by_index = {}
+    holds = {draw.index: held(draw) for draw in found} if holds is None else holds
     for group, rollout in rollouts(found, law, backend):
         itae = metrics.itae(rollout).sum("joint").values
         for row, draw in enumerate(group):
-            by_index[draw.index] = outcome(rollout.isel(rollout=row), draw, name, float(itae[row]))
+            one = outcome(rollout.isel(rollout=row), draw, name, float(itae[row]))
+            by_index[draw.index] = one._replace(held=holds[draw.index])
     return [by_index[draw.index] for draw in found]
 
 
@@ -187,7 +208,7 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None 
     needed = demand(draw)
     if int(rollout["status"]) == Status.DIVERGED:
         return Outcome(name, draw.index, True, False, False, False, math.inf, math.inf, needed)
-    error = np.abs((rollout["q"] - rollout["q_ref"]).values)
+    error = np.abs((rollout["q"] - rollout["q_ref"]).values + sunk(draw, rollout["q_ref"].values))
     time = rollout["time"].values
     end = time > time[-1] - END
     peak = float(error.max())
@@ -209,6 +230,13 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None 
     )
 
 
+def sunk(draw: Draw, q: Array) -> Array:
+    """Return by how much gravity lets links sink at q that encoders at motors see at q [rad or m], as q."""
+    if draw.gears is None or draw.gears.side == "link":
+        return np.zeros_like(q)
+    return np.asarray(draw.arm.gravity(q) / draw.gears.stiffness)
+
+
 def is_lost(peak: Any, final: Any) -> Any:
     """Return whether arms with these largest errors, of all time and at the end [rad or m], are lost."""
     return (peak > LOST_PEAK) | (final > LOST_END)
@@ -224,6 +252,49 @@ def demand(draw: Draw) -> float:
     begin, end = draw.step_time
     pushed = tau + np.outer((time >= begin) & (time <= end), draw.torque_step)
     return float((np.maximum(np.abs(tau), np.abs(pushed)) / draw.effort).max())
+
+
+def held(draw: Draw) -> bool:
+    """Return whether a law that knows the truth holds an arm whose gears twist, where it starts and goes.
+
+    The law is GPI with one integrator, the whole model fed forward and a share of it in the feedback; it is
+    searched (:data:`SEARCHED`). It holds where the sensitivity of the linear sampled loop at the plant, with
+    delay, peaks at no more than :data:`MOST_SENSITIVITY`; the law knows the load. True for rigid gears.
+    """
+    if draw.gears is None:
+        return True
+    arm, dt, places = draw.arm, draw.dt, (draw.move.start, draw.move.goal)
+    plants = [two_mass.plant(arm, q, _linear(draw, q), dt) for q in places]
+    for omega, share, ratio in SEARCHED:
+        rolloff: dict[str, Any] = {} if ratio is None else {"rolloff": 1, "rolloff_ratio": ratio}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)
+            law = GPI(
+                arm.scaled_inertia(share),
+                dt,
+                FixedGains(omega, 1.0, omega),
+                feedforward="computed",
+                bias_robot=arm,
+                integrators=1,
+                delay=draw.delay * dt,
+                **rolloff,
+            )
+        loops = (
+            two_mass.loop(plant, two_mass.law(law, q), draw.delay)
+            for plant, q in zip(plants, places, strict=True)
+        )
+        if all(two_mass.sensitivity(each, dt, _FREQUENCIES) <= MOST_SENSITIVITY for each in loops):
+            return True
+    return False
+
+
+def _linear(draw: Draw, q: Array) -> two_mass.Gears:
+    """Return the drives of a draw as the linear loop takes them, with damping as ratios at q."""
+    assert draw.gears is not None
+    rotor, stiffness = draw.arm.armature, draw.gears.stiffness
+    link = np.diag(draw.arm.mass_matrix(q)) - rotor
+    ratio: Any = draw.gears.damping / (2.0 * np.sqrt(stiffness * link * rotor / (link + rotor)))
+    return two_mass.Gears(rotor, stiffness, ratio, draw.numbers.current, draw.gears.side)
 
 
 class Warned(NamedTuple):
@@ -297,7 +368,8 @@ def experiments(
         told(name)
         try:
             found = draws(reality, name, every)
-            rows = {label: outcomes(found, name, law, backend) for label, law in laws.items()}
+            holds = {draw.index: held(draw) for draw in found}
+            rows = {label: outcomes(found, name, law, backend, holds) for label, law in laws.items()}
         except ArmgpiError as error:
             result.failed[name] = str(error)
             continue

@@ -25,6 +25,8 @@ _GAMMA = 1.0 - math.sqrt(0.5)
 _AT_ONCE = 1e6
 #: Damping of gears of which nothing is known, as a ratio of each joint's own mode: 1 to 5 % are usual.
 _RATIO = 0.03
+#: Steps in which links sink to their balance: each takes the share dG/dq / K, a hundredth, of what is left.
+_SINKING = 8
 #: Configurations over which the sag is taken.
 _CONFIGURATIONS = 200
 
@@ -158,7 +160,8 @@ class ElasticPlant(Arm):
         self.fill("gear_damping", np.where(np.isnan(damping), usual, damping))
         self.fill("current_bandwidth", drives.value("current_bandwidth", _AT_ONCE))
         told = drives.value("encoder_side")
-        self._at_motor = (told if self.encoder_side is None else np.array([self.encoder_side])) != "link"
+        sides = told if self.encoder_side is None else np.full(self.robot.n, self.encoder_side)
+        self._at_motor = (sides != "link").astype(np.float64)  # numbers, as which of them is code for both
         self._rotor, self._rate = rotor, 2.0 * math.pi * self.current_bandwidth
         self._wave = 2.0 * math.pi / self.ripple_period
         self._ripples = _acts(self.torque_ripple) or _acts(self.cogging)
@@ -176,23 +179,31 @@ class ElasticPlant(Arm):
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data, and where each encoder sits."""
-        return {**super().describe(), "encoder_side": np.where(self._at_motor, "motor", "link").tolist()}
+        sides = np.where(self._at_motor > 0.5, "motor", "link")
+        return {**super().describe(), "encoder_side": sides.tolist()}
 
     @property
     def sag(self) -> str:
         """How far the tool of a single arm sinks and its encoders do not see it, in a line; or nothing."""
         if not isinstance(self.robot, Robot) or self.gear_stiffness.ndim != 1:
             return ""
-        return sag(self.robot, self.gear_stiffness, self._at_motor)
+        return sag(self.robot, self.gear_stiffness, self._at_motor > 0.5)
 
     def init(self, q: Array, v: Array) -> ElasticState:  # type: ignore[override]
-        """Return the state at time 0, the motors in balance with gravity; see :meth:`Plant.init`."""
-        gravity = self.robot.dynamics.gravity(q)
-        return ElasticState(0, q, v, q + gravity / self.gear_stiffness, v, gravity, np.zeros_like(q))
+        """Return the state at time 0, in balance with gravity; see :meth:`Plant.init`.
+
+        Positions are what the encoders say: behind those at motors, links are where gravity lets them sink.
+        """
+        link, gravity = q, self.robot.dynamics.gravity(q)
+        for _ in range(_SINKING):
+            link = np.where(self._at_motor > 0.5, q - gravity / self.gear_stiffness, q)
+            gravity = self.robot.dynamics.gravity(link)
+        theta = np.where(self._at_motor > 0.5, q, q + gravity / self.gear_stiffness)
+        return ElasticState(0, link, v, theta, v, gravity, np.zeros_like(q))
 
     def measure(self, state: ElasticState) -> FullState:  # type: ignore[override]
         """Return positions and velocities where the encoders sit."""
-        at_motor = self._at_motor
+        at_motor = self._at_motor > 0.5
         q, v = np.where(at_motor, state.theta, state.q), np.where(at_motor, state.omega, state.v)
         return new(FullState, (q, v))
 

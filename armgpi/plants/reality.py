@@ -18,6 +18,7 @@ from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.actuators import Saturated
+from armgpi.plants.elastic import ElasticPlant
 from armgpi.plants.loads import Step
 from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
@@ -26,7 +27,9 @@ from armgpi.references.bezier import minimum_duration
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context
+from armgpi.robot import rotors
 from armgpi.robot.batch import AnyRobot
+from armgpi.robot.drives import Drives
 from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -36,6 +39,16 @@ _QUANTITIES = (
     *("sample_time", "delay", "encoder_bits", "rotor_inertia", "payload", "payload_place"),
     *("inertia_scale", "has_friction", "coulomb", "viscous", "has_effort", "effort", "effort_known"),
     *("has_step", "torque_step", "configuration", "distance", "direction", "speed"),
+    *(
+        "rotor_common",
+        "rotor_each",
+        "mode",
+        "stiffness_share",
+        "gear_damping",
+        "at_motor",
+        "current",
+        "cogging",
+    ),
 )
 #: More quantities than there will ever be.
 _MOST_QUANTITIES = 64
@@ -47,6 +60,10 @@ _ON_THE_WAY = 21
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.03, 0.5
 #: Effort in gravity torques beyond which a limit is none; speed that stands for a limit where there is none.
 _MOST_EFFORT, _SPEED = 5.0, 1.0
+#: Kinds whose rotors have the scatter of published drives.
+_SCATTERED = ("undriven", "elastic", "owned")
+#: Lowest mode of gears that are rigid [Hz]: beyond half of all sampling rates.
+_RIGID = 2000.0
 #: Velocity limits below this are none [rad/s or m/s].
 _LEAST_SPEED = 1e-6
 
@@ -82,6 +99,24 @@ def scales(robot: Robot) -> Scales:
     return Scales(inertia, gravity, np.minimum(limit, _MOST_EFFORT * gravity), mass)
 
 
+class Gears(NamedTuple):
+    """Gears of a draw that has any, and motors behind them; arrays of shape (n,).
+
+    Attributes:
+        stiffness: [N m/rad or N/m].
+        damping: [N m s/rad or N s/m].
+        current: bandwidth of the current loops [Hz].
+        cogging: amplitude of the cogging torque [N m or N].
+        side: where the encoders sit, "motor" or "link".
+    """
+
+    stiffness: Array
+    damping: Array
+    current: Array
+    cogging: Array
+    side: str
+
+
 class Numbers(NamedTuple):
     """What is drawn before it is known of which arm; arrays of shape (n,).
 
@@ -98,6 +133,12 @@ class Numbers(NamedTuple):
         effort: torque limit over the arm's; infinite where it is the arm's.
         effort_known: whether the controller knows the limit.
         torque_step: torque of the disturbance over gravity torque [-], (n,).
+        mode: lowest mode of links, rotors and gears [Hz].
+        stiffness_share: stiffness of the gears in shares that the mode scales [-], (n,).
+        gear_damping: of the gears, as a ratio of each joint's own mode [-].
+        at_motor: whether the encoders sit at the motors.
+        current: bandwidth of the current loops [Hz].
+        cogging: amplitude of the cogging torque over gravity torque [-], (n,).
     """
 
     sample_time: float
@@ -112,6 +153,12 @@ class Numbers(NamedTuple):
     effort: float
     effort_known: bool
     torque_step: Array
+    mode: float
+    stiffness_share: Array
+    gear_damping: float
+    at_motor: bool
+    current: float
+    cogging: Array
 
 
 class Move(NamedTuple):
@@ -141,7 +188,8 @@ class Draw(NamedTuple):
         step_time: from when to when it acts [s].
         move: what the arm is asked to do.
         t_final: how long the experiment is [s].
-        robot: the arm as its URDF has it.
+        robot: the arm as its URDF has it, and what its maker knows of its drives in every draw.
+        gears: its gears; None for rigid ones.
     """
 
     index: int  # type: ignore[assignment]
@@ -157,6 +205,7 @@ class Draw(NamedTuple):
     move: Move
     t_final: float
     robot: Robot
+    gears: Gears | None = None
 
     @property
     def dt(self) -> float:
@@ -222,15 +271,21 @@ class Reality(Parametrised):
     A "geared" reality has rotor inertia at every joint and friction; a "bare" one has neither, as in a URDF
     that says nothing of the drives. There is no friction without rotor inertia: gears have both.
 
+    Three have rotors with the scatter of published drives (:mod:`armgpi.robot.rotors`), ripple, and current
+    loops. "undriven" has rigid gears and a controller that has the bare file, whose rotors it believes.
+    "elastic" has gears that twist, and a controller that knows the rotors and where the encoders sit.
+    "owned" has all at once, as an arm that somebody has: a bare file, and gears that twist behind encoders at
+    the motors.
+
     Ranges are uniform. Coulomb friction, torque steps and efforts are in shares of the arm's own gravity
     torque and effort (:func:`scales`), rotor inertia in shares of its inertia.
     """
 
     name: str = parameter(
-        "drives with gears, or without rotor inertia and friction",
+        "what the drives are, and what is known of them",
         kind="choice",
         default="geared",
-        choices=("geared", "bare"),
+        choices=("geared", "bare", "undriven", "elastic", "owned"),
     )
     seed: int = parameter("of all draws", kind="integer", default=0, least=0)
     block: int = parameter(
@@ -256,6 +311,36 @@ class Reality(Parametrised):
     )
     rotor_inertia: tuple[float, float] = parameter(
         "true over nominal rotor inertia", kind="range", default=(0.7, 1.3), least=0.0, above=True
+    )
+    rotor_common: float = parameter(
+        "most of a common factor between true and believed rotor inertia, either way", default=3.0, least=1.0
+    )
+    rotor_each: float = parameter("most of a factor joint by joint on top of it", default=1.5, least=1.0)
+    mode: tuple[float, float] = parameter(
+        "lowest mode of links, rotors and gears, motors free, at the middle of the ranges",
+        unit="Hz",
+        kind="range",
+        default=(5.0, 25.0),
+        least=0.0,
+        above=True,
+    )
+    stiffness_each: float = parameter(
+        "most of a factor joint by joint between stiffness and believed rotor inertia", default=2.0, least=1.0
+    )
+    gear_damping: tuple[float, float] = parameter(
+        "damping of the gears, as a ratio of each joint's own mode",
+        kind="range",
+        default=(0.01, 0.05),
+        least=0.0,
+    )
+    motor_share: float = parameter(
+        "share of draws whose encoders sit at the motors", default=0.5, least=0.0, most=1.0
+    )
+    current: tuple[float, float] = parameter(
+        "bandwidth of the current loops", unit="Hz", kind="range", default=(300.0, 1000.0), least=1.0
+    )
+    cogging: tuple[float, float] = parameter(
+        "amplitude of the cogging torque over gravity torque", kind="range", default=(0.0, 0.01), least=0.0
     )
     payload: tuple[float, float] = parameter(
         "unknown payload over the mass of the arm", kind="range", default=(0.0, 0.05), least=0.0
@@ -360,16 +445,19 @@ class Reality(Parametrised):
         """
         index = check_whole(index, "index", 0, 2**40)
         block = index // self.block * self.block
-        has_friction = self._chance(index, "has_friction", self.friction_share) and self.name == "geared"
+        has_friction = self._chance(index, "has_friction", self.friction_share) and self.name != "bare"
         has_effort = self._chance(index, "has_effort", self.effort_share)
         known = not has_effort or self._chance(index, "effort_known", self.effort_known)
         has_step = self._chance(index, "has_step", self.step_share)
         choice = int(self._random(block, "sample_time")[0] * self.sample_time.size)
+        rotor = self._uniform(index, "rotor_inertia", n)
+        if self.name in _SCATTERED:
+            rotor = self._factors(index, "rotor_common") * self._factors(index, "rotor_each", n)
         return Numbers(
             sample_time=float(self.sample_time[choice]),
             delay=self._whole(block, "delay"),
             encoder_bits=self._whole(index, "encoder_bits"),
-            rotor_inertia=self._uniform(index, "rotor_inertia", n),
+            rotor_inertia=rotor,
             payload=float(self._uniform(index, "payload")[0]),
             payload_place=self.payload_place * (2.0 * self._random(index, "payload_place", 3) - 1.0),
             inertia_scale=float(self._uniform(index, "inertia_scale")[0]),
@@ -378,6 +466,12 @@ class Reality(Parametrised):
             effort=float(self._uniform(index, "effort")[0]) if has_effort else math.inf,
             effort_known=known,
             torque_step=self._uniform(index, "torque_step", n) * has_step,
+            mode=_RIGID if self.name == "undriven" else float(self._uniform(index, "mode")[0]),
+            stiffness_share=self._factors(index, "stiffness_share", n),
+            gear_damping=float(self._uniform(index, "gear_damping")[0]),
+            at_motor=self.name == "owned" or self._chance(block, "at_motor", self.motor_share),
+            current=float(self._uniform(index, "current")[0]),
+            cogging=self._uniform(index, "cogging", n),
         )
 
     def draw(self, robot: Robot, index: int) -> Draw:
@@ -393,15 +487,21 @@ class Reality(Parametrised):
         if not isinstance(robot, Robot):
             raise ParameterError("robot", robot, "a Robot")
         drawn, scale = self.numbers(robot.n, index), scales(robot)
-        model, arm, friction = robot, robot, None
-        if self.name == "geared":
-            mean = scale.inertia
-            rotor = self.rotor_share * mean + self.rotor_least * mean.max()
-            rotor = np.where(robot.armature > 0.0, robot.armature, rotor)
+        model, arm, friction, gears = robot, robot, None, None
+        if self.name in _SCATTERED:
+            robot = self._known(robot, drawn)
+            rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
+            arm = robot.with_armature(drawn.rotor_inertia * rotor)
+            model = arm if self.name == "elastic" else robot
+        elif self.name == "geared":
+            rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
             model, arm = robot.with_armature(rotor), robot.with_armature(drawn.rotor_inertia * rotor)
+        if self.name != "bare":
             coulomb = drawn.coulomb * scale.gravity
             friction = Friction(drawn.viscous * coulomb, coulomb)
         arm = arm.with_payload(robot.tip, drawn.payload * scale.mass, drawn.payload_place)
+        if self.name in _SCATTERED:
+            gears = _gears(arm, rotor, drawn, scale)
         move, gravity = self._move(arm, scale, index)
         effort = np.minimum(robot.limits.effort, LARGEST)  # infinite: none
         if math.isfinite(drawn.effort):
@@ -411,7 +511,19 @@ class Reality(Parametrised):
         nominal = model.scaled_inertia(drawn.inertia_scale)
         step = drawn.torque_step * scale.gravity
         parts = (model, nominal, arm, friction, effort, scale.effort, step, self.step_time, move)
-        return Draw(index, drawn, *parts, self.t_final, robot)
+        return Draw(index, drawn, *parts, self.t_final, robot, gears)
+
+    def _nominal_rotors(self, scale: Scales) -> Array:
+        """Return rotor inertia in shares of the arm's own [kg m^2 or kg], (n,)."""
+        return np.asarray(self.rotor_share * scale.inertia + self.rotor_least * scale.inertia.max())
+
+    def _known(self, robot: Robot, drawn: Numbers) -> Robot:
+        """Return an arm with what is known of it in every draw: believed rotors, and the encoders' side."""
+        robot = rotors.believe(robot)
+        if self.name != "elastic":
+            return robot
+        sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
+        return robot.with_drives(sides)
 
     def _move(self, arm: Robot, scale: Scales, index: int) -> tuple[Move, Array]:
         """Return a move and the largest gravity torque on its way, (n,).
@@ -446,6 +558,11 @@ class Reality(Parametrised):
         low, high = getattr(self, quantity)
         return np.asarray(low + (high - low) * self._random(index, quantity, count))
 
+    def _factors(self, index: int, quantity: str, count: int = 1) -> Array:
+        """Return factors whose logarithms are uniform, from one over a quantity to itself."""
+        most = self.stiffness_each if quantity == "stiffness_share" else getattr(self, quantity)
+        return np.asarray(most ** (2.0 * self._random(index, quantity, count) - 1.0))
+
     def _whole(self, index: int, quantity: str) -> int:
         """Return a whole number in a quantity's range, its ends included."""
         low, high = getattr(self, quantity)
@@ -462,7 +579,8 @@ def together(draws: Sequence[Draw]) -> Together:
     Raises:
         ParameterError: when there are none, or their sample times, delays or lengths differ.
     """
-    if len({(draw.dt, draw.delay, draw.t_final, draw.step_time) for draw in draws}) != 1:
+    alike = {(*_batch(draw), draw.t_final, draw.step_time) for draw in draws}
+    if len(alike) != 1:
         raise ParameterError("draws", len(draws), "draws of the same sample time, delay and length")
     first = draws[0]
     arm, model, nominal = _robots(draws)
@@ -470,7 +588,19 @@ def together(draws: Sequence[Draw]) -> Together:
     friction = None
     if first.friction is not None:
         friction = Friction(*(_rows([x.friction[i] for x in draws if x.friction]) for i in range(2)))
-    plant: Plant = Saturated(RigidBodyPlant(arm, step, friction), _stacked(draws, "effort"))
+    inner: Plant = RigidBodyPlant(arm, step, friction)
+    if first.gears is not None:  # the encoders' side is that of the arm's drives
+        every = [draw.gears for draw in draws if draw.gears is not None]
+        inner = ElasticPlant(
+            arm,
+            step,
+            friction,
+            gear_stiffness=_rows([gears.stiffness for gears in every]),
+            gear_damping=_rows([gears.damping for gears in every]),
+            current_bandwidth=_rows([gears.current for gears in every]),
+            cogging=_rows([gears.cogging for gears in every]),
+        )
+    plant: Plant = Saturated(inner, _stacked(draws, "effort"))
     bits: Any = first.encoder_bits
     if len(draws) > 1:
         bits = np.array([[float(draw.encoder_bits)] for draw in draws])
@@ -487,10 +617,33 @@ def together(draws: Sequence[Draw]) -> Together:
 
 def batches(draws: Sequence[Draw]) -> list[list[Draw]]:
     """Return draws in groups that may run together."""
-    groups: Mapping[tuple[float, int], list[Draw]] = {(d.dt, d.delay): [] for d in draws}
+    groups: Mapping[Any, list[Draw]] = {_batch(draw): [] for draw in draws}
     for draw in draws:
-        groups[draw.dt, draw.delay].append(draw)
+        groups[_batch(draw)].append(draw)
     return list(groups.values())
+
+
+def _batch(draw: Draw) -> tuple[float, int, str]:
+    """Return what draws of one batch have in common."""
+    return draw.dt, draw.delay, draw.gears.side if draw.gears else ""
+
+
+def _side(drawn: Numbers) -> str:
+    """Return where the encoders sit."""
+    return "motor" if drawn.at_motor else "link"
+
+
+def _gears(arm: Robot, rotor: Array, drawn: Numbers, scale: Scales) -> Gears:
+    """Return the gears of an arm: stiffness as the rotors, as both grow with a motor, scaled by the mode."""
+    links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
+    stiffness = drawn.stiffness_share * rotor
+    # The twist of the gears swings by itself: its acceleration is -(M^-1 + J^-1) K twist.
+    modes = np.linalg.eigvals((np.linalg.inv(links) + np.diag(1.0 / arm.armature)) @ np.diag(stiffness))
+    stiffness = stiffness * (2.0 * math.pi * drawn.mode) ** 2 / modes.real.min()
+    own = stiffness * np.diag(links) * arm.armature / (np.diag(links) + arm.armature)
+    current = np.full(arm.n, drawn.current)
+    damping = 2.0 * drawn.gear_damping * np.sqrt(own)
+    return Gears(stiffness, damping, current, drawn.cogging * scale.gravity, _side(drawn))
 
 
 def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
@@ -501,10 +654,9 @@ def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
 
     def varied(name: str, **more: Any) -> AnyRobot:
         robots = [getattr(draw, name) for draw in draws]
-        rotors, efforts = (
-            np.stack(rows) for rows in zip(*((x.armature, x.limits.effort) for x in robots), strict=True)
-        )
-        return first.robot.varied(rotor_inertia=rotors, effort=efforts, **more)
+        if name == "arm" or not rotors.believed(first.model):  # what is believed stays so
+            more["rotor_inertia"] = np.stack([robot.armature for robot in robots])
+        return first.robot.varied(effort=np.stack([robot.limits.effort for robot in robots]), **more)
 
     mass = scales(first.robot).mass
     payload = np.array([draw.numbers.payload * mass for draw in draws])
