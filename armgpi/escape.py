@@ -4,8 +4,29 @@ from __future__ import annotations
 
 import html
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+#: Units that people write behind a number -> what armgpi takes, and how many of it they are.
+_UNITS = {
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), ("rad", math.pi / 180.0)),
+    **{"rad": ("rad", 1.0), "mrad": ("rad", 1e-3)},
+    **{"m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3)},
+    **{"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "min": ("s", 60.0)},
+    **{"kg": ("kg", 1.0), "g": ("kg", 1e-3), "kgm2": ("kg m^2", 1.0), "kgm^2": ("kg m^2", 1.0)},
+    **{"N": ("N", 1.0), "Nm": ("N m", 1.0), "kNm": ("N m", 1e3), "mNm": ("N m", 1e-3)},
+    **{"rad/s": ("rad/s", 1.0), "deg/s": ("rad/s", math.pi / 180.0), "rpm": ("rad/s", math.pi / 30.0)},
+    **{"bit": ("bits", 1.0), "bits": ("bits", 1.0), "%": ("as a share", 0.01)},
+}
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([^\d\s].*)")
+
+
+def in_si(value: object) -> str:
+    """Return how to write a number that has a unit behind it, "write 0.5236 (rad)"; "" for anything else."""
+    found = _NUMBER.fullmatch(value) if isinstance(value, str) and len(value) < 100 else None
+    unit = _UNITS.get(re.sub(r"[\s*]", "", found[2])) if found else None
+    return f"write {float(found[1]) * unit[1]:.6g} ({unit[0]})" if found and unit else ""
 
 
 def shown(value: object, *, lines: bool = False) -> str:

@@ -19,7 +19,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from armgpi.cli import main
-from armgpi.escape import shown
+from armgpi.escape import in_si, shown
 from armgpi.viz.page import text as in_html
 
 #: What commands a terminal, hides, or turns other text around; a few that are known for it.
@@ -184,3 +184,27 @@ def test_commands_print_through_the_terminal_alone(module: Path) -> None:
     text = module.read_text(encoding="utf-8")
     if module.name != "terminal.py":
         assert not re.search(r"typer\.s?echo|(?<![.\w])print\(|\bConsole\(|sys\.std(out|err)\.write", text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("30deg", "write 0.523599 (rad)"),
+        (" -30 ° ", "write -0.523599 (rad)"),
+        ("1ms", "write 0.001 (s)"),
+        ("1.5e1 cm", "write 0.15 (m)"),
+        ("0.1 kg m^2", "write 0.1 (kg m^2)"),
+        ("500g", "write 0.5 (kg)"),
+        ("60 rpm", "write 6.28319 (rad/s)"),
+        ("5%", "write 0.05 (as a share)"),
+        ("30", ""),
+        ("nan", ""),
+        ("1e5", ""),
+        ("3 apples", ""),
+        ("deg", ""),
+        (None, ""),
+        ("9" * 5000 + "m", ""),
+    ],
+)
+def test_a_number_with_a_unit_is_told_in_si(text: object, said: str) -> None:
+    assert in_si(text).strip() == said

@@ -27,6 +27,13 @@ from armgpi.escape import shown
 _USUAL = gc.get_threshold()
 
 
+#: What Typer says of a text that is no number, and what we say.
+_NO_NUMBER = (
+    "Input should be a valid number, unable to parse string as a number",
+    "expected a number, in SI units and without its unit (kg, m, rad, s): 30 deg is 0.5236, 5 ms is 0.005",
+)
+
+
 class _Commands(Commands):
     """The commands; what Click says of wrong options and arguments is shown as everything else is."""
 
@@ -48,7 +55,7 @@ def _usage_shown() -> Iterator[None]:
         yield
     except Exception as error:
         if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
-            vars(error)["message"] = shown(vars(error)["message"])
+            vars(error)["message"] = shown(vars(error)["message"]).replace(*_NO_NUMBER)
         raise
 
 

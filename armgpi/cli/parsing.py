@@ -11,6 +11,7 @@ import typer
 
 from armgpi.cli.terminal import say
 from armgpi.errors import ConfigError, Remedy
+from armgpi.escape import in_si
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -94,7 +95,8 @@ def per_joint(text: str, option: str) -> Any:
         numbers = []
     if not numbers:
         expected = "numbers such as 'j1=0.8,j2=-0.4' or '0.8,-0.4'"
-        raise refusal(option, f"expected {expected}, got {text!r}")
+        hint = next(filter(None, (in_si(part.rpartition("=")[2]) for part in parts)), "")
+        raise refusal(option, f"expected {expected}, got {text!r}{'; ' if hint else ''}{hint}")
     return numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -106,7 +108,8 @@ def locks(items: list[str]) -> dict[str, float | None]:
         try:
             locks[name] = float(value) if equals else None
         except ValueError:
-            raise refusal("--lock", f"expected 'name' or 'name=value', got {part!r}") from None
+            hint = f"; {said}" if (said := in_si(value)) else ""
+            raise refusal("--lock", f"expected 'name' or 'name=value', got {part!r}{hint}") from None
     return locks
 
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
 from armgpi.errors import ConfigError, NameNotFound
-from armgpi.escape import quoted
+from armgpi.escape import in_si, quoted
 
 #: Largest size of an experiment file [bytes].
 _MAX_BYTES = 1_000_000
@@ -120,6 +120,8 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
     """
     # A section of which every key is commented out is null: as if it were not there.
     data = {key: value for key, value in data.items() if value is not None}
+    if isinstance(data.get("robot"), str):
+        data["robot"] = {"name": data["robot"]}
     data.setdefault("controllers", [{"type": standard_law(data)}])
     return checked(ExperimentConfig, data, origin)
 
@@ -160,6 +162,7 @@ def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under
         else:
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
             message = f"{expected[0].lower()}{expected[1:]}, got {quoted(found)}"
+            message += f"; {hint}" if (hint := in_si(found)) else ""
         raise origin.error((*under, *path), message) from None
 
 
