@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import runpy
 import shutil
 import signal
 import subprocess
@@ -444,3 +445,34 @@ def test_a_cluster_whose_workers_stand_elsewhere_writes_the_same_bytes(
     assert_part(contents(tmp_path / "cut"), contents(tmp_path / "here"))
     assert not called("sweep", *many, "--out", "cut")
     assert contents(tmp_path / "cut") == contents(tmp_path / "here")
+
+
+# Files that are read back, by the fuzzer.
+
+
+@pytest.fixture(scope="module")
+def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], dict[str, int]]:
+    """What counts the ends of damaged files of a kind; those that neither end well nor in one line raise."""
+    cases = runpy.run_path(str(ROOT / "tools" / "fuzz.py"))["CASES"]
+    folder = tmp_path_factory.mktemp("fuzz")
+
+    def run(kind: str, count: int) -> dict[str, int]:
+        ends = {"fine": 0, "refused": 0}
+        for seed in range(count):
+            try:
+                cases[kind](np.random.default_rng(seed), folder)
+                ends["fine"] += 1
+            except ArmgpiError:
+                ends["refused"] += 1
+        return ends
+
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["weights", "trajectory", "log", "task", "certificate", "tune", "rare"])
+def test_a_damaged_file_that_is_read_back_ends_in_one_line(
+    fuzz: Callable[[str, int], dict[str, int]], kind: str
+) -> None:
+    assert fuzz(kind, 40)["refused"] > 20

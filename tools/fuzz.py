@@ -3,6 +3,11 @@
     python tools/fuzz.py yaml --count 2000 --seed 0
     python tools/fuzz.py rollout --count 2000
     python tools/fuzz.py arguments --count 300
+    python tools/fuzz.py tune --count 1000
+
+Files that are read back are damaged at random places: rollouts, weights, trajectories, logs, certificates,
+tasks, and what a study keeps (tune, contend, sweep, rare), whose commands then end with exit code 2 and one
+line, or with what an unbroken study leaves.
 
 The URDF reader has a tool of its own, `tools/fuzz_urdf.py`. The same seed gives the same cases. A case that
 fails is printed with its seed, which alone repeats it: `--seed SEED --count 1`.
@@ -22,12 +27,34 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from armgpi import GPI, Hold, RigidBodyPlant, Robot, config, load, save, simulate
+from armgpi import (
+    GPI,
+    Hold,
+    Recorded,
+    RigidBodyPlant,
+    Robot,
+    config,
+    load,
+    load_weights,
+    save,
+    save_weights,
+    simulate,
+)
+from armgpi.certification import check_certificate
+from armgpi.certification.box import box_of, read_box
+from armgpi.certification.certificate import Certificate, certify
 from armgpi.cli import main as command
+from armgpi.control.weights import Weights
 from armgpi.errors import ArmgpiError
+from armgpi.identification.logs import read_log
+from armgpi.studies import contend
+
+#: A case: given random numbers and a folder.
+Case = Callable[[np.random.Generator, Path], None]
 
 ROOT = Path(__file__).parents[1]
 ARM = "anthropomorphic3"
@@ -152,25 +179,91 @@ def yaml_case(rng: np.random.Generator, _: Path) -> None:
     config.parse(config.dump(loaded.config), "dumped.yaml")
 
 
-def rollout_case(rng: np.random.Generator, folder: Path) -> None:
-    """Read a rollout that was damaged at a few places."""
-    good = folder / "good.nc"
-    if not good.exists():
-        robot = Robot.load(ARM)
-        plant, hold = RigidBodyPlant(robot), Hold([0.0, 0.1, 0.0])
-        save(simulate(plant, GPI(robot, 1e-3), hold, 0.02), good)
-    data = bytearray(good.read_bytes())
-    for _ in range(rng.integers(1, 8)):
-        at = int(rng.integers(len(data)))
-        change = rng.integers(3)
-        if change == 0:
-            data[at] ^= 1 << int(rng.integers(8))
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return a file that was damaged at a few places: bits, bytes, words, zeros, parts left out."""
+    whole = bytearray(data)
+    for _ in range(rng.integers(1, 6)):
+        at, length = int(rng.integers(len(whole) + 1)), int(rng.integers(1, 40))
+        change = rng.integers(6)
+        if change == 0 and at < len(whole):
+            whole[at] ^= 1 << int(rng.integers(8))
         elif change == 1:
-            data[at : at + 8] = rng.bytes(8)
+            whole[at : at + 8] = rng.bytes(8)
+        elif change == 2:
+            whole[at : at + length] = WORDS[rng.integers(len(WORDS))].encode(errors="replace")
+        elif change == 3:
+            whole[at:] = bytes(len(whole) - at)
+        elif change == 4:
+            del whole[at : at + length]
         else:
-            del data[max(at, 1) :]
-    (folder / "bad.nc").write_bytes(data)
-    load(folder / "bad.nc")
+            del whole[at:]
+    return bytes(whole)
+
+
+def arm() -> Robot:
+    """Return the arm of the files."""
+    return Robot.load(ARM).with_armature(0.1)
+
+
+def read_again(name: str, write: Callable[[Path], Any], read: Callable[[Path], Any]) -> Case:
+    """Return the case of a file that a function reads."""
+
+    def case(rng: np.random.Generator, folder: Path) -> None:
+        good, bad = folder / f"good{name}", folder / f"bad{name}"
+        if not good.exists():
+            write(good)
+        bad.write_bytes(damaged(good.read_bytes(), rng))
+        read(bad)
+
+    return case
+
+
+def write_rollout(path: Path) -> None:
+    """Write a short rollout."""
+    plant, hold = RigidBodyPlant(Robot.load(ARM)), Hold([0.0, 0.1, 0.0])
+    save(simulate(plant, GPI(plant.robot, 1e-3), hold, 0.02), path)
+
+
+def write_table(path: Path, *columns: str) -> None:
+    """Write a table with a time and three numbers for each of some columns."""
+    names = [f"{column}{joint}" for column in columns for joint in arm().joint_names]
+    rows = [",".join(["time", *names])]
+    rows += [",".join(f"{x:g}" for x in (0.01 * k, *[1e-3 * k] * len(names))) for k in range(60)]
+    path.write_text("\n".join(rows) + "\n")
+
+
+def check_file(path: Path) -> None:
+    """Check a certificate; what is none ends in one line."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        code = check_certificate.main([str(path)])
+    if code == 2 and len(said.getvalue().splitlines()) != 1:
+        raise AssertionError(said.getvalue())
+    Certificate.load(path)
+
+
+def called(*arguments: str) -> tuple[int, str]:
+    """Return exit code and messages of a command."""
+    out, err = io.StringIO(), io.StringIO()
+    before = sys.argv
+    sys.argv = ["armgpi", *arguments]
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            command()
+        code: Any = 0
+    except SystemExit as end:
+        code = end.code or 0
+    except BaseException as error:
+        raise AssertionError(f"{type(error).__name__} of {arguments}") from error
+    finally:
+        sys.argv = before
+    if code not in (0, 1, 2):
+        raise AssertionError(f"exit code {code} of {arguments}")
+    text = (out.getvalue() + err.getvalue()).replace("\n", "")
+    raw = {c for c in text if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp")}
+    if raw or "Traceback" in text:
+        raise AssertionError(f"{sorted(map(ascii, raw))} or a traceback is shown by {arguments}")
+    return code, err.getvalue()
 
 
 def arguments_case(rng: np.random.Generator, folder: Path) -> None:
@@ -179,29 +272,81 @@ def arguments_case(rng: np.random.Generator, folder: Path) -> None:
     arguments = [word for word in chosen if word not in ("validate", "view")]  # these start programs, or wait
     if chosen and chosen[0] in ("run", "compare", "export"):
         arguments += ["--t-final", "0.002", *(("-o", str(folder / "out")) if chosen[0] == "export" else ())]
-    out, err = io.StringIO(), io.StringIO()
-    before = sys.argv
-    sys.argv = ["armgpi", *arguments]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            command()
-    except SystemExit as end:
-        if end.code not in (None, 0, 1, 2):
-            raise AssertionError(f"exit code {end.code} of {arguments}") from None
-    except BaseException as error:
-        raise AssertionError(f"{type(error).__name__} of {arguments}") from error
-    finally:
-        sys.argv = before
-    text = (out.getvalue() + err.getvalue()).replace("\n", "")
-    raw = {c for c in text if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp")}
-    if raw or "Traceback" in text:
-        raise AssertionError(f"{sorted(map(ascii, raw))} or a traceback is shown by {arguments}")
+    called(*arguments)
 
 
-CASES: dict[str, Callable[[np.random.Generator, Path], None]] = {
+SWEEP = f"""
+robot: {{name: {ARM}}}
+controllers: [{{type: gpi, omega: 20}}]
+reference: {{points: [[0, 0.3, 0], [0.1, 0.4, -0.1]], durations: 0.15, holds: [0.02, 0.1]}}
+t_final: 0.25
+vary: {{plant.payload.mass: {{uniform: [0.0, 0.3]}}, controller.inertia_scale: {{log_uniform: [0.8, 1.3]}}}}
+failure: {{peak_error: 0.15}}
+"""
+TUNE = f"""
+robot: {{name: {ARM}}}
+controllers: [{{type: gpi, rolloff: 1}}]
+reality: {{sample_time: [0.004], delay: [1, 1], effort_share: 0.0, duration: [0.15, 0.3], t_final: 0.6}}
+tune: {{evaluations: 12, population: 4, scenarios: 1, held_out: 1}}
+"""
+
+
+def study_case(text: str, *arguments: str) -> Case:
+    """Return the case of a study that is gone on with, one of whose files is damaged."""
+
+    def case(rng: np.random.Generator, folder: Path) -> None:
+        file, out = folder / f"{arguments[0]}.yaml", folder / f"{'-'.join(arguments)[:20]}"
+        own = [part if part != "FILE" else str(file) for part in arguments]
+        if not out.exists():
+            file.write_text(text)
+            contend.QUICK = contend.Setting(12, 1, 1, 1)
+            code, said = called(*own, "--out", str(out))
+            if code == 2:
+                raise AssertionError(said)
+        whole = {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+        kept = [path for path in whole if path.suffix == ".chunk" or path.name == "study.json"]
+        place = kept[rng.integers(len(kept))]
+        place.write_bytes(damaged(whole[place], rng))
+        code, said = called(*own, "--out", str(out), *(["--resume"] if arguments[0] == "tune" else []))
+        errors = [line for line in said.splitlines() if line.startswith("error: ")]
+        others = [path for path in whole if path != place and path.read_bytes() != whole[path]]
+        for path, content in whole.items():
+            path.write_bytes(content)
+        if others:
+            raise AssertionError(f"{place.name} was damaged and taken for whole: {others}")
+        if code == 2:
+            if len(errors) != 1:
+                raise AssertionError(said)
+            raise ArmgpiError(errors[0])
+
+    return case
+
+
+CASES: dict[str, Case] = {
     "yaml": yaml_case,
-    "rollout": rollout_case,
     "arguments": arguments_case,
+    "rollout": read_again(".nc", write_rollout, load),
+    "weights": read_again(
+        ".weights.nc",
+        lambda path: save_weights(Weights(omega_c=np.full((3, 4), 0.5)), path, arm()),
+        lambda path: load_weights(path, arm()),
+    ),
+    "trajectory": read_again(
+        ".csv", lambda path: write_table(path, ""), lambda path: Recorded.load(path, arm())
+    ),
+    "log": read_again(
+        ".log.csv", lambda path: write_table(path, "q_", "tau_"), lambda path: read_log(path, arm())
+    ),
+    "task": read_again(
+        ".yaml",
+        lambda path: path.write_text("around: {q1: 0.1, q2: 0.2, q3: -0.3}\nby: [0.1, 0.2, 0.3]\n"),
+        lambda path: box_of(arm(), read_box(path)),
+    ),
+    "certificate": read_again(".json", lambda path: certify(arm(), speed=0.2).save(path), check_file),
+    "tune": study_case(TUNE, "tune", "FILE", "--backend", "numpy"),
+    "contend": study_case("", "contend", ARM, "--quick", "--law", "GPI, roll-off"),
+    "sweep": study_case(SWEEP, "sweep", "FILE", "--rollouts", "40"),
+    "rare": study_case(SWEEP, "sweep", "FILE", "--rollouts", "100", "--rare"),
 }
 
 

@@ -14,6 +14,8 @@ from armgpi.arrays import Array, quantity
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.robot.robot import Robot
 
+#: Characters of a task file that are read: a line for each of a hundred joints is a hundredth of it.
+_MOST = 1_000_000
 #: Keys of a task file and what they mean.
 KEYS = {
     "around": "configuration in the middle [rad or m]; the middle of the joint ranges when not given",
@@ -86,8 +88,11 @@ def read_box(path: Path) -> Any:
         ConfigError: when the file cannot be read, or is not a mapping or number.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        if path.exists() and not path.is_file():  # a pipe, which may never end
+            raise ConfigError(path, "box", "is no regular file")
+        with path.open(encoding="utf-8") as stream:
+            data = yaml.safe_load(stream.read(_MOST))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(path, "box", f"cannot be read: {error}") from None
     data = data.get("box", data) if isinstance(data, Mapping) else data
     if not isinstance(data, Mapping | int | float) or isinstance(data, bool):

@@ -432,20 +432,8 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
         ParameterError: when `path` is no path.
     """
     source = check_path(path, "path")
-    if not source.is_file():
-        raise RolloutError(f"{source}: there is no such file")
     files.check_set(source.parent, [source.name])
-    import h5py
-    import xarray as xr
-
-    try:
-        with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
-            dict(file.attrs)
-        with xr.open_dataset(source, engine="h5netcdf") as lazy:
-            rollout = lazy.load()
-    except Exception as error:  # h5py has no one kind of error for a damaged file
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
+    rollout = read_netcdf(source)
     found = rollout.attrs.get("armgpi_format")
     if not isinstance(found, int | np.integer) or found != FORMAT:
         raise RolloutError(f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = {found})")
@@ -454,6 +442,27 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     if damage := _damage(rollout):
         raise RolloutError(f"{source}: is no armgpi rollout any more: {damage}")
     return rollout
+
+
+def read_netcdf(source: Path) -> xr.Dataset:
+    """Return all of a NetCDF file.
+
+    Raises:
+        RolloutError: when it is missing or broken.
+    """
+    import h5py
+    import xarray as xr
+
+    if not source.is_file():
+        raise RolloutError(f"{source}: there is no such file")
+    try:
+        with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
+            dict(file.attrs)
+        with xr.open_dataset(source, engine="h5netcdf") as lazy:
+            return lazy.load()
+    except Exception as error:  # h5py has no one kind of error for a damaged file
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
 
 
 def _damage(rollout: xr.Dataset) -> str:

@@ -13,6 +13,7 @@ from armgpi.arrays import check_path, check_type
 from armgpi.control.gains import Tuning
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, RolloutError
+from armgpi.loop.rollout import read_netcdf
 from armgpi.parameter import parameters
 from armgpi.robot.batch import AnyRobot, check_robot
 
@@ -65,14 +66,7 @@ def load_weights(path: str | PathLike[str], robot: AnyRobot) -> Weights:
     """
     source = check_path(path, "path")
     check_robot(robot)
-    if not source.is_file():
-        raise RolloutError(f"{source}: there is no such file")
-    try:
-        with xr.open_dataset(source, engine="h5netcdf") as lazy:
-            found = lazy.load()
-    except Exception as error:  # h5py has no one kind of error for a damaged file
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
+    found = read_netcdf(source)
     if _FORMAT not in found.attrs or not set(found.data_vars) <= set(Tuning._fields):
         raise RolloutError(f"{source}: holds no weights of networks")
     joints = [str(name) for name in found["joint"].values] if "joint" in found else []
