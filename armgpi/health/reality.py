@@ -44,8 +44,8 @@ LOST_PEAK, LOST_END, END = 0.5, 0.1, 1.2
 HUNTING, HUNTING_COUNTS = 5e-4, 4.0
 #: Mean step of torque at the end that is chatter, as a share of the effort.
 CHATTER = 0.01
-#: Largest sensitivity of a loop that counts as held, over so many frequencies.
-MOST_SENSITIVITY, _FREQUENCIES = 3.0, 120
+#: Largest sensitivity of a loop that counts as held.
+MOST_SENSITIVITY = 3.0
 #: Laws that are tried: bandwidth [rad/s], share of the inertia in the feedback, roll-off over the bandwidth.
 SEARCHED = tuple(
     (omega, share, ratio)
@@ -264,7 +264,7 @@ def held(draw: Draw) -> bool:
     if draw.gears is None:
         return True
     arm, dt, places = draw.arm, draw.dt, (draw.move.start, draw.move.goal)
-    plants = [two_mass.plant(arm, q, _linear(draw, q), dt) for q in places]
+    arms = [two_mass.ArmLoop(arm, q, _linear(draw, q), dt, draw.delay) for q in places]
     for omega, share, ratio in SEARCHED:
         rolloff: dict[str, Any] = {} if ratio is None else {"rolloff": 1, "rolloff_ratio": ratio}
         with warnings.catch_warnings():
@@ -279,11 +279,8 @@ def held(draw: Draw) -> bool:
                 delay=draw.delay * dt,
                 **rolloff,
             )
-        loops = (
-            two_mass.loop(plant, two_mass.law(law, q), draw.delay)
-            for plant, q in zip(plants, places, strict=True)
-        )
-        if all(two_mass.sensitivity(each, dt, _FREQUENCIES) <= MOST_SENSITIVITY for each in loops):
+        peaks = (each.sensitivity(two_mass.law(law, q)) for each, q in zip(arms, places, strict=True))
+        if all(peak <= MOST_SENSITIVITY for peak in peaks):
             return True
     return False
 
