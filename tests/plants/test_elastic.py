@@ -28,6 +28,7 @@ from armgpi import (
     prepare,
     simulate,
 )
+from armgpi.control import two_mass
 from armgpi.errors import ArrayError, ConfigError
 from armgpi.plants.elastic import ElasticState, sag
 from armgpi.robot.kinematics import random_configurations
@@ -118,6 +119,40 @@ def test_with_friction_at_both_ends_it_is_the_rigid_arm_with_the_sum_in_the_limi
     moved = np.abs(rigid.q - START).max()
     assert moved > 0.01
     assert np.abs(stiff.q - rigid.q).max() < 1e-3 * moved
+
+
+def test_about_rest_it_is_the_linear_plant_of_the_two_mass_loop() -> None:
+    dt, n, ratio = 1e-3, UR5.n, 0.05
+    link = np.diag(UR5.mass_matrix(START)) - UR5.armature
+    damping = 2.0 * ratio * np.sqrt(STIFF * link * UR5.armature / (link + UR5.armature))
+    gears = two_mass.Gears(UR5.armature, STIFF, ratio, 300.0)
+    A, B, _ = two_mass.plant(UR5, START, gears, dt)
+    plant = ElasticPlant(
+        UR5,
+        gear_stiffness=STIFF,
+        gear_damping=damping,
+        current_bandwidth=300.0,
+        encoder_side="link",
+        substeps=40,
+    )
+    rest = plant.init(START, np.zeros(n))
+    hold, size = UR5.gravity(START), np.repeat([1e-6, 1e-6, 1e-6, 1e-6, 1e-2, 1e-2], n)
+
+    def after(i: int, sign: float) -> Array:
+        """Return (q, theta, v, omega, motor) after a sample in which one of them, or a torque, is off."""
+        off = sign * size[i] * np.eye(6 * n)[i].reshape(6, n)
+        state = ElasticState(
+            0, rest.q + off[0], off[2], rest.theta + off[1], off[3], hold + off[4], np.zeros(n)
+        )
+        _, q, v, theta, omega, motor, _ = plant.step(hold + off[5], state, dt)
+        return np.concatenate([q, theta, v, omega, motor])
+
+    columns = [(after(i, 1.0) - after(i, -1.0)) / (2.0 * size[i]) for i in range(6 * n)]
+    found = np.array(columns).T
+    for exact, given in ((A, found[:, : 5 * n]), (B, found[:, 5 * n :])):
+        # Velocities per position are the largest; the rest is the method's error at a fortieth of a sample.
+        scale = np.abs(exact).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(given / scale, exact / scale, rtol=0.0, atol=2e-3)
 
 
 MJCF = """
