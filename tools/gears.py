@@ -6,6 +6,7 @@ Usage:
     python tools/gears.py --held-out      # the same rule on arms that had no part in choosing it
     python tools/gears.py --told          # stiffness, damping and side of the encoder told
     python tools/gears.py --rotors        # bare files on arms with rotors drawn joint by joint
+    python tools/gears.py --rollouts      # moves on the elastic plant, with a load that nobody tells
     python tools/gears.py --picture       # docs/images/gears.png
 
 A case is one of 8 configurations, stiffness times 0.5, 1, 2, encoder at motor or link, gear damping 5 or 1 %:
@@ -231,6 +232,43 @@ def draws(seed: int) -> None:
         )
 
 
+def rollouts(seed: int) -> None:
+    """Print how moves of 0.5 rad end on the elastic plant: 0.25 kg untold, damping 2 %, currents 500 Hz."""
+    for name, (rotors_told, stiffness_told) in ARMS.items():
+        rotor, stiffness, bare = np.array(rotors_told), np.array(stiffness_told), arm(name)
+        robot = bare.with_armature(rotor)
+        start, real = robot.middle(), robot.with_payload(robot.tip, 0.25)
+        laws = {
+            "fast, rotors told": untuned(robot),
+            "soft, rotors told": untuned(rotors.believe_gears(robot)),
+            "soft, bare file": untuned(rotors.believe_gears(bare)),
+        }
+        for which, law in laws.items():
+            peaks, swings, steps = [], [], []
+            for side, factor in itertools.product(("motor", "link"), TIMES):
+                gears = two_mass.Gears(rotor, factor * stiffness)
+                damping = 0.02 * two_mass.damping_at_one(robot.mass_matrix(start) - np.diag(rotor), gears)
+                plant = ElasticPlant(
+                    real,
+                    gear_stiffness=gears.stiffness,
+                    gear_damping=damping,
+                    current_bandwidth=500.0,
+                    encoder_side=side,
+                )
+                move = Bezier(start, start + 0.5, 3.0)
+                late = Delayed(Encoder(plant, BITS), LATE)
+                seen = simulate(late, law, move, 6.0, progress=False, backend="compiled")
+                peaks.append(np.abs((seen["q_measured"] - seen["q_ref"]).values).max())
+                swings.append(np.ptp(seen["q"].values[-1000:], axis=0).max())
+                steps.append(np.abs(np.diff(seen["tau"].values, axis=0)).max())
+            held = np.sum(np.array(swings) < 1e-3)
+            print(
+                f"{name}, {which}: {held} of 6 come to rest, peak error {1e3 * min(peaks):.2g} to "
+                f"{1e3 * max(peaks):.2g} mrad, torque steps of up to {max(steps):.2g} N m",
+                flush=True,
+            )
+
+
 def largest_error(plant: Any, law: GPI) -> tuple[Array, Array]:
     """Return times [s] and the largest error of a move with 16 bits and a sample of delay [rad]."""
     start = plant.robot.middle()
@@ -291,7 +329,7 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the configurations and draws")
     which = parser.add_mutually_exclusive_group()
-    for each in (structures, held_out, told, draws, picture):
+    for each in (structures, held_out, told, draws, rollouts, picture):
         flag = "rotors" if each is draws else each.__name__.replace("_", "-")
         which.add_argument(f"--{flag}", dest="run", action="store_const", const=each, default=rule)
     given = parser.parse_args()

@@ -215,7 +215,8 @@ def inputs_of(asked: Asked, found: Numbers) -> dict[str, str]:
 
 def _check_linear(controller: GPI) -> None:
     """Refuse what is not a linear law of the error."""
-    for name, value in {"realisation": "bumpless", "friction_feedforward": False}.items():
+    one = {"realisation": "bumpless", "friction_feedforward": False, "rotor_factor": 1.0}
+    for name, value in one.items():
         if getattr(controller, name) != value:
             raise ParameterError(
                 name, getattr(controller, name), f"{value} where there is to be a certificate"

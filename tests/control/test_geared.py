@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgpi import GPI, FixedGains, Robot, RobotBatch, config
+from armgpi import GPI, FixedGains, Robot, RobotBatch, certify, config
 from armgpi.control import geared, two_mass, untuned
 from armgpi.control.two_mass import ArmLoop, Gears
+from armgpi.errors import ParameterError
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
@@ -158,6 +159,13 @@ def test_a_run_has_the_law_and_the_drives_that_an_export_writes() -> None:
     assert again.config.plant.engine == "elastic"
     data["plant"]["engine"] = "armgpi"
     assert config.build(config.check(data, config.Origin())).config.plant.engine == "armgpi"
+
+
+@pytest.mark.filterwarnings("ignore:.*5 % of what moves")
+def test_a_law_with_heavier_rotors_gets_no_certificate() -> None:
+    arm = UR5.with_armature(ROTORS[UR5])
+    with pytest.raises(ParameterError, match="rotor_factor"):
+        certify(arm, box=0.1, dt=DT, speed=0.1, integrators=1, rotor_factor=3.0)
 
 
 def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
