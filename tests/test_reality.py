@@ -11,7 +11,7 @@ import pytest
 from machines import swing
 from scipy import linalg, stats
 
-from armgpi import GPI, PIDInversion, Reality, Robot, config, robots, simulate
+from armgpi import GPI, PIDInversion, Reality, Robot, Supervisor, config, robots, simulate
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError
 from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson, wilson
@@ -394,7 +394,7 @@ def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_del
     found = [reality.draw(ARM, index) for index in (0, 1)]
     assert len({draw.encoder_bits for draw in found}) == 2
     ((group, free),) = health.rollouts(found, {"type": "untuned"}, "numpy")
-    ((_, watched),) = health.rollouts(found, {"type": "untuned"}, "numpy", supervised=True)
+    ((_, watched),) = health.rollouts(found, {"type": "untuned"}, "numpy", Supervisor())
     assert [each.index for each in group] == [0, 1]
     assert "fault" not in free
     given = json.loads(watched.attrs["provenance"])["controller"]["supervisor"]

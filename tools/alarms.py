@@ -3,6 +3,7 @@
 Usage:
     python tools/alarms.py --seed 1 --realities mild wide late slow
     python tools/alarms.py --seed 1 --arms held-out --laws untuned computed_torque --out alarms.json
+    python tools/alarms.py --seed 1 --speed 0.5   with SPEED, which is no default
 
 Each draw of a reality runs twice, without and with a supervisor. It is healthy where the motors can follow
 the reference, and the arm, without one, was not lost (armgpi.health.reality) and kept within its position
@@ -77,7 +78,7 @@ class Run(NamedTuple):
         return bool(self.reason)
 
 
-def runs(reality: str, seed: int, name: str, law: str, count: int) -> list[Run]:
+def runs(reality: str, seed: int, name: str, law: str, count: int, supervisor: Supervisor) -> list[Run]:
     """Return what came of draws of an arm.
 
     Raises:
@@ -87,7 +88,7 @@ def runs(reality: str, seed: int, name: str, law: str, count: int) -> list[Run]:
     section = section if isinstance(section, dict) else {"type": section}
     drawn = Reality.geared(seed, block=BLOCK, sample_time=SAMPLE_TIMES, **REALITIES[reality])
     draws, found = health.draws(drawn, name, count), []
-    both = (health.rollouts(draws, section, supervised=supervised) for supervised in (False, True))
+    both = (health.rollouts(draws, section, supervisor=each) for each in (None, supervisor))
     for (group, free), (_, watched) in zip(*both, strict=True):
         for row, draw in enumerate(group):
             outcome, one = health.outcome(free.isel(rollout=row), draw, name), watched.isel(rollout=row)
@@ -167,8 +168,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--realities", nargs="+", default=["wide"], choices=tuple(REALITIES))
     parser.add_argument("--arms", nargs="+", default=["fit"], help="fit, held-out, or names of arms")
     parser.add_argument("--laws", nargs="+", default=["untuned"], help="types of controllers, or sections")
+    parser.add_argument("--speed", type=float, help="share for SPEED; no check when not given")
     parser.add_argument("--out", type=Path, help="write all runs as JSON")
     given = parser.parse_args(arguments)
+    supervisor = Supervisor(speed=given.speed)
     names = health.arms(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
     found: list[Run] = []
     failed = {}
@@ -176,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
         for law in given.laws:
             for name in names:
                 try:
-                    found += runs(reality, given.seed, name, law, given.per_arm)
+                    found += runs(reality, given.seed, name, law, given.per_arm, supervisor)
                 except ArmgpiError as error:
                     failed[f"{name}, {law}"] = str(error)
             print(f"{reality}, {law}: {time.process_time():.0f} s of CPU", file=sys.stderr, flush=True)

@@ -62,6 +62,7 @@ _REASONS = {
     Reason.JUMP: "a position moved faster than its joint can",
     Reason.NOT_FINITE: "a measurement, or the law's torque, is not finite",
     Reason.RESPONSE: "a joint answers its torque the wrong way",
+    Reason.SPEED: "a joint is too fast",
 }
 _ACTIONS = {
     "brake": "the model's along the reference that decelerates, then its weight there",

@@ -435,6 +435,11 @@ def _faults(controller: Supervised) -> dict[str, str]:
         "margin": _few(np.broadcast_to(given.position_margin, (robot.n,))),
         "following": _few(bounds.following),
         "saturated": f"for {given.saturated:g} s" if given.saturated else "never: switched off at export",
+        "speed": (
+            "never: left out at export"
+            if given.speed is None
+            else f"a joint was faster than its velocity limit by a share of {given.speed:g}"
+        ),
         "response": (
             f"a joint ran away from its reference for {given.response:g} s while its torque pushed back"
             if given.response

@@ -249,6 +249,8 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         for k in range(len(middle))
     ]
     unlimited = "" if (effort < FARTHEST).any() else "no joint has a torque limit"
+    speed = np.broadcast_to(bounds.speed, middle.shape)
+    fast, no_speed = np.argsort(speed), "" if (speed < FARTHEST).any() else "no joint has a velocity limit"
     no_jump = "" if (jump < FARTHEST).any() else "no joint has a velocity limit"
     found = {
         Reason.NOT_FINITE: [_Motion(nan_q=1)],
@@ -260,6 +262,8 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.SATURATED: [_Motion(why=unlimited)] if unlimited else driven,
         Reason.LATE: [_Motion(elapsed=given.missed + 2)],
         Reason.RESPONSE: [_Motion(why=unlimited)] if unlimited else runs,
+        # As fast as JUMP lets it begin, at most: it is found before it is too far from the reference.
+        Reason.SPEED: [_Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in fast],
     }
     if upper.min() >= FARTHEST:
         found[Reason.POSITION] = [_Motion(why="no joint has a position limit")]
@@ -268,6 +272,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.FROZEN: controller.frozen_samples,
         Reason.SATURATED: given.saturated,
         Reason.RESPONSE: given.response,
+        Reason.SPEED: given.speed is not None,
     }
     return found | {reason: [_Motion(why=_OFF)] for reason, value in off.items() if not value}
 

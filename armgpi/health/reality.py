@@ -139,7 +139,10 @@ def draws(reality: Reality, name: str, count: int) -> list[Draw]:
 
 
 def rollouts(
-    found: Sequence[Draw], law: Mapping[str, Any], backend: str = "compiled", supervised: bool = False
+    found: Sequence[Draw],
+    law: Mapping[str, Any],
+    backend: str = "compiled",
+    supervisor: Supervisor | None = None,
 ) -> Iterator[tuple[list[Draw], xr.Dataset]]:
     """Yield draws of one arm that run together, and their rollouts.
 
@@ -147,7 +150,7 @@ def rollouts(
         found: the draws.
         law: a controller's section of an experiment file, such as ``{"type": "gpi"}``.
         backend: as for :func:`armgpi.simulate`.
-        supervised: under a supervisor with its defaults, which suit encoder and delay.
+        supervisor: what they run under, as it suits encoder and delay; nothing when not given.
 
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
@@ -157,11 +160,11 @@ def rollouts(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
             controller: Controller = config.controller(law, all_of_it.context)
-            supervisor = None
-            if supervised:
+            suits = supervisor
+            if supervisor is not None:
                 count = group[0].robot.encoder_count(all_of_it.context.bits)
                 plant = PlantSection.model_validate({"delay": group[0].delay})
-                supervisor = suited(Supervisor(resolution=count), plant, controller)
+                suits = suited(supervisor.with_values(resolution=count), plant, controller)
             rollout = simulate(
                 all_of_it.plant,
                 controller,
@@ -169,7 +172,7 @@ def rollouts(
                 all_of_it.t_final,
                 progress=False,
                 backend=backend,
-                supervisor=supervisor,
+                supervisor=suits,
             )
         yield group, rollout if "rollout" in rollout.dims else rollout.expand_dims("rollout")
 

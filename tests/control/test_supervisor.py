@@ -592,6 +592,60 @@ def test_a_push_of_one_joint_is_not_taken_for_a_motor_that_turns_the_other_way(n
         assert "response" not in driven(robot, partial(pushed, push), 0.07).reasons, robot.joint_names[j]
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5])
+@pytest.mark.parametrize("bits", [10, 16])
+def test_a_joint_is_too_fast_by_a_share_above_its_limit_however_coarse_its_encoder(
+    share: float, bits: int
+) -> None:
+    rail = machines.sled(bounds='lower="-1" upper="1"').with_limits(velocity=0.2, effort=20.0)
+    count = 2.0 / 2**bits
+    most = Supervisor(speed=share, resolution=count, reference_jump=0.0, frozen_samples=0, response=0.0)
+    ours = Supervised(GPI(rail, DT), most)
+    theirs: Any = armgpi.ExportedController.of(ours)
+    for factor in (0.999, 1.3 if bits == 16 else 3.0):
+        speed = factor * (1.0 + share) * 0.2
+        begin = Measurement(np.array([-0.8])), Target(np.array([-0.8]), np.zeros(1), np.zeros(1))
+        mine, its = ours.init(*begin), theirs.init(*begin)
+        for k in range(1, 1500):
+            q = np.round((-0.8 + speed * k * DT) / count) * count
+            sample = Measurement(np.array([q])), Target(np.array([q]), np.zeros(1), np.zeros(1))
+            mine, its = ours.step(*sample, mine).state, theirs.step(*sample, its).state
+            assert ours.report(mine) == theirs.report(its)
+            if ours.report(mine).reason != "none":
+                break
+        assert ours.report(mine).reason == ("none" if factor < 1.0 else "speed")
+        if bits == 16 and factor > 1.0:
+            # What is smoothed gets there by a law of its own, and is looked at a sample later.
+            share_there = (1.0 + share) * 0.2 / speed
+            expected = np.log(1.0 - share_there) / np.log(1.0 - DT / (DT + 5e-3)) + 1.0
+            assert k == pytest.approx(expected, abs=1.5)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_a_push_that_makes_a_joint_too_fast_stops_it_under_control(backend: str) -> None:
+    if backend == "compiled":
+        pytest.importorskip("casadi")
+    push = armgpi.Pulse(0.5 * ARM.limits.effort, 0.1, 0.15)
+    limit = np.full(3, 2.0)
+    robot = ARM.with_limits(velocity=limit)
+    rollouts = [
+        simulate(
+            Saturated(RigidBodyPlant(robot, loads=[push])),
+            GPI(robot, DT),
+            armgpi.Hold(Q),
+            1.0,
+            supervisor=Supervisor(speed=speed),
+            backend=backend,
+        )
+        for speed in (None, 0.5)
+    ]
+    fast = np.abs(rollouts[0]["v"]).max()
+    assert fast > 1.5 * 2.0
+    assert [str(Reason(int(run["fault"])).name) for run in rollouts] == ["NONE", "SPEED"]
+    assert float(rollouts[1]["supervisor"].isel(time=-1).max()) == State.HOLD
+    assert np.abs(rollouts[1]["v"].isel(time=-1)).max() < 0.05
+
+
 # A rollout under it.
 
 

@@ -125,14 +125,14 @@ def run(*command: object, folder: Path) -> str:
 @compiled
 @pytest.mark.parametrize(("real", "law"), [("double", GPI), ("float", GPI), ("double", PIDInversion)])
 def test_every_fault_has_a_test_in_the_folder_which_passes(real: str, law: type, tmp_path: Path) -> None:
-    controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5))
+    controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5, speed=0.5))
     export_controller(controller, tmp_path, real=real, measure=False)
     sources = ("test_faults.c", "armgpi_controller.c")
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
     run("cc", *flags, *sources, "-o", "faults", "-lm", folder=tmp_path)
     said = run("./faults", folder=tmp_path)
     reasons = [int(line.split()[2]) for line in said.splitlines()[:-1]]
-    assert sorted(reasons) == list(range(2, 11))
+    assert sorted(reasons) == list(range(2, 12))
     # From Python and from C++ the same code.
     (tmp_path / "use.py").write_text(
         "import armgpi_controller as c\nx, code = c.Controller(), c.Controller.init.__code__\n"
@@ -542,6 +542,7 @@ OFF = "switched off at export"
     [
         (LIMIT, {}, {}),
         (LIMIT, {"torque_rate": 300.0}, {}),
+        (LIMIT, {"speed": None}, {"speed": OFF}),
         (LIMIT, {"jump": 0.0, "saturated": 0.0}, {"jump": OFF, "saturated": OFF}),
         (
             "",
@@ -551,17 +552,18 @@ OFF = "switched off at export"
                 "position": "no joint has a position limit",
                 "saturated": "no joint has a torque limit",
                 "response": "no joint has a torque limit",
+                "speed": "no joint has a velocity limit",
             },
         ),
     ],
 )
 def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
-    law: type, limit: str, given: dict[str, float], without: dict[str, str]
+    law: type, limit: str, given: dict[str, float | None], without: dict[str, str]
 ) -> None:
     # The first joint turns without end: it has no position to be beyond.
     second = J("b", "L_a", "revolute" if limit else "continuous")
     robot = Robot.from_xml(text(J("a", "base", "continuous"), second, arm=0).replace(AS_TEXT_HAS, limit))
-    rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**given)))
+    rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**{"speed": 0.5, **given})))
     said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
     assert said == without
-    assert len(rows) == 9
+    assert len(rows) == 10

@@ -150,6 +150,12 @@ class Supervisor(Parametrised):
         default=0.012,
         least=0.0,
     )
+    speed: float | None = parameter(
+        "SPEED: share of its velocity limit by which a joint may be faster",
+        default=None,
+        none="no check",
+        least=0.0,
+    )
     missed: int = parameter(
         "LATE: samples that may be missed in a row; after as many without a good measurement it is FAULT",
         kind="integer",
@@ -173,6 +179,7 @@ class Bounds(NamedTuple):
         slowing: change of velocity in a sample of a stop [rad or m per sample].
         stop_velocity: at which a stop begins, at most [rad or m per sample].
         rate: change of torque in a sample, at most [N m or N].
+        speed: largest velocity, smoothed [rad or m per sample].
     """
 
     jump: Array
@@ -185,6 +192,7 @@ class Bounds(NamedTuple):
     slowing: Array
     stop_velocity: Array
     rate: Array
+    speed: Array
 
 
 def bounds_of(law: Controller, given: Supervisor) -> Bounds:
@@ -214,19 +222,26 @@ def bounds_of(law: Controller, given: Supervisor) -> Bounds:
     if given.reference_jump and given.reference_step:
         steps = np.minimum(steps, given.reference_step * dt * least_acceleration(law) + 2.0 * count)
     known = np.minimum(speed, LARGEST)
-    least, most = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
-    shape = np.broadcast_shapes(count.shape, least.shape, np.shape(steps))
+    # A smoothed velocity is off by a share of a count, at most, whatever the motion.
+    most = (
+        math.inf
+        if given.speed is None
+        else (1.0 + given.speed) * dt * speed + smoothing(dt, SMOOTHING) * count
+    )
+    lowest, highest = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
+    shape = np.broadcast_shapes(count.shape, lowest.shape, np.shape(steps))
     return Bounds(
         jump=np.minimum(np.broadcast_to(jumps, shape), LARGEST),
         turn=4.0 * count if given.jump else np.full(shape, LARGEST),
         step=np.minimum(np.broadcast_to(steps, shape), FARTHEST),
-        lower=least,
-        upper=most,
+        lower=lowest,
+        upper=highest,
         following=joints("following"),
         travel=COUNTS * count,
         slowing=dt * (dt * joints("deceleration")),
         stop_velocity=dt * joints("stop_velocity", known),
         rate=dt * joints("torque_rate", LARGEST),
+        speed=np.minimum(np.broadcast_to(most, shape), LARGEST),
     )
 
 

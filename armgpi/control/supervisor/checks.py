@@ -166,6 +166,24 @@ class Following:
         return np.abs(e) > self._most
 
 
+class Speed:
+    """SPEED: a joint is faster than its limit allows, by its smoothed velocity up to the last sample."""
+
+    def __init__(self, bounds: Bounds, given: Supervisor) -> None:
+        self._most, self._tightest = bounds.speed, tightest(bounds.speed)
+        self._checked = given.speed is not None
+
+    def nominal(self, watch: Watch) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        if self._checked:
+            yield np.abs(watch.v) <= self._tightest
+
+    def fails(self, watch: Watch) -> Iterator[Mask]:
+        """Yield which joints fail, where it is checked."""
+        if self._checked:
+            yield np.abs(watch.v) > self._most
+
+
 class Frozen:
     """FROZEN: a measurement repeats itself that should change.
 

@@ -38,6 +38,7 @@ class Reason(IntEnum):
     JUMP = 8
     NOT_FINITE = 9
     RESPONSE = 10
+    SPEED = 11
 
 
 class FrozenState(NamedTuple):

@@ -46,8 +46,8 @@ class Supervised(Controller):
         supervisor: the bounds, as they were given.
         bounds: the same as numbers for this arm and sample time.
         frozen_samples: samples that make a measurement frozen, 0 for no check.
-        finite: the check of that name, as are `jump`, `position`, `reference`, `following`, `frozen`,
-            `saturated` and `response`.
+        finite: the check of that name, as are `jump`, `position`, `reference`, `following`, `speed`,
+            `frozen`, `saturated` and `response`.
         stop: how the arm is stopped.
         _sound: torque below which none is cut [N m or N].
     """
@@ -84,6 +84,7 @@ class Supervised(Controller):
         self.reference = checks.ReferenceJump(law, bounds)
         self.response = checks.Response(law, supervisor)
         self.following = checks.Following(bounds, bool(supervisor.response))
+        self.speed = checks.Speed(bounds, supervisor)
         self.frozen = checks.Frozen(law, supervisor, bounds, self.jump.pushed)
         self.saturated = checks.Saturated(law, supervisor)
         self.stop = Stop(law, supervisor.on_fault, bounds)
@@ -211,6 +212,7 @@ class Supervised(Controller):
             *self.jump.nominal(change, watch),
             *self.position.nominal(q),
             *self.following.nominal(q - target.q),
+            *self.speed.nominal(watch),
             *self.frozen.nominal(change, target.q, watch),
             *self.finite.nominal(measurement),
             *self.reference.nominal(target, watch),
@@ -360,6 +362,7 @@ class Supervised(Controller):
             (~good, Reason.JUMP),
             (~finite, Reason.NOT_FINITE),
             (turned, Reason.RESPONSE),
+            *((fast, Reason.SPEED) for fast in self.speed.fails(watch)),
         ):
             code = np.where(wrong, float(reason), code)
         bad = np.where(good, 0.0, watch.bad + 1.0)
