@@ -189,7 +189,8 @@ class ArmLoop:
             of_law: what closes it.
             later: samples by which measurements are later.
         """
-        return growth(loop(self.plant, of_law, self._delay + later))
+        A, B, C, _ = loop(self.plant, of_law, self._delay + later)
+        return float(np.abs(np.linalg.eigvals(A + B @ C)).max())
 
     def sensitivity(self, of_law: Law) -> float:
         """Return Ms [-], infinite where the loop is unstable.
@@ -284,24 +285,3 @@ def loop(of_plant: Plant, of_law: Law, delay: int) -> tuple[Array, Array, Array,
     out = of_law.D @ late
     out[:, k + delay * n :] += of_law.C
     return whole, entry, out, np.zeros((n, n))
-
-
-def growth(open_loop: tuple[Array, Array, Array, Array]) -> float:
-    """Return the largest eigenvalue of the closed loop over a sample; below 1 it is stable."""
-    A, B, C, _ = open_loop
-    return float(np.abs(np.linalg.eigvals(A + B @ C)).max())
-
-
-def sensitivity(open_loop: tuple[Array, Array, Array, Array], dt: float, points: int = 300) -> float:
-    """Return the peak of sensitivity to torques; infinite where unstable.
-
-    It is the largest singular value of (1 - L)^-1 over evenly spaced points, in the torques' own units, and
-    what realities are judged feasible by; :class:`ArmLoop` weights with the inertia and looks at resonances.
-    """
-    A, B, C, _ = open_loop
-    if growth(open_loop) >= 1.0:
-        return float("inf")
-    z = np.exp(1j * np.geomspace(0.3 * dt, np.pi, points))
-    solved = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, _each(B, z))
-    S = np.linalg.inv(np.eye(B.shape[1]) - C @ solved)
-    return float(np.linalg.svd(S, compute_uv=False).max())
