@@ -181,15 +181,33 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
 
     experiment = configuration.build(*settings(options, compare=False))
     fingers = moving_gripper(experiment.robot)
-    if fingers and target in COMPENSATING:
+    again = bool(fingers) and target in COMPENSATING
+    if again:
         options["lock"] = [*(options["lock"] or []), *fingers]
         say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
+    if target in COMPENSATING and _takes_gears_as_rigid(options, experiment):
+        options["drives"], again = Path("soft"), True
+        say(
+            f"note: nothing tells how stiff the gears are, and a robot of {target} has some: the law is one "
+            "for gears that twist (--drives soft); --drives believed is the faster one for stiff gears",
+            err=True,
+        )
+    if again:
         return configuration.build(*settings(options, compare=False))
     if fingers:
         lock = " ".join(f"--lock {name}" for name in fingers)
         said = f"{', '.join(fingers)} of a gripper gets torque with the arm; {lock} leaves it out"
         say(f"warning: {said}", err=True, fg="yellow")
     return experiment
+
+
+def _takes_gears_as_rigid(options: dict[str, Any], experiment: Experiment) -> bool:
+    """Tell whether the rule chose a law for rigid gears because nobody told anything of them."""
+    from armgpi.config.building import verdicts
+    from armgpi.control.geared import is_known
+
+    said = options["config"] is not None or options["drives"] is not None
+    return not said and bool(verdicts(experiment)) and not is_known(experiment.robot)
 
 
 def _target(options: dict[str, Any]) -> str:
@@ -206,6 +224,12 @@ def _target(options: dict[str, Any]) -> str:
         options["gravity"] = "robot"
         if options["dt"] is None and options["config"] is None:
             options["dt"] = COMPENSATING[target].dt
+        if options["controllers"] is None and options["config"] is None:
+            options["controllers"] = "untuned"
+            say(
+                f"note: the law is what the rule chooses for a robot of {target}: --controller untuned",
+                err=True,
+            )
         rate = COMPENSATING[target].rate
         if options["torque_rate"] is None and rate is not None:
             options["torque_rate"] = f"{rate * _JUST_BELOW:.10g}"

@@ -6,14 +6,20 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from commands import Answer
 
 import armgpi
+from armgpi import config
 from armgpi.codegen import build
+from armgpi.control.two_mass import ArmLoop, Gears
+from armgpi.control.two_mass import law as linear
 from armgpi.errors import BackendError
 from armgpi.loop import log as logs
+from armgpi.robot.kinematics import random_configurations
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 try:
@@ -23,6 +29,11 @@ except BackendError:
     COMPILER = False
 
 ARM = "anthropomorphic3"
+#: Rotors [kg m^2] and stiffness [N m/rad] of typical size.
+GEARS = {
+    "panda": ([0.6, 0.6, 0.46, 0.46, 0.2, 0.2, 0.2], [14e3, 14e3, 14e3, 14e3, 8e3, 8e3, 8e3]),
+    "ur5": ([1.2, 1.2, 0.8, 0.2, 0.2, 0.2], [20e3, 20e3, 15e3, 5e3, 5e3, 5e3]),
+}
 FILES = ("armgpi_controller.h", "armgpi_controller.c", "main.c", "log.armlog", "Makefile", "README.md")
 
 
@@ -149,3 +160,41 @@ def test_a_panda_for_libfranka_has_its_seven_joints(export: Callable[..., Answer
     assert code == 0, out + err
     assert "of the gripper locked" in err
     assert "#define ARMGPI_N (7U)" in (tmp_path / "armgpi_controller.h").read_text()
+
+
+@pytest.mark.parametrize(("robot", "target"), [("panda", "fci"), ("ur5", "ur")])
+def test_the_default_for_a_geared_robot_holds_it(
+    export: Callable[..., Answer], robot: str, target: str, tmp_path: Path
+) -> None:
+    """Gears of typical stiffness, encoders at the motors: stable; the law for stiff gears is not."""
+    if robot not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    rotor, stiffness = GEARS[robot]
+    grows = {}
+    for name, options in (("default", ()), ("stiff", ("--drives", "believed"))):
+        code, out, err = export(
+            robot, "--target", target, "--t-final", "0.1", *options, "-o", tmp_path / name
+        )
+        assert code == 0, out + err
+        assert ("the law is one for gears that twist" in err) == (name == "default")
+        loaded = config.read(tmp_path / name / "experiment.yaml")
+        law: Any = next(iter(config.build(loaded.config, loaded.origin).controllers.values()))
+        gears = Gears(np.array(rotor), np.array(stiffness), 0.02, 500.0, "motor")
+        arm = law.robot.with_armature(rotor)
+        loops = (
+            (ArmLoop(arm, q, gears, law.dt, 1), linear(law, q)) for q in random_configurations(arm, 3, seed=1)
+        )
+        grows[name] = max(loop.growth(own) for loop, own in loops)
+    assert grows["default"] < 1.0 < grows["stiff"]
+
+
+def test_another_law_for_a_geared_robot_is_told(export: Callable[..., Answer], tmp_path: Path) -> None:
+    """What is asked for is what is written."""
+    if "ur5" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    code, out, err = export(
+        "ur5", "--target", "ur", "--controller", "gpi", "--t-final", "0.1", "-o", tmp_path
+    )
+    assert code == 0, out + err
+    assert "gears" not in err
+    assert "type: gpi" in (tmp_path / "experiment.yaml").read_text()
