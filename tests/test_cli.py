@@ -119,7 +119,7 @@ def test_a_table_is_the_same_whether_its_rollouts_are_kept_or_not(
         ("comp", {"compare"}),
         ("run anthro", {ARM}),
         ("run ur5 --pay", {"--payload", "--payload-range"}),
-        ("compare ur5 --encoder", {"--encoder-bits"}),  # declared by a sensor
+        ("compare ur5 --encoder", {"--encoder-bits", "--encoder-side"}),  # declared by a sensor, a plant
     ],
 )
 def test_a_shell_completes_commands_robots_and_all_options(words: str, expected: set[str]) -> None:

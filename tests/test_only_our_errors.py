@@ -415,6 +415,7 @@ CASES: dict[str, Case] = {
             "rolloff_ratio": 4.0,
             "second_ratio": 1.0,
             "second_zeta": 1.0,
+            "rotor_factor": 2.0,
             "effort": 3.0,
             "bias_robot": ARM,
         },
