@@ -417,10 +417,11 @@ def _assumptions(asked: Asked) -> list[str]:
         "The reference stays in the box, within its speed and acceleration. That the arm stays within radius "
         "of it, that the error is no faster than spread and that no torque is cut follows from the claims.",
         "The claim gain is for a reference at rest. It and the claim stated hold from a start at rest with "
-        "the torque that holds the arm, or as soon as V is at most what the inputs keep it at, and for ever "
-        "after; the claim start holds from a start with the torque of another load of the range. Starts are "
-        "at rest, where the reference rests.",
-        "The claim for a jump holds at any time after a jump between the two loads; a load that is picked up "
-        "has the velocity of the frame that picks it up.",
+        "the torque that holds the arm, or as soon as V is at most what the inputs keep it at, the last "
+        "samples within the claim, and for ever after; the claim start holds from a start with the torque of "
+        "another load of the range. Starts are at rest, where the reference rests.",
+        "The claim for a jump holds at any time after one jump between the two loads that happens while V is "
+        "at most what the inputs keep it at; a load that is picked up has the velocity of the frame that "
+        "picks it up.",
         "Numbers that are searched are the largest that a search found, and 3 % more: that is no proof.",
     ]
