@@ -59,20 +59,26 @@ class Sample(NamedTuple):
     limit: Array
 
 
-class _Fold(NamedTuple):
-    """How samples change a total: one after the other, and many along a first axis with the same bits."""
+class Fold(NamedTuple):
+    """How samples change a total.
+
+    Attributes:
+        start: the total of no samples.
+        one: total and sample -> the next total.
+        all: total and samples along a first axis -> the total, with the same bits as one after the other.
+    """
 
     start: float
     one: Callable[[Any, Any], Any]
     all: Callable[[Array, Array], Array]
 
 
-_ADD = _Fold(0.0, operator.add, lambda s, x: np.cumsum(np.concatenate([s[None], x]), axis=0)[-1])
-_LEAST = _Fold(np.inf, np.minimum, lambda s, x: np.minimum(s, x.min(axis=0, initial=np.inf)))
-_MOST = _Fold(-np.inf, np.maximum, lambda s, x: np.maximum(s, x.max(axis=0, initial=-np.inf)))
+_ADD = Fold(0.0, operator.add, lambda s, x: np.cumsum(np.concatenate([s[None], x]), axis=0)[-1])
+_LEAST = Fold(np.inf, np.minimum, lambda s, x: np.minimum(s, x.min(axis=0, initial=np.inf)))
+_MOST = Fold(-np.inf, np.maximum, lambda s, x: np.maximum(s, x.max(axis=0, initial=-np.inf)))
 #: Of magnitudes.
 _PEAK = _MOST._replace(start=0.0)
-_LAST = _Fold(0.0, lambda s, x: x, lambda s, x: x[-1])
+_LAST = Fold(0.0, lambda s, x: x, lambda s, x: x[-1])
 
 
 class Total(NamedTuple):
@@ -84,7 +90,7 @@ class Total(NamedTuple):
         since: of the last seconds alone: from which sample on, counted from their first one; None of all.
     """
 
-    fold: _Fold
+    fold: Fold
     term: Callable[[Sample], Any]
     since: float | None = None
 
