@@ -21,6 +21,7 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width
 from armgpi.config import Experiment
+from armgpi.control.geared import is_known
 from armgpi.control.gpi import GPI
 from armgpi.control.untuned import COUNT_SHARE
 from armgpi.escape import shown
@@ -132,8 +133,10 @@ def _loop(controller: GPI, experiment: Experiment) -> str:
     """Return what the loops tolerate, and what one count of the encoders does."""
     phase, delay, delta = controller.margins()
     spent = 0.5 * controller.dt + controller.delay
+    # The verdict above has the loop with its gears; this one is of a joint alone.
+    loop = "loop, were the gears rigid" if is_known(experiment.robot) else "loop"
     said = (
-        f"  loop: phase margin {math.degrees(phase):.3g} deg, stable for delta {delta.lower:.2g} to "
+        f"  {loop}: phase margin {math.degrees(phase):.3g} deg, stable for delta {delta.lower:.2g} to "
         f"{delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (hold and transport take {1e3 * spent:.3g})"
     )
     bits = getattr(experiment.config.plant, "encoder_bits", None)
