@@ -203,11 +203,11 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
 
 def _takes_gears_as_rigid(options: dict[str, Any], experiment: Experiment) -> bool:
     """Tell whether the rule chose a law for rigid gears because nobody told anything of them."""
-    from armgpi.config.building import verdicts
+    from armgpi.config.building import has_rule
     from armgpi.control.geared import is_known
 
     said = options["config"] is not None or options["drives"] is not None
-    return not said and bool(verdicts(experiment)) and not is_known(experiment.robot)
+    return not said and has_rule(experiment.config) and not is_known(experiment.robot)
 
 
 def _target(options: dict[str, Any]) -> str:

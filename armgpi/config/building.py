@@ -257,9 +257,8 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     robot = _robot(section, top.at("robot"))
     if section.drives == "rigid":
         return config, rotors.without_rotors(robot)
-    untuned = any(each.type == Untuned.config_name for each in config.controllers)
     soft = section.drives == "soft"
-    if soft or section.drives == "believed" or (untuned and config.reality is None):
+    if soft or section.drives == "believed" or (has_rule(config) and config.reality is None):
         robot = rotors.believe_gears(robot) if soft else rotors.believe(robot)
         given = section.drives if isinstance(section.drives, dict) else {}
         known = {joint: dict(own) for joint, own in given.items()}
@@ -273,6 +272,11 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
             plant = config.plant.model_copy(update={"engine": "elastic"})
             config = config.model_copy(update={"plant": plant})
     return config, robot
+
+
+def has_rule(config: ExperimentConfig) -> bool:
+    """Tell whether a controller of an experiment is made by the rule for untuned arms."""
+    return any(each.type == Untuned.config_name for each in config.controllers)
 
 
 def verdicts(experiment: Experiment) -> dict[str, Verdict]:

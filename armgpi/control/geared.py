@@ -107,7 +107,7 @@ def cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
     weights = [rotor, lighter] if (lighter < rotor).any() else [rotor]
     found = []
     for q, (i, own), stiffness in itertools.product(_configurations(robot), enumerate(weights), ends):
-        gears = Gears(own, np.where(np.isnan(stiffness), _RIGID * own, stiffness), current=current)
+        gears = Gears(own, _filled(stiffness, own), current=current)
         ratio = told / damping_at_one(robot.mass_matrix(q) - np.diag(robot.armature), gears)
         usual = DAMPINGS if np.isnan(told).any() else DAMPINGS[:1]
         for where, (k, damping) in itertools.product(sides, enumerate(usual)):
@@ -119,8 +119,8 @@ def cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
 def resonance(robot: Robot) -> float:
     """Return the lowest resonance of an arm with free motors in the middle [Hz]; gears may be believed."""
     soft = believe_gears(robot)
-    rotor, stiffness = _rotor(soft), soft.drives.value("stiffness")
-    gears = Gears(rotor, np.where(np.isnan(stiffness), _RIGID * rotor, stiffness))
+    rotor = _rotor(soft)
+    gears = Gears(rotor, _filled(soft.drives.value("stiffness"), rotor))
     return float(free_modes(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), gears)[0])
 
 
@@ -133,6 +133,11 @@ def _rotor(robot: Robot) -> Array:
     """Return the rotors of an arm, none so light that nothing twists [kg m^2 or kg], (n,)."""
     links = np.diag(robot.mass_matrix(robot.middle())) - robot.armature
     return np.maximum(robot.armature, _LEAST_ROTOR * links)
+
+
+def _filled(stiffness: Array, rotor: Array) -> Array:
+    """Return stiffness, that of a gear that hardly twists where none is known [N m/rad or N/m], (n,)."""
+    return np.where(np.isnan(stiffness), _RIGID * rotor, stiffness)
 
 
 def rigid_cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
@@ -153,9 +158,8 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
         late: samples by which measurements are late.
     """
     soft = believe_gears(robot)
-    stiffness = soft.drives.value("stiffness")
     rotor = _rotor(soft)
-    stiffness = np.where(np.isnan(stiffness), _RIGID * rotor, stiffness)
+    stiffness = _filled(soft.drives.value("stiffness"), rotor)
     linear = [(q, law_at(law, q)) for q in _configurations(robot)]
 
     def gears(factor: float) -> Gears:

@@ -292,9 +292,9 @@ def _linear(draw: Draw, q: Array) -> two_mass.Gears:
     """Return the drives of a draw as the linear loop takes them, with damping as ratios at q."""
     assert draw.gears is not None
     rotor, stiffness = draw.arm.armature, draw.gears.stiffness
-    link = np.diag(draw.arm.mass_matrix(q)) - rotor
-    ratio: Any = draw.gears.damping / (2.0 * np.sqrt(stiffness * link * rotor / (link + rotor)))
-    return two_mass.Gears(rotor, stiffness, ratio, draw.numbers.current, draw.gears.side)
+    gears = two_mass.Gears(rotor, stiffness, current=draw.numbers.current, side=draw.gears.side)
+    links = draw.arm.mass_matrix(q) - np.diag(rotor)
+    return gears._replace(damping=draw.gears.damping / two_mass.damping_at_one(links, gears))
 
 
 class Warned(NamedTuple):
