@@ -18,13 +18,13 @@ from armgpi import files
 from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
-from armgpi.control.supervisor import FARTHEST, SIGNALS, State, Supervised, Supervisor
+from armgpi.control.supervisor import FARTHEST, SIGNALS, Supervised, Supervisor
 from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, supervise, template
 from armgpi.export.names import check_name, plain, renamed, source_of
 from armgpi.export.targets import TARGETS, check_target, compensated, moving_gripper, package
 from armgpi.loop.closed_loop import ClosedLoop
-from armgpi.loop.log import INPUTS, ArmLog, Event, LogWriter, pack, preamble, row_type
+from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
 from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
@@ -118,18 +118,11 @@ def record(plant: Plant, controller: Controller, reference: Reference, t_final: 
             f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
         )
     known = {"diverged": count * loop.dt} if count < steps else {}
-    writer = LogWriter(controller.robot.joint_names, loop.dt, INPUTS, count + 1, **known)
-    reports = np.tile([float(State.RUN), 0.0, 0.0], (count, 1))
+    reports = None
     if isinstance(controller, Supervised):
         reports = np.stack([found[name][:count, 0] for name in SIGNALS[:3]], axis=1)
-    for k in range(count):
-        q, v, q_ref, v_ref, a_ref = (found[name][k] for name in INPUTS)
-        given = FullState(q, v), Target(q_ref, v_ref, a_ref)
-        if k == 0:
-            writer.take(0, *given, np.zeros_like(q), event=Event.INIT, elapsed=0)
-        status, reason, joint = (int(x) for x in reports[k])
-        writer.take(k, *given, tau[k], report=(status, reason, joint))
-    return writer.log()
+    inputs = {name: found[name][:count] for name in INPUTS}
+    return of_samples(controller.robot.joint_names, loop.dt, inputs, tau[:count], reports, **known)
 
 
 def export_controller(
@@ -201,16 +194,15 @@ def _at_rest(controller: Supervised) -> ArmLog:
     robot: Any = controller.robot
     middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(robot.n)
     # No plant: a replay compares torques, and an arm at rest needs none to be at rest.
-    given = FullState(middle, rest), Target(middle, rest, rest)
-    seen: Any = given[0] if controller.measurement_type is FullState else Measurement(middle)
-    count = max(1, round(0.1 / controller.dt))
-    writer = LogWriter(robot.joint_names, controller.dt, INPUTS, count + 1)
-    writer.take(0, *given, rest, event=Event.INIT, elapsed=0)
-    state = controller.init(seen, given[1])
-    for k in range(count):
-        tau, state = controller.step(seen, given[1], state)
-        writer.take(k, *given, np.broadcast_to(tau, rest.shape))
-    return writer.log()
+    seen: Any = FullState(middle, rest) if controller.measurement_type is FullState else Measurement(middle)
+    target = Target(middle, rest, rest)
+    state, taus = controller.init(seen, target), []
+    for _ in range(max(1, round(0.1 / controller.dt))):
+        tau, state = controller.step(seen, target, state)
+        taus.append(np.broadcast_to(tau, rest.shape))
+    values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
+    inputs = {name: np.tile(value, (len(taus), 1)) for name, value in values.items()}
+    return of_samples(robot.joint_names, controller.dt, inputs, np.array(taus))
 
 
 def _for(code: Code, log: ArmLog) -> ArmLog:

@@ -121,13 +121,7 @@ class LogWriter:
         self, joints: tuple[str, ...], dt: float, inputs: tuple[str, ...], room: int, **known: Any
     ) -> None:
         """Make room for so many rows; `known` goes into the header."""
-        self._header = {
-            "joints": list(joints),
-            "dt": dt,
-            "inputs": list(inputs),
-            "made_by": f"armgpi {VERSION}",
-        }
-        self._header |= known
+        self._header = _plain_header(joints, dt, inputs, known)
         self._inputs = inputs
         self._rows = np.zeros(room, row_type(inputs, len(joints)))
         self._count = 0
@@ -172,6 +166,46 @@ class LogWriter:
         first = self._count % room if self._count > room else 0
         rows = np.roll(self._rows, -first) if first else self._rows[: self._count]
         return ArmLog(self._header, rows.copy())
+
+
+def of_samples(
+    joints: tuple[str, ...],
+    dt: float,
+    inputs: Mapping[str, Array],
+    tau: Array,
+    reports: Array | None = None,
+    **known: Any,
+) -> ArmLog:
+    """Return the log of samples of which none was missed, after a start with what the first was given.
+
+    Args:
+        joints: their names.
+        dt: sample time [s].
+        inputs: what the controller was given, name -> array (samples, n).
+        tau: what it answered [N m or N], (samples, n).
+        reports: status, reason and index of the joint, (samples, 3); RUN when not given.
+        known: goes into the header.
+    """
+    names = tuple(name for name in INPUTS if name in inputs)
+    rows = np.zeros(len(tau) + 1, row_type(names, len(joints)))
+    rows["number"][1:] = np.arange(len(tau))
+    rows["elapsed"][1:], rows["event"][0] = 1, Event.INIT
+    rows["status"] = State.RUN
+    if reports is not None:
+        for name, column in zip(("status", "reason", "joint"), reports.T, strict=True):
+            rows[name][1:] = column
+    for name in names:
+        rows[name][0], rows[name][1:] = inputs[name][0], inputs[name]
+    rows["tau"][1:], rows["applied"] = tau, np.nan
+    return ArmLog(_plain_header(joints, dt, names, known), rows)
+
+
+def _plain_header(
+    joints: tuple[str, ...], dt: float, inputs: tuple[str, ...], known: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the header of a log that Python writes."""
+    header = {"joints": list(joints), "dt": dt, "inputs": list(inputs), "made_by": f"armgpi {VERSION}"}
+    return {**header, **known}
 
 
 def write(log: ArmLog, path: str | PathLike[str]) -> Path:
