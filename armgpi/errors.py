@@ -1,4 +1,4 @@
-"""Every exception and warning that armgpi raises.
+"""Every exception and warning that armgpi raises, and the findings that it has.
 
 One root, :class:`ArmgpiError`, so that a caller can catch all of them and a program can tell our refusal
 from a bug. The leaves carry the data (joint, value, bound, ...) and their text says what was found, what
@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
-from typing import NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
+Level = Literal["error", "warning", "info"]
 _Error = TypeVar("_Error", bound="ArmgpiError")
 
 
@@ -26,6 +27,35 @@ class Remedy(NamedTuple):
     kind: str
     joints: tuple[str, ...] = ()
     value: float | str | None = None
+
+
+class Finding(NamedTuple):
+    """One thing about a model or a law that its user should know.
+
+    Attributes:
+        level: "error" when it stops a run, "warning" when it is probably wrong, "info" when it is good to
+            know.
+        where: the link, joint or file concerned, as in "joint 'j1'".
+        message: what is the matter, in a sentence.
+        value: what was found, None where a single value does not say it.
+        bound: what it was compared with, None likewise.
+        repair: what to do about it; empty when nothing has to be done.
+        remedies: changes that would help, any one of them, as data.
+        kind: a short name of the kind of finding ("degrees", "effort", ...); the registry fills it in.
+    """
+
+    level: Level
+    where: str
+    message: str
+    value: float | str | None = None
+    bound: float | str | None = None
+    repair: str = ""
+    remedies: tuple[Remedy, ...] = ()
+    kind: str = ""
+
+    def __str__(self) -> str:
+        """Return the finding in a line."""
+        return f"{self.where}: {self.message}" + (f" -> {self.repair}" if self.repair else "")
 
 
 class ArmgpiError(Exception):

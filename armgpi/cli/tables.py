@@ -21,9 +21,9 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width
 from armgpi.config import Experiment
+from armgpi.control.advice import COUNT_SHARE
 from armgpi.control.geared import is_known
 from armgpi.control.gpi import GPI
-from armgpi.control.untuned import COUNT_SHARE
 from armgpi.escape import shown
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement

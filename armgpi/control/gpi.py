@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
@@ -11,26 +9,19 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, new
-from armgpi.control import untuned
+from armgpi.control import advice, untuned
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Gains
-from armgpi.control.margins import (
-    Margins,
-    default_omega,
-    delay_margins,
-    slow_default,
-    worst_margins,
-)
-from armgpi.control.payload import LoadRange, PayloadRange
+from armgpi.control.margins import Margins, default_omega, worst_margins
+from armgpi.control.payload import LoadRange, load_range, served_omega
 from armgpi.control.realisation import REALISATIONS, Bumpless, Resting
-from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, with_heavier_rotors
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
@@ -224,34 +215,28 @@ class GPI(Controller):
         """
         check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
-        given: Any = self.gains
-        member = untuned.member(vars(self))
-        if self.payload is not None:
-            self.keep("payload", self._found(member))
-            self.keep("robot", self.payload.nominal)
-        elif self.frame is not None:
-            raise ParameterError("frame", self.frame, "left out where there is no payload")
-        self.fill("bias_robot", self.robot)
-        check_same_joints(self.bias_robot, "bias_robot", self.robot)
-        if self.rotor_factor != 1.0:
-            self.keep("robot", with_heavier_rotors(self.robot, self.rotor_factor))
-        if given is None:
-            given = self._default_gains(member)
-        if not isinstance(given, Gains):
-            raise ParameterError("gains", given, "Gains, such as FixedGains(omega_c=20.0)")
-        self.keep("gains", given.prepare(self.robot.joint_names, self.dt))
+        member = self.member
+        gains: Any = self.gains
+        self._choose_models(gains, member)
+        if gains is None:
+            gains = FixedGains(served_omega(self.payload, self.dt, self.delay, member))
+            if self.payload is None and not self.remade:
+                advice.warn(advice.slow_default(self.dt, self.delay, member), 2)
+        if not isinstance(gains, Gains):
+            raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
+        self.keep("gains", gains.prepare(self.robot.joint_names, self.dt))
         super().__post_init__()
         self.knows = KNOWS[self.feedforward]  # type: ignore[misc]  # of this one, not of the class
+        # What differs by rollout was declared to vary, whatever it is.
+        resting = (self.rest_dead_zone, self.rest_leak)
+        self._rests = any(x.ndim == 2 or x.any() for x in resting)
         self._law = REALISATIONS[self.realisation]
         if self.realisation == "bumpless":
             self._law = Bumpless(member)
         elif not member.printed:
             expected = "bumpless for what is not the law of the paper"
             raise ParameterError("realisation", self.realisation, expected)
-        # What differs by rollout was declared to vary, whatever it is.
-        resting = (self.rest_dead_zone, self.rest_leak)
-        self._rests = any(x.ndim == 2 or x.any() for x in resting)
-        if self._rests and self.realisation != "bumpless":
+        elif self._rests:
             raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
         self._emptied = -np.expm1(-self.rest_leak * self.dt)
         self._viscous, self._coulomb = self.bias_robot.friction
@@ -260,7 +245,25 @@ class GPI(Controller):
             self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
         if not all(np.isfinite(x).all() for x in self._nominal):
             raise ParameterError("gains", self.gains, "a tuning whose derived gains are finite")
-        self._warn_of_delay(member)
+        if not self.remade:
+            advice.warn(advice.late_loop(self), 2)
+
+    def _choose_models(self, gains: Gains | None, member: Member) -> None:
+        """Put the heaviest load and heavier rotors into the nominal model of the feedback."""
+        if self.payload is not None:
+            loads = load_range(self.payload, self.frame, self.com)
+            if gains is None:
+                payload = loads.found(self.robot, self.dt, self.delay, member=member)
+            else:  # who brings gains chooses how slow they are
+                payload = loads.found(self.robot, self.dt, self.delay, 1e-9)
+            self.keep("payload", payload)
+            self.keep("robot", payload.nominal)
+        elif self.frame is not None:
+            raise ParameterError("frame", self.frame, "left out where there is no payload")
+        self.fill("bias_robot", self.robot)
+        check_same_joints(self.bias_robot, "bias_robot", self.robot)
+        if self.rotor_factor != 1.0:
+            self.keep("robot", with_heavier_rotors(self.robot, self.rotor_factor))
 
     @classmethod
     def untuned(
@@ -279,18 +282,8 @@ class GPI(Controller):
         Raises:
             ArmgpiError: as the constructor, and for encoders that cannot be.
         """
-        check_robot(robot)
-        robot = believe(robot) if isinstance(robot, Robot) else robot
-        if isinstance(loads := given.get("payload"), tuple | list):
-            given["payload"] = _load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
-        if given.get("gains", 0) is None:  # is none that was given
-            del given["gains"]
-        chosen = untuned.untuned(robot, dt, delay, bits, given)
-        if "payload" in chosen:  # which the feedforward knows nothing of
-            chosen["bias_robot"] = robot
-        gains = FixedGains(chosen.pop("omega_c"))
-        made = cls(robot, dt, delay=delay, **{"gains": gains, **chosen, **given})
-        made._warn_of_counts(bits)
+        made = cls(**untuned.arguments(robot, dt, delay, bits, given))
+        advice.warn(advice.coarse_counts(made, bits), 1)
         return made
 
     @classmethod
@@ -309,7 +302,7 @@ class GPI(Controller):
         # A scaled inertia varies D alone, as in the paper: the feedforward is of the robot as it is known.
         known: Any = None if given.get("feedforward", "none") == "none" else context.robot
         made = cls(context.nominal, context.dt, delay=context.delay, bias_robot=known, **given)
-        made._warn_of_counts(context.bits)
+        advice.warn(advice.coarse_counts(made, context.bits), 1)
         return made
 
     def init(self, measurement: Measurement, target: Target) -> GPIState:
@@ -380,7 +373,7 @@ class GPI(Controller):
 
     def margins(self) -> Margins:
         """Return what the loops of all joints tolerate, in continuous time and with the gains at rest."""
-        return worst_margins(self.gains.nominal(), untuned.member(vars(self)))
+        return worst_margins(self.gains.nominal(), self.member)
 
     def count_torque(self, bits: ArrayLike) -> Array:
         """Return by how much one count of an encoder moves a joint's torque at once [N m or N], (n,).
@@ -393,27 +386,11 @@ class GPI(Controller):
         """
         if not isinstance(self.robot, Robot):
             raise ParameterError("robot", self.robot, "a single Robot")
-        law = Bumpless(untuned.member(vars(self)))
+        law = Bumpless(self.member)
         c, zero = law.coefficients(self.gains.nominal(), self.dt), np.zeros(self.robot.n)
         at_once = np.abs(law.output(zero + 1.0, law.init(zero, c), c))
         counts = self.robot.encoder_count(as_float_array(bits, "bits"))
         return np.asarray((untuned.most_inertia(self.robot) * (at_once * counts)).max(axis=1))
-
-    def _warn_of_counts(self, bits: Any) -> None:
-        """Warn where one count of an encoder moves a torque by too much of its effort."""
-        if bits is None or self.batch is not None or not isinstance(self.robot, Robot):
-            return
-        torque = self.count_torque(bits)
-        j = int(np.argmax(torque / self.effort))
-        if (share := torque[j] / self.effort[j]) > untuned.COUNT_SHARE:
-            warnings.warn(
-                f"one encoder count moves the torque of joint {self.robot.joint_names[j]!r} by "
-                f"{torque[j]:.2g}, {100.0 * share:.2g} % of its effort, and above "
-                f"{100.0 * untuned.COUNT_SHARE:g} % an arm shakes; a finer encoder, less bandwidth or a "
-                "roll-off would do",
-                ArmgpiWarning,
-                stacklevel=4,
-            )
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""
@@ -432,66 +409,3 @@ class GPI(Controller):
                 if key not in ("nominal", "member")
             }
         return told
-
-    def _default_gains(self, member: Member) -> FixedGains:
-        """Return gains with the bandwidth that sample time, delay and loads allow."""
-        omega_c = self._default_omega(member)
-        if self.payload is None and not self.remade and (said := slow_default(self.dt, self.delay, member)):
-            warnings.warn(f"{said}; sample faster, or give gains", ArmgpiWarning, stacklevel=4)
-        return FixedGains(omega_c)
-
-    def _default_omega(self, member: Member) -> float | Array:
-        """Return that bandwidth."""
-        if self.payload is None:
-            omega = default_omega(self.dt, self.delay, member=member)
-            if not omega > 0.0:  # NaN
-                raise ParameterError("gains", self.gains, "given where poles are so far apart")
-            return omega
-        omega_c: float | Array = self.payload.omega_c
-        return omega_c
-
-    def _found(self, member: Member) -> PayloadRange:
-        """Return the range of loads; who brings gains of their own chooses how slow they are."""
-        loads = self.payload
-        if not isinstance(loads, LoadRange):
-            loads = _load_range(loads, self.frame, self.com)
-        given: Any = self.gains
-        if given is not None:
-            return loads.found(self.robot, self.dt, self.delay, 1e-9)
-        return loads.found(self.robot, self.dt, self.delay, member=member)
-
-    def _warn_of_delay(self, member: Member) -> None:
-        """Warn when hold and transport take more than the loop's delay margin."""
-        if self.remade:
-            return
-        nominal = self.gains.nominal()
-        spent = 0.5 * self.dt + self.delay
-        delta = 1.0 if self.payload is None else self.payload.delta[1]
-        margin = float(np.min(delay_margins(nominal, member, delta)))
-        if not math.isfinite(margin):
-            raise ParameterError("gains", self.gains, "a tuning with poles that are not so far apart")
-        if margin == 0.0:
-            warnings.warn(
-                f"without the load the nominal inertia is {delta:.3g} times the true one, and the loop not "
-                "stable; a smaller range of loads, a larger rolloff_ratio or no roll-off would do",
-                ArmgpiWarning,
-                stacklevel=3,
-            )
-        elif spent > margin:
-            fastest = float(np.max(nominal.omega_c))
-            enough = float(np.min(self._default_omega(member)))
-            warnings.warn(
-                f"omega_c = {fastest:g} rad/s is too fast for dt = {self.dt:g} s and a delay of "
-                f"{self.delay:g} s: the loop tolerates a delay of {margin:.3g} s, hold and transport take "
-                f"{spent:.3g} s, so it will be unstable; "
-                f"{enough:.3g} rad/s would do",
-                ArmgpiWarning,
-                stacklevel=3,
-            )
-
-
-def _load_range(loads: Any, frame: str | None, com: Any) -> LoadRange:
-    """Return a range of loads from two masses."""
-    if not isinstance(loads, tuple | list) or len(loads) != 2:
-        raise ParameterError("payload", loads, "two masses [kg], the lightest and the heaviest")
-    return LoadRange(loads[0], heaviest=loads[1], frame=frame, com=com)

@@ -164,17 +164,6 @@ def tolerated_phase(member: Member = PRINTED, delta: float = 1.0) -> float:
     return float(np.min(delay_margins(Tuning(one, one, one), member, delta)))
 
 
-def slow_default(dt: float, delay: float, member: Member = PRINTED) -> str:
-    """Return what to say of a default bandwidth below :data:`SLOWEST_DEFAULT`; empty for a faster one."""
-    omega = default_omega(dt, delay, member=member)
-    if omega >= SLOWEST_DEFAULT:
-        return ""
-    return (
-        f"the default bandwidth is {omega:.3g} rad/s at a sample time of {dt:g} s and delay of {delay:g} s, "
-        f"and below {SLOWEST_DEFAULT:g} an arm follows badly"
-    )
-
-
 def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0, member: Member = PRINTED) -> float:
     """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
 

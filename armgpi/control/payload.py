@@ -159,6 +159,33 @@ class LoadRange(Parametrised):
         return each[0]._replace(nominal=nominal, delta=delta, omega_c=omega_c)
 
 
+def load_range(loads: Any, frame: str | None, com: Any) -> LoadRange:
+    """Return a range of loads as it is, or that of two masses in a frame.
+
+    Raises:
+        ParameterError: when it is neither.
+    """
+    if isinstance(loads, LoadRange):
+        return loads
+    if not isinstance(loads, tuple | list) or len(loads) != 2:
+        raise ParameterError("payload", loads, "two masses [kg], the lightest and the heaviest")
+    return LoadRange(loads[0], heaviest=loads[1], frame=frame, com=com)
+
+
+def served_omega(loads: PayloadRange | None, dt: float, delay: float, member: Member) -> float | Array:
+    """Return the bandwidth that sample time, delay and loads allow [rad/s]; of a batch of robots (batch, n).
+
+    Raises:
+        ParameterError: when poles of the member are so far apart that floats do not tell.
+    """
+    if loads is not None:
+        return loads.omega_c
+    omega = default_omega(dt, delay, member=member)
+    if not omega > 0.0:  # NaN
+        raise ParameterError("gains", None, "given where poles are so far apart")
+    return omega
+
+
 class LargestPayload(NamedTuple):
     """The heaviest loads [kg] that an arm tolerates, by what limits them.
 
@@ -307,21 +334,6 @@ class PlausibleLoad(NamedTuple):
     def with_nominal(self, mass: float) -> float:
         """Return `delta` of a nominal model that carries a mass [kg]."""
         return self.delta * (1.0 + mass * self.mobility)
-
-    def said(self, robot: Robot, nominal: float = 0.0) -> str:
-        """Return what to say to a controller whose nominal model carries a mass; empty for nothing.
-
-        Args:
-            robot: the arm without load.
-            nominal: mass there of the nominal model [kg].
-        """
-        if (delta := self.with_nominal(nominal)) >= PLAUSIBLE_DELTA:
-            return ""
-        carries = f"with {nominal:.2g} kg there" if nominal else "without it"
-        return (
-            f"{self.mass:.2g} kg 5 cm beside {robot.tip!r}, 5 % of what moves, makes a nominal D(q) "
-            f"{carries} {delta:.2g} of the true one, and below {PLAUSIBLE_DELTA:g} GPI loses arms"
-        )
 
 
 def plausible_load(robot: Robot) -> PlausibleLoad:

@@ -9,7 +9,6 @@ numbers were chosen on half of the arms of example-robot-data and judged on the 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -17,11 +16,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
-from armgpi.control import geared, two_mass
+from armgpi.control import advice, geared, two_mass
 from armgpi.control.family import Member
 from armgpi.control.gains import FixedGains, Tuning
 from armgpi.control.margins import (
-    SLOWEST_DEFAULT,
     count_noise,
     crossovers,
     delay_margins,
@@ -33,16 +31,17 @@ from armgpi.control.payload import (
     LoadRange,
     balanced_load,
     late,
+    load_range,
     most_delta,
     plausible_load,
 )
-from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.errors import ParameterError
 from armgpi.parameter import with_parameters
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, with_heavier_rotors
+from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot, with_heavier_rotors
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import told_none
+from armgpi.robot.rotors import believe
 
 #: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
 #: lateness limits the loop, which then has no count noise to spare it.
@@ -61,8 +60,6 @@ CROSSOVER = 70.0
 #: Standard deviation of the torque's step between samples at rest, as a share of the effort: Panda with
 #: believed rotors and 16 bits stays below the 1 N m per ms that libfranka takes, with a tenth to spare.
 TORQUE_SHARE = 0.005
-#: Share of a joint's effort by which one count may move its torque at once, before it is warned of.
-COUNT_SHARE = 0.01
 #: Error that is not integrated while the reference rests [rad or m].
 REST_ZONE = 3e-4
 #: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
@@ -111,8 +108,32 @@ def untuned(
         chosen = _geared(robot, dt, delay, bits, given)
     chosen = {name: value for name, value in chosen.items() if name not in given}
     if isinstance(robot, Robot):
-        _warn(robot, None if soft or "gains" in given else chosen.get("omega_c"), chosen.get("payload"))
+        advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 2)
     return chosen
+
+
+def arguments(
+    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what the constructor of :class:`armgpi.GPI` takes for an arm that nobody tuned.
+
+    Args:
+        robot: nominal model; rotors of which nothing is known are believed.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        bits: resolution of the encoders; see :func:`untuned`.
+        given: arguments that are not to be chosen.
+    """
+    check_robot(robot)
+    robot = believe(robot) if isinstance(robot, Robot) else robot
+    given = {name: value for name, value in given.items() if name != "gains" or value is not None}
+    if isinstance(loads := given.get("payload"), tuple | list):
+        given["payload"] = load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
+    chosen = untuned(robot, dt, delay, bits, given)
+    if "payload" in chosen:  # which the feedforward knows nothing of
+        chosen["bias_robot"] = robot
+    gains = FixedGains(chosen.pop("omega_c"))
+    return {"robot": robot, "dt": dt, "delay": delay, "gains": gains, **chosen, **given}
 
 
 def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,31 +236,6 @@ def _spare(robot: AnyRobot, most: float) -> LoadRange:
     first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
     com = plausible_load(first).com
     return LoadRange(heaviest=heaviest if isinstance(robot, RobotBatch) else float(heaviest[0]), com=com)
-
-
-def _warn(robot: Robot, omega: Array | None, loads: LoadRange | None) -> None:
-    """Warn of what will go wrong with an arm under what the rule chose."""
-    if omega is not None and omega[j := int(np.argmin(omega))] < SLOWEST_DEFAULT:
-        warnings.warn(
-            f"sample time, delay and encoders leave joint {robot.joint_names[j]!r} {omega[j]:.3g} rad/s, "
-            f"and below {SLOWEST_DEFAULT:g} an arm follows badly; sample faster, or finer",
-            ArmgpiWarning,
-            stacklevel=4,
-        )
-    if names := told_none(robot):
-        warnings.warn(
-            f"{', '.join(names)}: told to have no rotor; where a geared motor drives a joint this law "
-            "loses the arm, a light wrist from 0.05 kg m^2 on: tell its rotor inertia, or let it be believed",
-            ArmgpiWarning,
-            stacklevel=4,
-        )
-    if loads is not None and (said := plausible_load(robot).said(robot, loads.heaviest)):
-        warnings.warn(
-            f"{said}; tell the controller of the load (payload), or of the rotor inertia that URDFs leave "
-            "out (with_armature)",
-            ArmgpiWarning,
-            stacklevel=4,
-        )
 
 
 class _Limits(NamedTuple):

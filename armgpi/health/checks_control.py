@@ -8,9 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.control.advice import COUNT_SHARE, slow_default
 from armgpi.control.gains import Tuning, betas
-from armgpi.control.margins import SLOWEST_DEFAULT, slow_default
-from armgpi.control.untuned import COUNT_SHARE
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
 from armgpi.robot import rotors
@@ -207,8 +206,7 @@ def _stiffness(subject: Subject, q: Array) -> Array:
 @check("bandwidth", "sample time and delay leave a default bandwidth below 15 rad/s", "warning")
 def bandwidth(subject: Subject) -> Iterator[Finding]:
     """Find a default bandwidth at which no arm follows well."""
-    if said := slow_default(subject.dt, subject.delay * subject.dt):
-        yield Finding("warning", "loop", said, subject.omega, SLOWEST_DEFAULT, "sample faster")
+    return slow_default(subject.dt, subject.delay * subject.dt)
 
 
 @check("encoder", "the default bandwidth costs more than 1 % of the torque per count", "warning", "info")

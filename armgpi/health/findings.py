@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -23,47 +23,18 @@ import numpy as np
 from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.control.margins import default_omega
-from armgpi.errors import Remedy
+from armgpi.errors import Finding as Finding
+from armgpi.errors import Level as Level
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 from armgpi.robot.tree import Joint
 from armgpi.robot.urdf import Urdf
 
-Level = Literal["error", "warning", "info"]
 LEVELS: tuple[Level, ...] = ("error", "warning", "info")
 #: Random configurations at which gravity and inertia are computed, besides the middle of the ranges.
 _SAMPLES = 500
 #: Findings of one kind that are listed one by one.
 _LISTED = 5
-
-
-class Finding(NamedTuple):
-    """One thing about a model that its user should know.
-
-    Attributes:
-        level: "error" when it stops a run, "warning" when it is probably wrong, "info" when it is good to
-            know.
-        where: the link, joint or file concerned, as in "joint 'j1'".
-        message: what is the matter, in a sentence.
-        value: what was found, None where a single value does not say it.
-        bound: what it was compared with, None likewise.
-        repair: what to do about it; empty when nothing has to be done.
-        remedies: changes that would help, any one of them, as data.
-        kind: a short name of the kind of finding ("degrees", "effort", ...); the registry fills it in.
-    """
-
-    level: Level
-    where: str
-    message: str
-    value: float | str | None = None
-    bound: float | str | None = None
-    repair: str = ""
-    remedies: tuple[Remedy, ...] = ()
-    kind: str = ""
-
-    def __str__(self) -> str:
-        """Return the finding in a line."""
-        return f"{self.where}: {self.message}" + (f" -> {self.repair}" if self.repair else "")
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,9 @@ import numpy as np
 
 from armgpi.arrays import check_choice, check_number, check_path, check_type, check_whole
 from armgpi.control import untuned
+from armgpi.control.advice import light_model
 from armgpi.control.gpi import GPI
-from armgpi.control.payload import PLAUSIBLE_DELTA, largest_payload, plausible_load
+from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.escape import html_table, json_data
 from armgpi.health import checks_control, findings
@@ -165,16 +166,13 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
     robot = rotors.believe(report.robot)
-    plausible = plausible_load(robot)
     law = report.facts["untuned"]
     carried = law["nominal_load"] if law is not None else 0.0
     # What the rule still cannot take is a warning, what the printed law cannot is worth knowing.
     levels: tuple[tuple[Level, float], ...] = (("warning", carried), ("info", 0.0))
     for level, nominal in levels:
-        if said := plausible.said(robot, nominal):
-            delta = plausible.with_nominal(nominal)
-            repair = "tell the controller of the load (payload range), and of the rotor inertia"
-            found.append(Finding(level, "robot", said, delta, PLAUSIBLE_DELTA, repair, (), "payload"))
+        if said := list(light_model(robot, nominal)):
+            found += [finding._replace(level=level, kind="payload") for finding in said]
             break
     facts = {
         "mass": mass,
