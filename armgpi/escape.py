@@ -76,6 +76,11 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[object
     return f"<table>{top}<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of Markdown, its cells as they are given, with a line end."""
+    return "".join("| " + " | ".join(line) + " |\n" for line in (head, ("---",) * len(head), *rows))
+
+
 def _written_out(character: str) -> str:
     """Return a character as Python's `repr` has it."""
     return repr(character)[1:-1]

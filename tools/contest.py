@@ -18,6 +18,7 @@ import numpy as np
 
 from armgpi import Robot, config
 from armgpi.arrays import Array
+from armgpi.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.studies.contend import (
     _APART,
@@ -98,13 +99,13 @@ def _rival(arm: str, law: str, setting: Setting, budget: float) -> list[float]:
 def untuned_table(found: Sequence[Untuned]) -> str:
     """Return, as Markdown, the rule beside laws that are tuned for its variation, with quotients of error."""
     head = ("error at torque variation [N m]", "untuned", *RIVALS, "untuned over the best ADRC")
-    lines = [head, ("---",) * len(head)]
+    lines = []
     for each in found:
         best = min(each.rivals[law][0] for law in RIVALS if not CONTENDERS[law].gpi)
         pairs = ([each.objective, each.variation], *(each.rivals[law] for law in RIVALS))
         cells = [f"{error:.3g} at {spent:.3g}" for error, spent in pairs]
         lines.append((each.arm, *cells, ratio(each.objective, best)))
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return markdown_table(head, lines)
 
 
 #: Laws whose numbers are tried on the other arms; the first one is what they are compared with.
@@ -176,7 +177,7 @@ def transfer_table(found: Sequence[Transferred]) -> str:
     failed.
     """
     head = ("numbers of another arm", *(f"budget {i + 1}" for i in range(len(BUDGETS))), "failed")
-    lines = [head, ("---",) * len(head)]
+    lines = []
     for law in TRANSFERRED:
         own = [each for each in found if each.law == law]
         if not own:
@@ -184,7 +185,7 @@ def transfer_table(found: Sequence[Transferred]) -> str:
         cells = [_quotients(found, law, place) for place in range(len(BUDGETS))]
         failed = sum(not math.isfinite(each.objective) for each in own)
         lines.append((law, *cells, f"{failed} of {len(own)}"))
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return markdown_table(head, lines)
 
 
 def _quotients(found: Sequence[Transferred], law: str, place: int) -> str:

@@ -24,6 +24,7 @@ from typing import Any
 import yaml
 
 from armgpi import Reality, Robot
+from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
 from armgpi.parameter import parameters
@@ -37,7 +38,7 @@ def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, An
     for name, rows in groupby(found, lambda each: each.arm):
         robot = Robot.load(name, fingers(name))
         said += [health.warned(drawn.draw(robot, each.index), law) for each in rows]
-    lines = [f"| {label}: warned of | lost [%] | holding [%] |", "| --- | --- | --- |"]
+    lines = []
     kinds = {"torque": "torque of the move", "controller": "when the controller is made", "": "either"}
     for kind, text in kinds.items():
         one = [getattr(each, kind) if kind else any(each) for each in said]
@@ -45,8 +46,8 @@ def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, An
             [warning for warning, each in zip(one, found, strict=True) if each.lost is lost]
             for lost in (True, False)
         )
-        lines.append(f"| {text} | " + " | ".join(health.share(each) for each in shares) + " |")
-    return "\n".join(lines)
+        lines.append((text, *(health.share(each) for each in shares)))
+    return markdown_table((f"{label}: warned of", "lost [%]", "holding [%]"), lines)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -86,7 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"{label}: measures {health.known(law)}")
     if given.warned:
         for label, law in laws.items():
-            print(f"\n{warned(drawn, done.found[label], law, label)}")
+            print(f"\n{warned(drawn, done.found[label], law, label)}", end="")
     if given.per_arm:
         for label, found in done.found.items():
             by_arm = {name: [each for each in found if each.arm == name] for name in names}

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from armgpi.escape import markdown_table
+
 
 class Interface(NamedTuple):
     """One interface of one kind of robot.
@@ -103,4 +105,4 @@ def table() -> str:
         )
         for each in INTERFACES
     ]
-    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ("---",) * len(head), *rows))
+    return markdown_table(head, rows)

@@ -29,6 +29,7 @@ from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI, KNOWS
 from armgpi.control.supervisor import Supervisor, suited
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
+from armgpi.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
@@ -391,7 +392,7 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
     shares = ("lost", "hunting", "swinging", "chatter")
     names = (*shares[:1], "lost where feasible", *shares[1:])
     header = (heading, "draws", *(f"{name} [%]" for name in names), "median peak", "median ITAE")
-    lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
+    lines = []
     for label, found in groups.items():
         columns = {name: share([getattr(each, name) for each in found]) for name in shares}
         columns["lost where feasible"] = share([each.lost for each in found if each.feasible])
@@ -400,7 +401,7 @@ def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> s
             for name in ("peak", "itae")
         )
         lines.append((label, str(len(found)), *(columns[name] for name in names), *medians))
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return markdown_table(header, lines)
 
 
 def share(happened: Sequence[bool], interval: Callable[[int, int], Estimate] = wilson) -> str:

@@ -13,6 +13,7 @@ from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI
 from armgpi.control.payload import largest_payload, payload_range
 from armgpi.errors import ArmgpiError, ArmgpiWarning
+from armgpi.escape import markdown_table
 from armgpi.loop import metrics
 from armgpi.loop.rollout import describe_end
 from armgpi.loop.simulation import simulate
@@ -116,7 +117,7 @@ def markdown(rows: list[Row]) -> str:
     units = [f" [{metric.unit}]" if any(metric.unit) else "" for metric in shown]
     columns = [f"{m.heading}{unit}, D × {factors}" for m, unit in zip(shown, units, strict=True)]
     header = ("robot", "n", "nominal load [kg]", "loaded", "ω_c [rad/s]", *columns, "end")
-    lines: list[tuple[str, ...]] = [header, ("---",) * len(header)]
+    lines = []
     for row in rows:
         load, omega_c = (metrics.short(value, _DIGITS) for value in (row.payload, row.omega_c))
         texts = [[metric.text(value, _DIGITS) for value in row.metrics[metric.name]] for metric in shown]
@@ -124,4 +125,4 @@ def markdown(rows: list[Row]) -> str:
         lines.append(
             (row.name, str(row.n or "-"), load, "yes" if row.loaded else "no", omega_c, *cells, row.end)
         )
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return markdown_table(header, lines)

@@ -20,6 +20,7 @@ import yaml
 from armgpi import config
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound
+from armgpi.escape import markdown_table
 from armgpi.health.reality import known as described
 from armgpi.health.zoo import fingers
 from armgpi.plants.reality import Draw, Reality, scales
@@ -263,7 +264,7 @@ def markdown(entries: Sequence[Entry]) -> str:
         rows = medians(entries, arm)
         names = budgets_of(arm)
         head = (f"{arm}: torque variation up to [N m]", *names, "where its search begins (variation)")
-        lines = [head, ("---",) * len(head)]
+        lines: list[tuple[str, ...]] = []
         for group, laws in classes(entries).items():
             here = [law for law in laws if law in rows]
             lines.append((f"*{group}*", *("",) * (len(head) - 1)))
@@ -271,8 +272,8 @@ def markdown(entries: Sequence[Entry]) -> str:
             for law in here:
                 cells = [_cell(rows[law][name], best[name]) for name in names]
                 lines.append((law, *cells, _untuned(entries, arm, law)))
-        parts.append("\n".join("| " + " | ".join(line) + " |" for line in lines))
-    return "\n\n".join(parts) + "\n"
+        parts.append(markdown_table(head, lines))
+    return "\n".join(parts)
 
 
 def _cell(value: float, best: float) -> str:
@@ -291,7 +292,7 @@ def _untuned(entries: Iterable[Entry], arm: str, law: str) -> str:
 def verdict(entries: Sequence[Entry]) -> str:
     """Return, class by class, how much the best GPI's error is over the best other law's, at each budget."""
     head = ("class", "arm", *(f"budget {i + 1}" for i in range(len(BUDGETS))))
-    lines = [head, ("---",) * len(head)]
+    lines = []
     for group, laws in classes(entries).items():
         ours = [law for law in laws if CONTENDERS[law].gpi]
         theirs = [law for law in laws if not CONTENDERS[law].gpi]
@@ -307,7 +308,7 @@ def verdict(entries: Sequence[Entry]) -> str:
                 )
                 cells.append(ratio(one, other))
             lines.append((group, arm, *cells))
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return markdown_table(head, lines)
 
 
 def ratio(one: float, other: float) -> str:

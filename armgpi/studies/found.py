@@ -16,6 +16,7 @@ import yaml
 from armgpi import files
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
+from armgpi.escape import markdown_table
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.studies.setup import Wanted, best_file
 from armgpi.studies.study import Study
@@ -164,11 +165,10 @@ def report(search: Search, found: Sequence[Validated], given: Row) -> str:
         *("", f"{problem.objective.expression.text}, {fit} scenarios", f"{against}, {fit} scenarios"),
         *(f"the same, {held} held out", f"{against}, held out"),
     )
-    lines = [head, ("---",) * len(head), ("default", *_cells(search.rows[0], given, against))]
+    lines = [("default", *_cells(search.rows[0], given, against))]
     for each in found:
         name = "best" if math.isinf(each.budget) else f"best, {against} up to {each.budget:g}"
         lines.append((name, *_cells(each.row, each.held_out, against)))
-    table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
     missing = len(problem.budgets) - len(found)
     remark = ""
     if missing and math.isinf(problem.budgets[0]):
@@ -176,7 +176,7 @@ def report(search: Search, found: Sequence[Validated], given: Row) -> str:
         remark = f"\nNo candidate holds on the {where}: there is no best one.\n"
     elif missing:
         remark = f"\nFor {missing} of the budgets no candidate holds.\n"
-    return f"{len(search.rows)} candidates.\n\n{table}\n{remark}"
+    return f"{len(search.rows)} candidates.\n\n{markdown_table(head, lines)}{remark}"
 
 
 def as_data(search: Search, found: Sequence[Validated], given: Row) -> dict[str, Any]:

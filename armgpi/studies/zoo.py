@@ -16,6 +16,7 @@ import numpy as np
 
 from armgpi import config
 from armgpi.errors import ArmgpiWarning, RolloutError
+from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import BITS, DELAY, DT, fingers
 from armgpi.loop import metrics
@@ -158,10 +159,9 @@ def markdown(rows: Sequence[Row]) -> str:
     """Return rows as a Markdown table, and geometric means of what tuning changes."""
     said = ("ITAE", "peak", "torque variation", "hunting [%]", "lost [%]")
     head = ("robot", "n", *(f"{name}, rule → tuned" for name in said), "ITAE tuned / rule")
-    lines: list[tuple[str, ...]] = [head, ("---",) * len(head)]
-    lines += [(row.arm, str(row.n), *_cells(row.rule, row.tuned), _ratio(row, "itae")) for row in rows]
+    lines = [(row.arm, str(row.n), *_cells(row.rule, row.tuned), _ratio(row, "itae")) for row in rows]
     both = [row for row in rows if row.tuned is not None]
-    table = "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    table = markdown_table(head, lines)
     if not both:
         return table
     means = (

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from armgpi.arrays import Array
+from armgpi.escape import markdown_table
 from armgpi.loop import metrics
 from armgpi.loop.rollout import describe_end, describe_measurement
 from armgpi.paper import published
@@ -43,9 +44,7 @@ class Sheet(NamedTuple):
 
     def markdown(self) -> str:
         """Return the table as Markdown."""
-        lines = [self.header, ("---",) * len(self.header), *self.rows]
-        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        return f"### {self.title}\n\n{self.note}\n\n{table}\n"
+        return f"### {self.title}\n\n{self.note}\n\n{markdown_table(self.header, self.rows)}"
 
     def csv(self) -> str:
         """Return the table as CSV."""
