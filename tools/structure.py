@@ -1,11 +1,13 @@
-"""Measure the structure of the code: packages, the imports between them, functions, comments, docstrings.
+"""Measure the structure of the code: packages, imports between them, functions, comments, docstrings, pages.
 
 Usage:
     python tools/structure.py [ROOT]    print the numbers of the repository at ROOT (this one by default)
     python tools/structure.py --check   print the functions that are too long, and fail if there are any
+    python tools/structure.py --words   print the words of prose of each page, and of all
 
 Here a package is what is right below ``armgpi``, a module alone too. An arrow is an import of one by another,
-lazy ones and those for types included. Lines of code carry neither a docstring nor a comment alone.
+lazy ones and those for types included. Lines of code carry neither a docstring nor a comment alone. Words of
+prose are outside fences, directives, tables, displayed formulas and addresses; code in a line is one word.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import argparse
 import ast
 import io
+import re
 import sys
 import tokenize
 from collections.abc import Iterator
@@ -23,6 +26,16 @@ from typing import NamedTuple
 PROJECT = "armgpi"
 MAX_LINES = 60  # of a function, its docstring not counted
 MAX_COMPLEXITY = 10  # as in pyproject.toml, [tool.ruff.lint.mccabe]
+
+# What is no prose -> what stands for it in the count.
+NO_PROSE = {
+    r"(?ms)^ *(`{3,}).*?^ *\1`*$": "",  # fences
+    r"(?s)\$\$.*?\$\$|<!--.*?-->": "",
+    r"(?m)^ *(\||:{3,}|:[\w-]+:).*$": "",  # tables, directives, their options
+    r"(`+)[^`]+\1": "code",
+    r"\$[^$]+\$": "formula",
+    r"!?\[([^\]]*)\]\([^)]*\)": r"\1",  # a link without its address
+}
 
 # Functions that may be longer, each with its reason.
 LONG: dict[str, str] = {}
@@ -163,6 +176,23 @@ def too_long(modules: list[Module]) -> list[Measured]:
     return [f for f in functions if f.lines > MAX_LINES and f.name not in LONG]
 
 
+def prose(text: str) -> int:
+    """Count the words of prose of a page in Markdown."""
+    for pattern, instead in NO_PROSE.items():
+        text = re.sub(pattern, instead, text)
+    return sum(bool(re.search(r"\w", word)) for word in text.split())
+
+
+def show_words(root: Path) -> None:
+    """Print the words of each page, the longest first, and of all; the changelog apart."""
+    pages = [root / "README.md", root / "CONTRIBUTING.md", *(root / "docs").rglob("*.md")]
+    words = {page.relative_to(root).as_posix(): prose(page.read_text(encoding="utf-8")) for page in pages}
+    for page in sorted(words, key=lambda page: -words[page]):
+        print(f"{words[page]:7,} {page}")
+    changelog = prose((root / "CHANGELOG.md").read_text(encoding="utf-8"))
+    print(f"{sum(words.values()):7,} in all, and {changelog:,} in CHANGELOG.md")
+
+
 def show(modules: list[Module], tests: list[Module]) -> None:
     """Print everything."""
     packages: dict[str, list[Module]] = {}
@@ -210,8 +240,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure the structure of the code.")
     parser.add_argument("root", nargs="?", type=Path, default=Path(__file__).resolve().parent.parent)
     parser.add_argument("--check", action="store_true", help="only look for functions that are too long")
+    parser.add_argument("--words", action="store_true", help="count the words of prose of the pages instead")
     arguments = parser.parse_args()
     root: Path = arguments.root
+    if arguments.words:
+        return show_words(root)
     modules = [read(path, root) for path in sorted((root / PROJECT).rglob("*.py"))]
     if arguments.check:
         found = too_long(modules)
