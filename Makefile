@@ -21,7 +21,7 @@ SEED ?= $(shell date +%Y%m%d)
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .PHONY: help install demo test lint format hooks types unit quick search mutants arm verify faults docs playground \
-  examples wheel bench clean
+  examples wheel commands bench clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -120,8 +120,11 @@ examples: $(FOR_ALL) ## Run every example, with no screen
 	@set -e; for f in examples/[!_]*.py; do [ -e "$$f" ] || continue; \
 	  echo "python $$f"; (cd build/examples && "$(CURDIR)/$(BIN)/python" "$(CURDIR)/$$f"); done
 
-wheel: $(FOR_ALL) ## Build the wheel and try it in a fresh environment
+wheel: $(FOR_ALL) ## Build the wheel, and try it and README's commands in fresh environments
 	$(BIN)/python tools/check_wheel.py
+
+commands: $(FOR_ALL) ## Run every fenced command of README and the pages in fresh environments
+	$(BIN)/python tools/commands.py
 
 bench: $(FOR_ALL) ## Run every benchmark, into build/benchmarks
 	$(BIN)/python benchmarks/all.py

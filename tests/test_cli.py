@@ -1084,7 +1084,6 @@ def test_results_of_another_experiment_are_replaced_only_by_force(
 def test_a_mixture_of_two_runs_is_refused_by_the_file_that_differs(
     changed: str, cli: Callable[..., Answer], tmp_path: Path
 ) -> None:
-    pytest.importorskip("plotly")
     one, two = tmp_path / "one", tmp_path / "two"
     assert cli("run", ARM, *SHORT, "--out", one).code == 0
     assert cli("run", ARM, *SHORT, "--omega", 15, "--out", two).code == 0

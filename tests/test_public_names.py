@@ -73,3 +73,30 @@ def test_reading_urdfs_loads_no_pinocchio() -> None:
 def test_a_star_import_brings_all_names() -> None:
     code = "from armgpi import *; Robot, simulate, metrics.itae, GPI"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_module_that_lacks_a_package_says_what_to_install() -> None:
+    """In a process in which no extra is installed, every module loads or raises our error with its line."""
+    code = """
+import importlib, pkgutil, sys
+EXTRAS = {"matplotlib", "casadi", "trimesh", "collada", "mujoco", "cma", "optuna", "sympy", "clarabel",
+          "ziglang", "gymnasium", "mcap", "mcap_ros2", "rerun", "yourdfpy", "meshcat"}
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in EXTRAS:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Missing())
+import armgpi
+from armgpi.errors import MissingPackage
+for module in pkgutil.walk_packages(armgpi.__path__, "armgpi.", onerror=lambda name: None):
+    if not module.name.endswith("__main__"):
+        try:
+            importlib.import_module(module.name)
+        except MissingPackage as error:
+            print(module.name, error)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    refused = dict(line.split(" ", 1) for line in run.stdout.splitlines())
+    assert {"armgpi.viz.plots", "armgpi.codegen.trace", "armgpi.export.code", "armgpi.envs"} <= set(refused)
+    assert all("pip install 'armgpi[" in message for message in refused.values())

@@ -45,6 +45,8 @@ def main() -> None:
         run(*pip, "-c", ROOT / "constraints.txt", wheel, cwd=tmp)
         run(bin_dir / "armgpi", "--help", cwd=tmp)
         run(bin_dir / "python", "-c", TRIAL, cwd=tmp)
+        # And README's own line and commands, in another fresh environment.
+        run(sys.executable, ROOT / "tools" / "commands.py", ROOT / "README.md", "--wheel", wheel, cwd=tmp)
 
 
 if __name__ == "__main__":

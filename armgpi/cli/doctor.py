@@ -17,10 +17,7 @@ from armgpi.cli.terminal import say
 
 #: Extra -> the packages that it brings, by distribution and module.
 _EXTRAS = {
-    "viz": (
-        *(("matplotlib", "matplotlib"), ("meshcat", "meshcat"), ("plotly", "plotly")),
-        *(("trimesh", "trimesh"), ("pycollada", "collada")),
-    ),
+    "viz": (("matplotlib", "matplotlib"), ("trimesh", "trimesh"), ("pycollada", "collada")),
     "check": (("yourdfpy", "yourdfpy"),),
     "mujoco": (("mujoco", "mujoco"),),
     "derive": (("sympy", "sympy"),),

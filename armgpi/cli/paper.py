@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from armgpi.cli.options import FLAG, Backend, Report
-from armgpi.cli.parsing import known_backend, refusal, stoppable
+from armgpi.cli.parsing import known_backend, stoppable
 from armgpi.cli.terminal import say
 
 
@@ -32,10 +32,6 @@ def reproduce(
     armgpi reproduce
     armgpi reproduce --quick --out quick
     """  # noqa: D301 (\b keeps the lines apart)
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise refusal("", "reproduce draws with Matplotlib: pip install 'armgpi[viz]'") from None
     from armgpi.cli import pictures
     from armgpi.paper.reproduction import reproduce as run
 

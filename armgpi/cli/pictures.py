@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 #: Picture -> packages that it needs.
 _NEEDS = {
     "plot": ("matplotlib",),
-    "view": ("meshcat", "trimesh"),
-    "html": ("meshcat", "trimesh"),
-    "report": ("plotly", "meshcat", "trimesh"),
+    "view": ("trimesh",),
+    "html": ("trimesh",),
+    "report": ("trimesh",),
 }
 
 

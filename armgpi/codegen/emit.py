@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import casadi as ca
-
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.symbols import NotElementwise
 
 #: What an instruction is in C. {0} and {1} are its operands.

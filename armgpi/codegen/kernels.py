@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat

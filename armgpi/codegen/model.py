@@ -10,10 +10,10 @@ import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.symbols import Scalar, solve
 from armgpi.robot.dynamics import VariedDynamics
 

@@ -12,10 +12,10 @@ import operator
 from collections.abc import Callable
 from typing import Any, cast
 
-import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
+from armgpi.codegen.algebra import ca
 from armgpi.errors import ArmgpiError
 
 #: Arrays of :class:`Scalar` and floats.

@@ -19,10 +19,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any, NamedTuple
 
-import casadi as ca
-
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.trace import Seed, Trace, trace

@@ -11,10 +11,10 @@ from importlib.resources import files
 from string import Template, ascii_uppercase, digits
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from armgpi.arrays import check_choice, check_type
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, placed
 from armgpi.codegen.symbols import NotElementwise

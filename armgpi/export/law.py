@@ -6,10 +6,10 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.codegen.algebra import ca
 from armgpi.codegen.kernels import Call
 from armgpi.codegen.state import children, flatten, join, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Symbols, flat

@@ -67,7 +67,7 @@ def build(
     Raises:
         BackendError: when the package `ziglang` is not installed, or the loop has no generated code.
         ParameterError: when there is no such controller, or with a reality or a supervisor.
-        MissingPackage: when MeshCat is not installed.
+        MissingPackage: when trimesh is not installed.
     """
     label = next(iter(experiment.controllers)) if label is None else label
     found = made(experiment, label, progress)

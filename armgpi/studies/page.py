@@ -31,7 +31,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         said: from :func:`armgpi.studies.results.summary`.
 
     Raises:
-        MissingPackage: when Plotly or MeshCat is not installed.
+        MissingPackage: when trimesh is not installed.
     """
     i = int(worst(found, 1)[0])
     row = {name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn}

@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from armgpi.studies.contend import CONTENDERS, Entry, classes, medians
 from armgpi.studies.found import convergence, front
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.viz import plots, style
+from armgpi.viz.plots import Axes, Figure
 
 
 def study_picture(search: Search, found: Sequence[Validated], given: Row) -> bytes:

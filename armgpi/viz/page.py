@@ -16,14 +16,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.errors import MissingPackage
 from armgpi.escape import html_text, shown
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
@@ -305,27 +302,13 @@ def asset(name: str) -> str:
     return (resources.files("armgpi.viz") / "page" / name).read_text(encoding="utf-8")
 
 
-@lru_cache(maxsize=2)
-def package_file(package: str, *parts: str) -> str:
-    """Return a text file of an installed package, which is not imported for it.
-
-    Raises:
-        MissingPackage: when it is not installed.
-    """
-    found = find_spec(package)
-    if found is None or not found.submodule_search_locations:
-        raise MissingPackage(package)
-    return Path(found.submodule_search_locations[0], *parts).read_text(encoding="utf-8")
-
-
+@lru_cache(maxsize=1)
 def meshcat_script() -> str:
-    """Return MeshCat's viewer."""
-    return package_file("meshcat", "viewer", "dist", "main.min.js")
-
-
-def plotly_script() -> str:
-    """Return Plotly."""
-    return package_file("plotly", "package_data", "plotly.min.js")
+    """Return MeshCat's viewer, as its package has it, after its licence."""
+    folder = resources.files("armgpi.viz") / "page" / "meshcat"
+    licence = (folder / "LICENSE").read_text(encoding="utf-8")
+    viewer = gzip.decompress((folder / "main.min.js.gz").read_bytes()).decode()
+    return f"/*! MeshCat\n{licence}*/\n{viewer}"
 
 
 def _body_data(body: Body, arrays: Arrays) -> dict[str, Any]:

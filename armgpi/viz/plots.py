@@ -45,18 +45,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-import matplotlib.style
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from matplotlib import figure as matplotlib_figure
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from armgpi import files
 from armgpi.arrays import Array
-from armgpi.errors import NameNotFound, ParameterError, RolloutError
+from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
 from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
 from armgpi.robot.robot import Robot
@@ -70,6 +65,15 @@ from armgpi.viz.tracks import (
     tool_paths,
     traces,
 )
+
+try:
+    import matplotlib as mpl
+    import matplotlib.style
+    from matplotlib import figure as matplotlib_figure
+    from matplotlib import ticker as ticker
+    from matplotlib.axes import Axes as Axes
+except ImportError:
+    raise MissingPackage("matplotlib") from None
 
 #: What :func:`save` writes, by the file's ending.
 FORMATS = ("png", "svg", "pdf")
@@ -341,7 +345,7 @@ def plot_path_space(axes: Any, rollout: xr.Dataset, robot: Robot, *, frame: str 
     for index, letter in enumerate("xyz"):
         getattr(axes, f"set_{letter}lim")(centre[index] - half, centre[index] + half)
         getattr(axes, f"set_{letter}label")(f"{letter} [m]")
-        getattr(axes, f"{letter}axis").set_major_locator(MaxNLocator(4))
+        getattr(axes, f"{letter}axis").set_major_locator(ticker.MaxNLocator(4))
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.85)
 
 
@@ -655,7 +659,7 @@ def _label(axes: Axes, quantity: str, joint: str) -> None:
     """Name the quantity on the axis and the joint above it."""
     axes.set_ylabel(quantity)
     axes.set_title(text(joint))
-    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_locator(ticker.MaxNLocator(4))
 
 
 def _unit(rollout: xr.Dataset, joint: str, unit: Unit = POSITION) -> str:

@@ -1,6 +1,6 @@
 """One HTML file with everything about some rollouts: what was run, tables, plots, the animation and the data.
 
-It opens from a disk without a network. The plots are Plotly's, the scene is :mod:`armgpi.viz.scene`'s, and
+It opens from a disk without a network. The plots are canvases, the scene is :mod:`armgpi.viz.scene`'s, and
 one time moves both.
 """
 
@@ -29,6 +29,7 @@ from armgpi.loop.units import POSITION, TORQUE
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.viz import meshcat, page, scene, tracks
+from armgpi.viz.style import REFERENCE, Look, canvas_dashes
 
 #: Most points of a line in the plots, and most rollouts that are plotted.
 POINTS, MOST_RUNS = 2400, 6
@@ -37,7 +38,7 @@ _MOST_ROWS = 400
 #: Most rollouts of which the verdict speaks.
 _MOST_VERDICTS = 20
 #: Largest file of data that is put into the report [B]; beyond it the data are thinned.
-DATA_BYTES = 8_000_000
+DATA_BYTES = 2_500_000
 #: Back end -> what it is.
 _BACKENDS = {"numpy": "NumPy and Pinocchio", "compiled": "generated C"}
 
@@ -68,7 +69,7 @@ def build(
 
     Raises:
         RolloutError: when the rollout has no samples, or `robot` is another one.
-        MissingPackage: when Plotly or MeshCat is not installed.
+        MissingPackage: when trimesh is not installed.
     """
     tracks.traces(rollout)
     if "rollout" not in rollout.dims and "label" in rollout.coords:  # one of several
@@ -91,7 +92,7 @@ def build(
         "file": base64.b64encode(content).decode(),
     }
     data = {**data, "plots": _plots_data(rollout, arrays), "file": "rollout.nc"}
-    scripts = [page.plotly_script(), page.meshcat_script(), page.asset("scene.js"), page.asset("report.js")]
+    scripts = [page.meshcat_script(), *map(page.asset, ("scene.js", "curves.js", "report.js"))]
     return page.fill("report.html", values, data, arrays, scripts)
 
 
@@ -205,12 +206,12 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         return [
             line
             for run, trace in enumerate(traces)
-            for line in _lines(time, values(trace.data), arrays, run, labels[run], trace.look.color)
+            for line in _lines(time, values(trace.data), arrays, run, trace.look)
         ]
 
-    def common(name: str, label: str, dash: str) -> list[dict[str, Any]]:
+    def common(name: str, dashes: Any) -> list[dict[str, Any]]:
         """Return the lines of a quantity that belongs to no rollout."""
-        return _lines(time, _longest(traces).data[name], arrays, -1, label, "#000000", dash)
+        return _lines(time, _longest(traces).data[name], arrays, -1, Look(REFERENCE, dashes))
 
     def quantity(
         name: str,
@@ -221,14 +222,14 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     ) -> dict[str, Any]:
         return {"name": name, "units": units, "traces": traces, "levels": levels, "onsets": onsets}
 
-    position = each(lambda data: data["q"]) + common("q_ref", "reference", "dash")
+    position = each(lambda data: data["q"]) + common("q_ref", (0, (1, 2)))
     quantities = [
         quantity("Position", lengths, position),
         quantity("Error", lengths, each(metrics.error), onsets=onsets),
         quantity("Torque", forces, each(lambda data: data["tau"]), _levels(traces), onsets),
     ]
     if any(onset is not None for onset in onsets):
-        quantities.append(quantity("Disturbance", forces, common("disturbance", "disturbance", "solid")))
+        quantities.append(quantity("Disturbance", forces, common("disturbance", "-")))
     for name in _adapted(rollout, traces):
         unit = "" if name == "zeta_c" else "rad/s"
         lines = each(lambda data, name=name: data[name])  # type: ignore[misc]
@@ -243,19 +244,14 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
 
 
 def _lines(
-    time: Array,
-    values: xr.DataArray,
-    arrays: page.Arrays,
-    run: int,
-    name: str,
-    color: str,
-    dash: str = "solid",
+    time: Array, values: xr.DataArray, arrays: page.Arrays, run: int, look: Look
 ) -> list[dict[str, Any]]:
     """Return a line for every joint of a quantity over time and joints; run -1 is no rollout."""
     found = []
     for joint, column in enumerate(np.asarray(values.transpose("joint", "time").values, dtype=float)):
         x, y = (arrays.add(axis, "float32") for axis in _thinned(time, column))
-        found.append({"joint": joint, "run": run, "name": name, "color": color, "dash": dash, "x": x, "y": y})
+        how = {"color": look.color, "dash": canvas_dashes(look)}
+        found.append({"joint": joint, "run": run, **how, "x": x, "y": y})
     return found
 
 

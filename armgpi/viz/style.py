@@ -22,7 +22,7 @@ QUIET = "#7F7F7F"
 ALARM = "#B2182B"
 #: A disturbance.
 DISTURBANCE = "#882255"
-#: Dashes tell rollouts apart once the colours are used up, and on paper without colour.
+#: Dashes tell rollouts apart on paper without colour, and once the colours are used up.
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 #: Longest name shown whole.
 LONGEST = 40
@@ -41,9 +41,9 @@ class Look(NamedTuple):
 
 
 def look(index: int) -> Look:
-    """Return how the rollout of an index is drawn: colours first, then dashes."""
+    """Return how the rollout of an index is drawn: neighbours differ in colour and in dashes."""
     turn, place = divmod(index, len(PALETTE))
-    return Look(PALETTE[place], _DASHES[turn % len(_DASHES)])
+    return Look(PALETTE[place], _DASHES[(turn + place) % len(_DASHES)])
 
 
 def looks(names: Sequence[str]) -> list[Look]:
@@ -51,6 +51,11 @@ def looks(names: Sequence[str]) -> list[Look]:
     own = {name: _OWN.index(name) for name in names if name in _OWN and names.count(name) == 1}
     free = (index for index in count() if index not in own.values())
     return [look(own[name] if name in own else next(free)) for name in names]
+
+
+def canvas_dashes(look: Look) -> list[float]:
+    """Return the dashes of a look as a canvas has them [px]."""
+    return [] if look.dashes == "-" else [2.0 * length for length in look.dashes[1]]
 
 
 def hex_number(color: str) -> int:

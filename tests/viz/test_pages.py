@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib import resources
 from pathlib import Path
 
 import browser as browsers
@@ -28,6 +29,8 @@ from armgpi.errors import RolloutError
 from armgpi.viz import meshcat, page, plots, report, scene, style, tracks
 
 ARM = Robot.load("anthropomorphic3")
+#: How many lines the plots of a report have.
+DRAWN = "armgpi.plots.cells.reduce((sum, cell) => sum + cell.lines(100).length, 0)"
 READY = "window.armgpi && (armgpi.ready || armgpi.error)"
 #: Where all bodies of an arm are in the scene, column by column. MeshCat turns the scene as a whole: z is up.
 POSES = """(robot) => armgpi.scene.robots[robot].nodes.map((node) => {
@@ -264,7 +267,7 @@ def test_a_robot_has_a_slider_for_every_joint(chromium: browsers.Browser, tmp_pa
 def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_path: Path) -> None:
     rollout = compared(soft=moving(ARM), stiff=run(ARM, omega=40.0))
     shown = opened(chromium, report.build(rollout, ARM, configuration="robot: {name: mine}"), tmp_path)
-    lines = "document.querySelectorAll('.plots .scatterlayer .trace').length"
+    lines = DRAWN
     # Position: two and the reference; error: two; torque: two; disturbance: one. Of three joints.
     assert shown.eval(lines) == 3 * (3 + 2 + 2 + 1)
     joint = "document.querySelectorAll('#choices fieldset')[1].querySelectorAll('input')[0]"
@@ -280,17 +283,21 @@ def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_
     shown.eval("armgpi.scene.show(0.15)")
     place = "parseFloat(document.querySelector('.cursor').style.left)"
     middle = shown.eval(place)
-    axis = shown.eval(
-        "(() => { const a = armgpi.plots.panes[0].pane._fullLayout.xaxis; return [a._offset, a._length]; })()"
-    )
-    assert middle == pytest.approx(axis[0] + axis[1] / 2, abs=2.0)
+    left, right = 46, 4  # of a canvas, beside its curve
+    width = shown.eval("armgpi.plots.cells[0].canvas.clientWidth")
+    assert middle == pytest.approx(left + (width - left - right) / 2, abs=2.0)
     shown.eval("armgpi.plots.seek(0.3)")
     assert shown.eval("armgpi.scene.time") == pytest.approx(0.3)
-    # Zoom: all plots show the same stretch.
+    # What stands beside a cursor is the rollout's: here of the error of the first joint.
+    said = shown.eval("armgpi.plots.cells[3].said.textContent").split(" | ")
+    errors = armgpi.metrics.error(rollout).isel(joint=0, rollout=[0]).sel(time=0.3, method="nearest").values
+    assert [float(text) for text in said] == pytest.approx(list(errors), rel=1e-2)
+    # Zoom: all plots show the same stretch, and of its lines only that.
     shown.eval("document.querySelector('#zoom button').click()")
-    ranges = "armgpi.plots.panes.map((p) => p.pane._fullLayout.xaxis.range[0])"
-    shown.wait(f"{ranges}.every((low) => low > 0.1)")
-    assert len(set(shown.eval(ranges))) == 1
+    assert shown.eval("armgpi.plots.range[0]") > 0.1
+    places = shown.eval("armgpi.plots.cells.flatMap((c) => c.lines(100).flatMap((l) => [...l.places]))")
+    assert -20 < min(places) < 1
+    assert 99 < max(places) < 120
     assert "mine" in shown.eval("document.body.textContent")
     quiet(shown)
 
@@ -366,7 +373,7 @@ def test_a_report_without_its_robot_says_so(chromium: browsers.Browser, tmp_path
     shown = opened(chromium, report.build(rollout), tmp_path)
     text = shown.eval("document.body.innerText")
     assert "not found any more" in text
-    assert shown.eval("document.querySelectorAll('.plots .scatterlayer .trace').length") > 0
+    assert shown.eval(DRAWN) > 0
     quiet(shown)
 
 
@@ -382,7 +389,7 @@ def test_a_browser_without_3d_still_shows_plots(tmp_path: Path, chromium: browse
     shown.call("Page.navigate", url=file.as_uri())
     shown.wait("window.armgpi && armgpi.error")
     assert "animation cannot be shown" in shown.eval("document.body.innerText")
-    assert shown.eval("document.querySelectorAll('.plots .scatterlayer .trace').length") > 0
+    assert shown.eval(DRAWN) > 0
 
 
 def test_reports_of_several_files_have_all_rollouts() -> None:
@@ -557,3 +564,10 @@ def test_a_controller_has_one_colour_wherever_it_is() -> None:
     assert alone[0] == among[2] == style.looks(["gpi", "pid"])[1]
     assert len({look.color for look in among}) == 4
     assert among[0] == style.look(0)  # what has no colour of its own takes the first free one
+
+
+def test_the_viewer_in_the_wheel_is_that_of_meshcat_and_its_licence_goes_along() -> None:
+    viewer = resources.files("meshcat") / "viewer"
+    ours = page.meshcat_script()
+    assert ours.endswith((viewer / "dist" / "main.min.js").read_text(encoding="utf-8"))
+    assert (viewer / "LICENSE").read_text(encoding="utf-8") in ours

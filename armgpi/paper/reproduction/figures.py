@@ -9,14 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from armgpi.control.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
 from armgpi.robot.robot import Robot
 from armgpi.viz import plots, style
-from armgpi.viz.plots import Figure
+from armgpi.viz.plots import Axes, Figure, ticker
 
 #: Which panel is which, as the paper letters them.
 _LETTERS = "abcdefghij"
@@ -176,10 +174,12 @@ def _pareto(every: dict[int, dict[str, tuple[float, float]]] | None) -> Figure:
             # Less than a decade needs more numbers for there to be three.
             narrow = values.max() < 5.0 * values.min()
             axis.set_major_locator(
-                LogLocator(subs=(1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0) if narrow else (1.0, 2.0, 5.0))
+                ticker.LogLocator(
+                    subs=(1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0) if narrow else (1.0, 2.0, 5.0)
+                )
             )
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
+            axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(ticker.NullFormatter())
         axes.margins(0.15)
         _name(axes, panel, f"{bits}-bit encoders", "torque variation [N m]")
         axes.set_xlabel("ITAE, sum of the joints [rad s²]")

@@ -25,50 +25,31 @@ function play_metrics(values, n, dt, stopped) {
   return { each, total, asked };
 }
 
-class PlayCurves {
-  /** Draw into `box` the quantities of joints; `seek` is told a time that is clicked. */
-  constructor(box, joints, dt, steps, colors, seek) {
-    Object.assign(this, { box, joints, dt, steps, colors, seek });
-    this.quantities = [
-      { name: "error", unit: "unit", of: (v, i) => v.q[i] - v.q_ref[i] },
-      { name: "torque", unit: "torque_unit", of: (v, i) => v.tau[i] },
-      { name: "position", unit: "unit", of: (v, i) => v.q[i], reference: (v, i) => v.q_ref[i] },
-      { name: "omega_c", title: "ω", unit: "rad/s", of: (v, i) => (v.omega_c ? v.omega_c[i] : NaN) },
-    ];
-    this.chosen = new Set(["error", "torque"]);
-    this.shown = new Set(joints.map((_, j) => j));
-    this.runs = [];
-    this.range = [0, steps * dt];
-    this.time = 0;
-    this.cells = [];
+/** Room of an axis beside its curve [px]. */
+const LEFT = 46, RIGHT = 4;
+
+class Curves {
+  /** Draw cells into `box` over a span of time; `seek` is told a time that is clicked.
+   *
+   * A class says by `content` which cells there are: each with a title, `lines(width)` (points, their places, and
+   * how they look), what to say of a time, and, where there are any, the heading above it, levels and an onset. */
+  constructor(box, span, least, seek) {
+    Object.assign(this, { box, span, least, seek, range: span, time: span[0], cells: [] });
     new ResizeObserver(() => this.draw()).observe(box);
   }
 
-  /** Show runs, each values by their names and the index of its colour. */
-  show(runs) {
-    this.runs = runs;
-    this.draw();
-  }
-
-  /** Make the cells anew: a row for each joint, a column for each quantity. */
+  /** Make the cells anew. */
   layout() {
     const { element } = Armgpi;
     this.box.textContent = "";
-    this.cells = [];
-    const quantities = this.quantities.filter(({ name }) => this.chosen.has(name));
-    this.box.style.setProperty("--columns", String(Math.max(1, quantities.length)));
-    [...this.shown].sort((a, b) => a - b).forEach((j) => {
-      for (const quantity of quantities) {
-        const canvas = element("canvas", { role: "img", "aria-label": `${quantity.name} of ${this.joints[j].name}` });
-        const cursor = element("div", { class: "cursor" }), said = element("output", { class: "said" });
-        const unit = this.joints[j][quantity.unit] || quantity.unit;
-        const title = element("span", { class: "title" }, `${this.joints[j].name} · ${quantity.title || quantity.name} [${unit}]`);
-        const cell = element("div", { class: "curve" }, title, canvas, cursor, said);
-        const one = { j, quantity, canvas, cursor, said, cell };
-        this.listen(one);
-        this.cells.push(one);
-        this.box.append(cell);
-      }
+    this.cells = this.content().map((content) => {
+      const canvas = element("canvas", { role: "img", "aria-label": content.title });
+      const cursor = element("div", { class: "cursor" }), said = element("output", { class: "said" });
+      if (content.heading) this.box.append(element("h3", {}, content.heading));
+      this.box.append(element("div", { class: "curve" }, element("span", { class: "title", title: content.title }, content.title), canvas, cursor, said));
+      const cell = { levels: [], onset: null, ...content, canvas, cursor, said };
+      this.listen(cell);
+      return cell;
     });
     this.draw();
   }
@@ -78,7 +59,7 @@ class PlayCurves {
     let from = null;
     const at = (event) => {
       const box = canvas.getBoundingClientRect();
-      const share = (event.clientX - box.left - 46) / Math.max(1, box.width - 50);
+      const share = (event.clientX - box.left - LEFT) / Math.max(1, box.width - LEFT - RIGHT);
       return this.range[0] + Math.min(1, Math.max(0, share)) * (this.range[1] - this.range[0]);
     };
     canvas.addEventListener("pointerdown", (event) => { from = { x: event.clientX, time: at(event) }; });
@@ -88,11 +69,11 @@ class PlayCurves {
       else this.seek(at(event));
       from = null;
     });
-    canvas.addEventListener("dblclick", () => this.zoom([0, this.steps * this.dt]));
+    canvas.addEventListener("dblclick", () => this.zoom(this.span));
   }
 
   zoom(range) {
-    if (range[1] - range[0] < 5 * this.dt) return;
+    if (range[1] - range[0] < this.least) return;
     this.range = range;
     this.draw();
   }
@@ -100,13 +81,11 @@ class PlayCurves {
   /** Put the cursors to a time, and say what is there. */
   tell(time) {
     this.time = time;
-    const n = this.joints.length;
-    const k = Math.round(time / this.dt);
     const share = (time - this.range[0]) / (this.range[1] - this.range[0]);
-    for (const { j, quantity, cursor, said, canvas } of this.cells) {
+    for (const { cursor, said, canvas, says } of this.cells) {
       cursor.hidden = share < 0 || share > 1;
-      cursor.style.left = `${46 + share * Math.max(1, canvas.clientWidth - 50)}px`;
-      said.textContent = this.runs.map(({ values }) => Armgpi.short(quantity.of(values, k * n + j))).join(" | ");
+      cursor.style.left = `${LEFT + share * Math.max(1, canvas.clientWidth - LEFT - RIGHT)}px`;
+      said.textContent = says(time).map((x) => Armgpi.short(x)).join(" | ");
     }
   }
 
@@ -115,40 +94,55 @@ class PlayCurves {
     this.tell(this.time);
   }
 
-  paint({ j, quantity, canvas }) {
+  paint({ lines: make, levels, onset, canvas }) {
     const width = canvas.clientWidth, height = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
-    if (!width || !height) return;
+    const pen = width && height ? canvas.getContext("2d") : null;
+    if (!pen) return;
     if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
     if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.clearRect(0, 0, width, height);
-    const inner = { left: 46, top: 4, width: Math.max(1, width - 50), height: height - 18 };
-    const lines = [];
-    for (const { values, color } of this.runs) {
-      if (quantity.reference && lines.length === 0) lines.push({ ...this.line(values, quantity.reference, j, inner.width), color: "#7f7f7f" });
-      lines.push({ ...this.line(values, quantity.of, j, inner.width), color });
-    }
-    let low = Math.min(...lines.map((line) => line.low)), high = Math.max(...lines.map((line) => line.high));
+    const inner = { left: LEFT, top: 4, width: Math.max(1, width - LEFT - RIGHT), height: height - 18 };
+    const lines = make(inner.width);
+    let low = Math.min(...lines.map((line) => line.low), ...levels), high = Math.max(...lines.map((line) => line.high), ...levels);
     if (!Number.isFinite(low) || !Number.isFinite(high)) [low, high] = [-1, 1];
     const room = 0.06 * (high - low) || Math.max(1e-12, 0.1 * Math.abs(high));
     [low, high] = [low - room, high + room];
     const y = (value) => inner.top + (inner.height * (high - value)) / (high - low);
     this.axes(pen, inner, low, high, y);
-    for (const line of lines) {
-      pen.strokeStyle = line.color;
-      pen.lineWidth = 1.3;
-      pen.beginPath();
-      let begun = false;
-      for (let i = 0; i < line.count; i++) {
-        const value = line.points[i];
-        if (!Number.isFinite(value)) { begun = false; continue; }
-        const x = inner.left + line.places[i];
-        if (begun) pen.lineTo(x, y(value)); else pen.moveTo(x, y(value));
-        begun = true;
-      }
-      pen.stroke();
+    pen.save();
+    pen.beginPath();
+    pen.rect(inner.left, inner.top, inner.width, inner.height);
+    pen.clip();
+    const straight = (color, dash, from, to) => this.stroke(pen, { color, dash, width: 1 }, () => { pen.moveTo(...from); pen.lineTo(...to); });
+    for (const level of levels) straight("#7f7f7f", [8, 3, 2, 3], [LEFT, y(level)], [width, y(level)]);
+    if (onset !== null) {
+      const x = LEFT + (inner.width * (onset - this.range[0])) / (this.range[1] - this.range[0]);
+      straight("#882255", [2, 2], [x, 0], [x, height]);
     }
+    for (const line of lines) {
+      this.stroke(pen, line, () => {
+        let begun = false;
+        for (let i = 0; i < line.count; i++) {
+          const value = line.points[i];
+          if (!Number.isFinite(value)) { begun = false; continue; }
+          const x = inner.left + line.places[i];
+          if (begun) pen.lineTo(x, y(value)); else pen.moveTo(x, y(value));
+          begun = true;
+        }
+      });
+    }
+    pen.restore();
+  }
+
+  stroke(pen, { color, dash = [], width = 1.4 }, draw) {
+    pen.strokeStyle = color;
+    pen.lineWidth = width;
+    pen.setLineDash(dash);
+    pen.beginPath();
+    draw();
+    pen.stroke();
+    pen.setLineDash([]);
   }
 
   axes(pen, inner, low, high, y) {
@@ -157,7 +151,7 @@ class PlayCurves {
     pen.lineWidth = 1;
     pen.fillStyle = "#5f6b76";
     pen.textAlign = "right";
-    const step = PlayCurves.step((high - low) / 3);
+    const step = Curves.step((high - low) / 4);
     for (let value = Math.ceil(low / step) * step; value <= high; value += step) {
       pen.beginPath();
       pen.moveTo(inner.left, y(value));
@@ -167,11 +161,50 @@ class PlayCurves {
       pen.fillText(Math.abs(shown) < 1e-3 && shown !== 0 ? shown.toExponential(0) : String(Number(shown.toPrecision(3))), inner.left - 4, y(value) + 3);
     }
     pen.textAlign = "center";
-    const [begin, end] = this.range, wide = PlayCurves.step((end - begin) / Math.max(2, inner.width / 70));
+    const [begin, end] = this.range, wide = Curves.step((end - begin) / Math.max(2, inner.width / 70));
     for (let t = Math.ceil(begin / wide) * wide; t <= end + 1e-9; t += wide) {
       const x = inner.left + (inner.width * (t - begin)) / (end - begin);
       pen.fillText(String(Number(t.toPrecision(4))), Math.min(x, inner.left + inner.width - 8), inner.top + inner.height + 12);
     }
+  }
+}
+
+/** Curves of runs of which every sample is there. */
+class PlayCurves extends Curves {
+  constructor(box, joints, dt, steps, seek) {
+    super(box, [0, steps * dt], 5 * dt, seek);
+    Object.assign(this, { joints, dt, steps, runs: [] });
+    this.quantities = [
+      { name: "error", unit: "unit", of: (v, i) => v.q[i] - v.q_ref[i] },
+      { name: "torque", unit: "torque_unit", of: (v, i) => v.tau[i] },
+      { name: "position", unit: "unit", of: (v, i) => v.q[i], reference: (v, i) => v.q_ref[i] },
+      { name: "omega_c", title: "ω", unit: "rad/s", of: (v, i) => (v.omega_c ? v.omega_c[i] : NaN) },
+    ];
+    this.chosen = new Set(["error", "torque"]);
+    this.shown = new Set(joints.map((_, j) => j));
+  }
+
+  /** Show runs, each values by their names and the index of its colour. */
+  show(runs) {
+    this.runs = runs;
+    this.draw();
+  }
+
+  /** Return the cells: a row for each joint, a column for each quantity. */
+  content() {
+    const quantities = this.quantities.filter(({ name }) => this.chosen.has(name));
+    this.box.style.setProperty("--columns", String(Math.max(1, quantities.length)));
+    const n = this.joints.length;
+    return [...this.shown].sort((a, b) => a - b).flatMap((j) => quantities.map((quantity) => ({
+      title: `${this.joints[j].name} · ${quantity.title || quantity.name} [${this.joints[j][quantity.unit] || quantity.unit}]`,
+      lines: (pixels) => this.lines(quantity, j, pixels),
+      says: (time) => this.runs.map(({ values }) => quantity.of(values, Math.round(time / this.dt) * n + j)),
+    })));
+  }
+
+  lines({ of, reference }, j, pixels) {
+    const own = this.runs.map(({ values, color, dash }) => ({ ...this.line(values, of, j, pixels), color, dash }));
+    return reference && this.runs.length ? [{ ...this.line(this.runs[0].values, reference, j, pixels), color: "#7f7f7f" }, ...own] : own;
   }
 
   /** Return a line's points: of each pixel's samples the first, the lowest, the highest. */
@@ -202,7 +235,7 @@ class PlayCurves {
 }
 
 /** Return 1, 2 or 5 times a power of ten near a number. */
-PlayCurves.step = (about) => {
+Curves.step = (about) => {
   const power = Math.pow(10, Math.floor(Math.log10(about)));
   return power * [1, 2, 5, 10].find((factor) => factor * power >= about * 0.999);
 };

@@ -66,7 +66,7 @@
       this.player = new Armgpi.Player(this.scene, by("player"), false);
       Armgpi.switches(this.scene, by("switches"));
       const { play } = this;
-      this.curves = new PlayCurves(by("curves"), this.joints, play.dt, play.steps, play.colors, (time) => { this.player.play(false); this.scene.show(time); });
+      this.curves = new PlayCurves(by("curves"), this.joints, play.dt, play.steps, (time) => { this.player.play(false); this.scene.show(time); });
       this.curves_choices();
       this.curves.layout();
       this.scene.addEventListener("time", (event) => this.curves.tell(event.detail));
