@@ -67,7 +67,9 @@ lint: $(FOR_ALL) ## Style, complexity (ruff), layers of the packages, length of 
 	$(BIN)/lint-imports --no-logo --no-cache
 	$(BIN)/python tools/structure.py --check
 
-format: $(FOR_ALL) ## Let ruff rewrite what `make lint` would complain about, where it can
+# What --help says of declared parameters stands in a file, so that it waits for no heavy import.
+format: $(FOR_ALL) ## Let ruff rewrite what `make lint` would complain about, where it can; write the options of --help
+	$(BIN)/python tools/options.py
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 

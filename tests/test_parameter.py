@@ -20,7 +20,7 @@ from armgpi.cli import declared
 from armgpi.config import schema
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, ParameterError
-from armgpi.parameter import REQUIRED, Parameter, PerJoint, again, parameter, parameters, with_parameters
+from armgpi.parameter import REQUIRED, PerJoint, again, parameter, parameters, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import StatefulWrapper, Wrapper
@@ -28,6 +28,7 @@ from armgpi.references.paths import Path as ToolPath
 from armgpi.registry import registered, subclasses
 
 ARM = Robot.load("anthropomorphic3")
+ROOT = Path(__file__).parents[1]
 PARTS: list[Any] = [
     cls
     for base in (Controller, Arm, Wrapper, Load, ToolPath)
@@ -165,8 +166,7 @@ def test_a_declaration_says_what_it_has_to(cls: type) -> None:
             each.checked(each.default)
 
 
-def test_options_read_from_source_are_those_of_the_classes() -> None:
-    names = {field for field in Parameter.__dataclass_fields__ if field not in ("name", "group", "default")}
+def test_options_written_down_are_those_of_the_classes(tmp_path: Path) -> None:
     wanted = {
         name: next(each for each in parameters(cls).values() if each.in_file)
         for name, cls in registered(Wrapper).items()
@@ -183,12 +183,19 @@ def test_options_read_from_source_are_those_of_the_classes() -> None:
             if each.kind in ("number", "integer", "choice", "group") and not tables:
                 owners.setdefault(each.key or name, []).append(kind)
                 wanted[each.key or name] = each
-    found = {option.key: option for option in declared.options()}
+    found = {option.key.removeprefix("plant."): option for option in declared.options()}
     assert set(found) == set(wanted)
     for key, each in wanted.items():
         assert list(found[key].owners) == owners.get(key, [])
-        read = Parameter(**{name: value for name, value in found[key].facts.items() if name in names})
-        assert {n: getattr(read, n) for n in names} == {n: getattr(each, n) for n in names}, key
+        assert found[key].kind == each.kind
+        assert f"{each.text[1:]}{f' [{each.unit}]' if each.unit else ''}" in found[key].help
+        default = each.chosen or each.none if found[key].owners else ""
+        assert all(word in found[key].help for word in (*each.choices, default))
+    # A fresh process: this one has classes of other tests.
+    anew = tmp_path / "declared.json"
+    subprocess.run([sys.executable, str(ROOT / "tools" / "options.py"), str(anew)], check=True)
+    kept = Path(declared.__file__).with_name("declared.json")
+    assert anew.read_text() == kept.read_text(), "run make format"
 
 
 # A new controller and a new sensor are one new module.

@@ -1,31 +1,32 @@
 """Options for the parameters that controllers, sensors and actuators declare.
 
-``--help`` waits for no heavy import, so the declarations (:mod:`armgpi.parameter`) are read from the source
-of their modules, which are not run. A test holds what is read against the classes themselves.
+``--help`` waits for no heavy import: what it says of them stands in ``declared.json``, which ``make format``
+writes from the classes. Where the registry has other modules, a plugin or a new one, the classes are asked.
 """
 
 from __future__ import annotations
 
-import ast
 import inspect
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any, NamedTuple
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from armgpi import registry
 from armgpi.cli.layout import EVERYTHING, Command
 from armgpi.cli.parsing import per_joint, refusal
+from armgpi.errors import ConfigError
+
+if TYPE_CHECKING:
+    from armgpi.parameter import Parameter
 
 #: Where a context keeps the options that were given.
 _META = "armgpi.declared"
 #: Where it keeps whether a declared option may be among its words.
 _WANTED = "armgpi.wanted"
-#: What declares a parameter, and what it says unasked: nothing of one that a base class declares.
-_DECLARING: dict[str, dict[str, Any]] = {"parameter": {"kind": "number"}, "again": {}}
 #: Kinds of parameters that have an option.
 _KINDS = ("number", "integer", "choice", "group")
 
@@ -37,37 +38,17 @@ class Option(NamedTuple):
         flag: its name, with dashes.
         key: of the experiment file, in the sections of its owners, or in `plant`.
         owners: controllers that have it; empty for a sensor or actuator.
-        facts: what was declared, by the names of :class:`armgpi.parameter.Parameter`.
+        kind: of the parameter.
+        metavar: what --help shows in place of its value.
+        help: what --help says.
     """
 
     flag: str
     key: str
     owners: tuple[str, ...]
-    facts: dict[str, Any]
-
-    @property
-    def help(self) -> str:
-        """What --help says."""
-        text, unit = self.facts["text"], self.facts.get("unit", "")
-        said = f"{text[0].upper()}{text[1:]}{f' [{unit}]' if unit else ''}"
-        if "choices" in self.facts:
-            said += f": {' or '.join(self.facts['choices'])}"
-        if self.owners:
-            said += f"; for {', '.join(self.owners)}"
-        words = next(
-            (self.facts[key] for key in ("chosen", "none", "unlimited") if self.facts.get(key)), None
-        )
-        default = self.facts.get("default") if words is None else words
-        return f"{said}." + (f" Default: {default}." if default is not None and self.owners else "")
-
-    @property
-    def metavar(self) -> str:
-        """What --help shows in place of its value."""
-        if self.facts["kind"] == "group":
-            return ",".join(name.upper() for name in self.facts["members"])
-        if self.facts["kind"] == "choice":
-            return "NAME"
-        return "NUMBERS" if self.facts.get("per_joint") else "NUMBER"
+    kind: str
+    metavar: str
+    help: str
 
     def value(self, text: str) -> Any:
         """Return what was typed as an experiment file has it.
@@ -75,16 +56,15 @@ class Option(NamedTuple):
         Raises:
             ConfigError: when it has another form.
         """
-        kind = self.facts["kind"]
-        if kind == "choice":
+        if self.kind == "choice":
             return text
         numbers = per_joint(text, self.flag)
-        if kind == "group":
-            members = self.facts["members"]
+        if self.kind == "group":
+            members = self.metavar.lower().split(",")
             if not isinstance(numbers, list) or len(numbers) != len(members):
                 raise refusal(self.flag, f"expected {self.metavar} such as '0,0.5', got {text!r}")
             return dict(zip(members, numbers, strict=True))
-        return whole(numbers) if kind == "integer" else numbers
+        return whole(numbers) if self.kind == "integer" else numbers
 
 
 class DeclaredCommand(Command):
@@ -119,139 +99,114 @@ def given(context: typer.Context) -> list[tuple[Option, Any]]:
     return [(each, each.value(typed[each.flag])) for each in options() if each.flag in typed]
 
 
-@cache
-def options() -> tuple[Option, ...]:
+class Declared(NamedTuple):
+    """What --help says of what is declared.
+
+    Attributes:
+        modules: those of the registry, which it was read from.
+        names: of controllers, plants and paths, in words.
+        options: for parameters.
+    """
+
+    modules: list[str]
+    names: dict[str, str]
+    options: list[Option]
+
+
+def options() -> list[Option]:
     """Return the options for all declared parameters that have one."""
-    classes = _classes()
-    found: dict[str, Option] = {}
-    for name, made in classes.items():
-        key = made.config_name
-        own = [facts for facts in _fields(classes, name).values() if facts.get("in_file", True)]
-        if key and _is_a(classes, name, "Wrapper") and len(own) == 1:
-            found[key] = Option(_flag(key), key, (), own[0])
-    for owner, parameters in sorted(_controllers(classes)):
-        for name, facts in parameters.items():
-            if facts["kind"] not in _KINDS or not facts.get("in_file", True):
-                continue
-            key = facts.get("key", name)
-            if facts["kind"] == "group":
-                below = _fields(classes, facts["group"])
-                facts["members"] = [name for name, part in below.items() if part["kind"] == "number"]
-                if not facts["members"]:  # tables: for files alone
-                    continue
-            owners = (*(found[key].owners if key in found else ()), owner)
-            found[key] = Option(_flag(key), key, owners, facts)
-    found |= {f"plant.{each.key}": each for each in _of_arms(classes, found)}
-    return tuple(found.values())
+    return _declared().options
 
 
-def _of_arms(classes: dict[str, _Class], others: dict[str, Option]) -> Iterator[Option]:
-    """Yield the options of the parameters of plants; one that a controller has as well begins with plant."""
-    for name, made in classes.items():
-        if made.config_name and _is_a(classes, name, "Arm"):
-            for part, facts in _fields(classes, name).items():
-                if facts["kind"] in _KINDS and facts.get("in_file", True):
-                    key = facts.get("key", part)
-                    yield Option(_flag(f"plant-{key}" if key in others else key), key, (), facts)
-
-
-@cache
 def names() -> dict[str, str]:
     """Return what help shows for {controllers}, {plants} and {paths}."""
-    classes = _classes()
-    paths = (each.config_name for name, each in classes.items() if _is_a(classes, name, "Path"))
-    plants = (each.config_name for name, each in classes.items() if _is_a(classes, name, "Arm"))
-    controllers = {name for name, _ in _controllers(classes)}
-    return {
-        "controllers": ", ".join(sorted(controllers)),
-        "plants": ", ".join(sorted(name for name in plants if name)),
-        "paths": ", ".join(sorted(name for name in paths if name)),
-    }
-
-
-class _Class(NamedTuple):
-    bases: list[str]
-    config_name: str | None
-    fields: dict[str, dict[str, Any]]
+    return _declared().names
 
 
 @cache
-def _classes() -> dict[str, _Class]:
-    """Return the classes with declared parameters that the modules of the registry define, by their names."""
-    found = {}
-    for module in registry.modules():
-        try:
-            spec = find_spec(module)
-        except Exception:  # the package of a plugin: the registry names it, when it is loaded
-            spec = None
-        text = Path(spec.origin).read_text(encoding="utf-8") if spec and spec.origin else ""
-        if "config_name" not in text and "with_parameters" not in text:
-            continue
-        for node in ast.parse(text).body:
-            if isinstance(node, ast.ClassDef):
-                bases = [ast.unparse(base).rpartition(".")[2] for base in node.bases]
-                fields = dict(_declared(node))
-                name = fields.pop("config_name", {}).get("default")
-                found[node.name] = _Class(bases, name, fields)
-    return found
-
-
-def _declared(node: ast.ClassDef) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the parameters that a class declares, and its name in files."""
-    for each in node.body:
-        if not isinstance(each, ast.AnnAssign | ast.Assign) or each.value is None:
-            continue
-        target = each.target if isinstance(each, ast.AnnAssign) else each.targets[0]
-        name = target.id if isinstance(target, ast.Name) else ""
-        if name == "config_name":
-            yield name, {"default": _literal(each.value)}
-        elif isinstance(each.value, ast.Call) and (said := getattr(each.value.func, "id", "")) in _DECLARING:
-            facts = {word.arg: _literal(word.value) for word in each.value.keywords if word.arg}
-            if each.value.args:
-                facts["text"] = _literal(each.value.args[0])
-            yield name, {**_DECLARING[said], **facts}
-
-
-def _literal(node: ast.expr) -> Any:
-    """Return the value of an expression, or the name that it is; None for any other."""
-    if isinstance(node, ast.Name):
-        return node.id
+def _declared() -> Declared:
+    """Return what was written down, where it is of the modules that there are; else what the classes say."""
+    kept = Declared(**json.loads(files("armgpi.cli").joinpath("declared.json").read_text(encoding="utf-8")))
+    kept = kept._replace(options=[Option(*row) for row in kept.options])
+    if kept.modules == registry.modules():
+        return kept
     try:
-        return ast.literal_eval(node)
-    except ValueError:
-        return None
+        return read_classes()
+    except ConfigError:  # a plugin that cannot be imported: whoever runs something is told
+        return kept
 
 
-def _fields(classes: dict[str, _Class], name: str) -> dict[str, dict[str, Any]]:
-    """Return the parameters of a class with those of the classes that it comes from."""
-    if name not in classes:
-        return {}
-    found: dict[str, dict[str, Any]] = {}
-    for fields in (*(_fields(classes, base) for base in reversed(classes[name].bases)), classes[name].fields):
-        for key, facts in fields.items():
-            found[key] = facts if "text" in facts and "kind" in facts else {**found[key], **facts}
-    return found
+def read_classes() -> Declared:
+    """Return what the classes of the registry declare.
+
+    Raises:
+        ConfigError: when a plugin cannot be imported.
+    """
+    from armgpi.config.schema import KINDS
+    from armgpi.plants.arm import Arm
+    from armgpi.references.paths import Path
+
+    kinds = {"controllers": KINDS, "plants": registry.registered(Arm), "paths": registry.registered(Path)}
+    found = {key: ", ".join(sorted(every)) for key, every in kinds.items()}
+    return Declared(registry.modules(), found, _read_options())
 
 
-def _is_a(classes: dict[str, _Class], name: str, base: str) -> bool:
-    """Tell whether a class comes from another one."""
-    return name in classes and any(each == base or _is_a(classes, each, base) for each in classes[name].bases)
+def _read_options() -> list[Option]:
+    """Return the options of sensors and actuators, of controllers, and of plants."""
+    from armgpi.config.schema import KINDS
+    from armgpi.parameter import parameters
+    from armgpi.plants.arm import Arm
+    from armgpi.plants.plant import Wrapper
+
+    found: dict[str, Option] = {}
+    for name, wrapper in registry.registered(Wrapper).items():
+        own = [each for each in parameters(wrapper).values() if each.in_file]
+        if len(own) == 1:
+            found[name] = _option(_flag(name), name, (), own[0])
+    for owner, kind in KINDS.items():
+        for key, each in _having(kind.parameters):
+            owners = (*(found[key].owners if key in found else ()), owner)
+            found[key] = _option(_flag(key), key, owners, each)
+    for arm in registry.registered(Arm).values():
+        for key, each in _having(parameters(arm)):
+            # One that a controller has as well begins with plant.
+            flag = _flag(f"plant-{key}" if key in found else key)
+            found[f"plant.{key}"] = _option(flag, key, (), each)
+    return list(found.values())
 
 
-def _controllers(classes: dict[str, _Class]) -> Iterator[tuple[str, dict[str, dict[str, Any]]]]:
-    """Yield controllers by their names in files, with their parameters."""
-    for name, each in classes.items():
-        if not _is_a(classes, name, "Controller"):
-            continue
-        own = _fields(classes, name)
-        if each.config_name:
-            yield each.config_name, own
-        for part in each.fields.values():
-            if part["kind"] == "variant":
-                variants = (other for other in classes if _is_a(classes, other, part["group"]))
-                for variant in variants:
-                    if classes[variant].config_name:
-                        yield str(classes[variant].config_name), {**_fields(classes, variant), **own}
+def _having(declared: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter]]:
+    """Yield the parameters that have an option, by their keys in a file; tables are for files alone."""
+    for name, each in declared.items():
+        if each.in_file and each.kind in _KINDS and (each.kind != "group" or _members(each)):
+            yield each.key or name, each
+
+
+def _members(group: Parameter) -> list[str]:
+    """Return the numbers of a group."""
+    from armgpi.parameter import parameters
+
+    below = parameters(group.group).items() if group.group else ()
+    return [name for name, part in below if part.kind == "number"]
+
+
+def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Option:
+    """Return the option of a parameter."""
+    from armgpi.parameter import REQUIRED
+
+    metavar = "NUMBERS" if each.per_joint else "NUMBER"
+    if each.kind == "group":
+        metavar = ",".join(_members(each)).upper()
+    elif each.kind == "choice":
+        metavar = "NAME"
+    said = f"{each.text[0].upper()}{each.text[1:]}{f' [{each.unit}]' if each.unit else ''}"
+    if each.choices:
+        said += f": {' or '.join(each.choices)}"
+    text = f"{said}; for {', '.join(owners)}." if owners else f"{said}."
+    default = each.chosen or each.none or each.unlimited or each.default
+    if owners and default not in (None, REQUIRED):
+        text += f" Default: {default}."
+    return Option(flag, key, owners, each.kind, metavar, text)
 
 
 def _flag(key: str) -> str:
