@@ -59,15 +59,12 @@ def main() -> None:
     rounds, batches = (2, (16, 256)) if page.quick else (5, (16, 256, 4096))
     units, few = (100_000, 8_000) if page.quick else (2_000_000, 40_000)
     _page.say(
-        f"Microseconds per rollout-step at {1.0 / DT:g} Hz, median (least..greatest) of {rounds} "
-        "rounds in which all take turns; × is how many times longer than armgpi, compiled, on as many "
-        "threads. One thread is timed by its processor time, two by wall time. A compiled run takes "
-        f"about {units} rollout-steps, its start included, and records every {EVERY}th, or all; the "
-        f"others take about {few}, or {MOST_SHORT} steps, and record all. "
-        "Every run is finite and on its reference, "
-        f"none saturates; a batch of 32 that settles for 2 s ends within {SETTLED:g} rad of its goal. "
-        "The last column is the largest distance of a position from armgpi's NumPy run of the same "
-        "start [rad], at any sample that both took."
+        f"Microseconds per rollout-step at {1.0 / DT:g} Hz, median (least..greatest) of {rounds} rounds in "
+        "turns; × is the multiple of armgpi, compiled, on as many threads. One thread is timed by its "
+        f"processor time, two by wall time. Compiled: about {units} rollout-steps, start included, every "
+        f"{EVERY}th or all recorded; the others about {few}, or {MOST_SHORT} steps, all recorded. Every "
+        f"run is on its reference, none saturates; a batch of 32 ends within {SETTLED:g} rad of its goal "
+        "after 2 s. Last column: largest distance of a position from armgpi's NumPy run [rad]."
     )
     rows: list[list[object]] = []
     for name, networks in (("panda", True), ("panda", False), ("anthropomorphic3", True)):
@@ -78,16 +75,12 @@ def main() -> None:
         for batch in batches:
             samples = _batch(page, arm, word, batch, rounds, units, few)
         rows += _goals(name, networks, batches[-1], samples)
-    print("\n## What was asked for\n")
+    print("\n## Goals\n")
     print(table(["", "goal", "found", "kept"], rows))
     _page.say(
-        "Floor: one D(q) v and four forward dynamics of generated code, in a loop in C. "
-        "mujoco.rollout with the law in NumPy: one call a step; D(q) v by Pinocchio's "
-        "parallel kernel, as MuJoCo has none for a batch; fixed gains by a law written apart, "
-        "networks by armgpi's own controller, the NumPy one. Torques replayed: all steps in one call "
-        "under the torques that armgpi found, so MuJoCo's part of the work alone, which no better law "
-        "of theirs could undercut. Euler is one evaluation of the dynamics a step in place of four "
-        "and another trajectory. Drake and Pinocchio have no rollouts of a batch; see the single run."
+        "What each peer computes: `benchmarks/README.md`. Without a law, `mujoco.rollout` is MuJoCo's "
+        "part of the work alone; Euler is less work than Runge-Kutta. Drake and Pinocchio have no "
+        "rollouts of a batch."
     )
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:

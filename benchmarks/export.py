@@ -75,7 +75,7 @@ def main() -> None:
                 kept = "yes" if time.median <= GOAL else "no"
                 word = "networks" if networks else "fixed gains"
                 goals.append([f"{name}, {word}: a step in double", f"{GOAL:g} µs", f"{time} µs", kept])
-    print("\n## What was asked for\n")
+    print("\n## Goals\n")
     print(table(["", "at most", "found", "kept"], goals))
     _page.say(
         "Floor: D(q) v alone, generated, one state at a time. NumPy: `controller.step` called from "

@@ -53,12 +53,10 @@ def main() -> None:
     page = _page.begin(__file__, "Time to the first result")
     rounds = 1 if page.quick else 5
     _page.say(
-        f"Seconds, median (least..greatest) of {rounds} fresh processes each: a single run of 1 s at 1 kHz, "
-        "GPI with networks. Cold: nothing in the cache, so the code is generated and compiled. Cached: "
-        "found by the loop's structure and loaded. The call is `armgpi.simulate`, importing CasADi "
-        "included; before it come Python's own start, importing armgpi and xarray, in which every result is, "
-        "and loading the robot. Both are processor time, the compiler's included, so that other processes "
-        "hardly matter; the whole process is by the clock on the wall."
+        f"Seconds, median (least..greatest) of {rounds} fresh processes each: a single run of 1 s at 1 "
+        "kHz, GPI with networks. Cold: the code is generated and compiled; cached: loaded. The call is "
+        "`armgpi.simulate`, importing CasADi included; before it: Python's start, importing armgpi and "
+        "xarray, loading the robot. Both are processor time, the compiler's included."
     )
     rows: list[list[object]] = []
     goals: list[list[object]] = []
@@ -78,8 +76,8 @@ def main() -> None:
     print(table(["", "before the call", "the call", "all, on the wall"], rows))
     print("\n## What `auto` chooses\n")
     _page.say(
-        "The call alone, for runs of Panda of several lengths. `auto` may choose between the two columns "
-        "before it; where nothing is cached, the first of them is cold."
+        "The call alone, for runs of Panda of several lengths. Where nothing is cached, the first column "
+        "is cold."
     )
     lock, rows = _arms.ROBOTS["panda"], []
     for length in LENGTHS:
@@ -94,7 +92,7 @@ def main() -> None:
             goals.append([f"{what}: auto over the faster one", f"{AUTO:g}", share, kept])
     print()
     print(table(["", "compiled", "NumPy", "auto"], rows))
-    print("\n## What was asked for\n")
+    print("\n## Goals\n")
     print(table(["", "at most", "found", "kept"], goals))
     page.write()
 

@@ -71,13 +71,10 @@ def main() -> None:
         counts = ", ".join(f"{count} for {name}" for name, count in operations.items())
         print(f"\nOperations in the generated code: {counts}.")
     _page.say(
-        "Pinocchio from Python: aba; rnea on a copy without gravity; rnea. In parallel: abaInParallel and "
-        "rneaInParallel, whose threads run C++ alone: the difference between the two is what calls from "
-        "Python cost. dynibo from Python: forward_dynamics; mass_matrix and a product by NumPy; "
-        "inverse_dynamics, all into arrays that are there, and by its own gravity of 9.80665 m/s². "
-        "MuJoCo from Python: mj_forward (it finds its actuator and sensor stages empty); "
-        "mj_fwdPosition and mj_mulM; mj_inverse. Drake from Python: CalcTimeDerivatives. Neither MuJoCo nor "
-        "Drake takes the first arm: no rigid body has the inertia of its link 2."
+        "In parallel: abaInParallel and rneaInParallel, whose threads run C++ alone; the difference from "
+        "the row above is the cost of calls from Python. dynibo has only the mass matrix for D(q) v, and "
+        "a gravity of 9.80665 m/s². MuJoCo and Drake refuse the first arm: no rigid body has the inertia "
+        "of its link 2. The calls of each: `benchmarks/README.md`."
     )
     for missing, word in ((_arms.dynibo, "dynibo"), (_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
         if missing is None:

@@ -36,12 +36,11 @@ def main() -> None:
     page = _page.begin(__file__, "Single run")
     rounds, steps, long = (2, 2500, 40_000) if page.quick else (7, 4000, 40_000)
     _page.say(
-        f"Microseconds of processor time per control step at {1.0 / DT:g} Hz, median (least..greatest) "
-        f"of {rounds} rounds in which all take turns; × is how many times longer than armgpi, "
-        f"compiled. Every step is recorded. A compiled run has {long} steps, start included; the "
-        f"others have {steps}. Every run is finite, ends within 1e-6 rad of its goal, never saturates, "
-        "and stays as near to armgpi's NumPy run as the last column says, at every sample: largest "
-        "distance of a position [rad]."
+        f"Microseconds of processor time per control step at {1.0 / DT:g} Hz, median (least..greatest) of "
+        f"{rounds} rounds in turns; × is the multiple of armgpi, compiled, whose runs have {long} steps, "
+        f"start included; the others have {steps}. Every step is recorded. Every run ends within 1e-6 rad "
+        "of its goal and never saturates. Last column: largest distance of a position from armgpi's NumPy "
+        "run [rad]."
     )
     found: list[list[object]] = []
     for networks, title in ((True, "GPI with networks"), (False, "GPI with fixed gains")):
@@ -56,20 +55,11 @@ def main() -> None:
                     found.append([what, f"{GOALS[name]} µs", f"{time} µs", kept])
     print("\n## The paper's arm for 40 s, with disturbances\n")
     found += _paper(page, 2 if page.quick else 5)
-    print("\n## What was asked for\n")
+    print("\n## Goals\n")
     print(table(["", "at most", "found", "kept"], found))
     _page.say(
-        "Floor: one D(q) v and four forward dynamics of generated code for one state at a time, in a "
-        "loop in C. Pinocchio: a plain Python loop, the law in NumPy, rnea and four aba. MuJoCo in "
-        "parts: the same loop with mj_fwdPosition, mj_mulM, mj_forwardSkip, mj_RungeKutta, so that "
-        "D(q) is computed once; Euler is one evaluation of the dynamics a step in place of four, and "
-        "another trajectory. MuJoCo, torques replayed: mujoco.rollout in C for 200 steps a call, with "
-        "no law in it. Drake, stages: a Python loop with the four stages written there, "
-        "CalcTimeDerivatives each, D(q) by CalcMassMatrix: the same integrator. Drake, Simulator: "
-        "AdvanceTo for each sample, continuous plant, runge_kutta3 with fixed steps: the same law and "
-        "hold, but order 3, as Drake has no order 4 with fixed steps. MuJoCo and Drake refuse the "
-        "paper's arm. The networks have no twin for the peers: with them a peer's Python loop could "
-        "only get slower."
+        "What each peer computes: `benchmarks/README.md`. Euler and Runge-Kutta 3 are less work than "
+        "armgpi's Runge-Kutta 4."
     )
     page.write()
 

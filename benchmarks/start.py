@@ -66,7 +66,7 @@ def main() -> None:
         rows.append([name, spread(column), _ratio(times, name, PINOCCHIO)])
     print()
     print(table(["", "s", "times `import pinocchio`"], rows))
-    print("\n## What was asked for\n")
+    print("\n## Goals\n")
     rows = []
     for name, (against, bound) in GOALS.items():
         found = _ratio(times, name, against)

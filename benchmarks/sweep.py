@@ -58,16 +58,14 @@ def main() -> None:
         bare = {varied: _bare(Path(folder, "million"), varied) for varied in (True, False)}
         dask, processes = _workers(Path(folder), lasting, rounds)
     _page.say(
-        f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask, which "
-        f"have started, the numbers of the study varied and every metric kept: {wall:.0f} s on the wall, "
-        f"{processor:.0f} s of processor time, drawing and writing chunks included. The bare loop keeps the "
-        f"first and the last sample alone; it takes {1e6 * bare[True]:.4f} µs a rollout-step with the same "
-        f"numbers varied, and {1e6 * bare[False]:.4f} µs with nothing varied (4096 rollouts on one thread, "
-        f"without their start, processor time, median of 5). Two workers and one take turns with {CHUNKS} "
-        f"chunks of {lasting:g} s, in {rounds} rounds, by the wall, and so do bare processes, which say what "
-        "two cores of this machine give at that time; a sweep's own chunks take half a second. The goal is "
-        "against the bare loop that varies the same numbers. With nothing varied they are constants that the "
-        "compiler folds, which no loop can do that takes them as inputs."
+        f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask that "
+        f"have started, the study's numbers varied, every metric kept: {wall:.0f} s on the wall, "
+        f"{processor:.0f} s of processor time, drawing and writing included. The bare loop keeps the first "
+        f"and last sample: {1e6 * bare[True]:.4f} µs a rollout-step with the same numbers varied (the goal "
+        f"is against this), {1e6 * bare[False]:.4f} µs with constants, which the compiler folds (4096 "
+        "rollouts on one thread, without start, processor time, median of 5). Two workers and one take "
+        f"turns with {CHUNKS} chunks of {lasting:g} s, in {rounds} rounds, by the wall, and so do bare "
+        "processes: what two cores of this machine give."
     )
     taken = np.array([processor / (rollouts * 2000)])
     varied, constant = (spread(taken / bare[numbers]) for numbers in (True, False))

@@ -51,7 +51,7 @@ def main() -> None:
     print()
     rows = [[name, spread(x), f"{x.min() / least:.2f}"] for name, x in times.items()]
     print(table(["", "s", "times the import"], rows))
-    print("\n## What was asked for\n")
+    print("\n## Goals\n")
     rows = []
     for name, unit, most in GOALS:
         found = float(times[name].min()) / (1.0 if unit == "s" else least)
