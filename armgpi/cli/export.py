@@ -205,8 +205,9 @@ def _takes_gears_as_rigid(options: dict[str, Any], experiment: Experiment) -> bo
     """Tell whether the rule chose a law for rigid gears because nobody told anything of them."""
     from armgpi.config.building import has_rule
     from armgpi.control.geared import is_known
+    from armgpi.robot.rotors import told_none
 
-    said = options["config"] is not None or options["drives"] is not None
+    said = options["config"] is not None or options["drives"] is not None or told_none(experiment.robot)
     return not said and has_rule(experiment.config) and not is_known(experiment.robot)
 
 

@@ -188,6 +188,17 @@ def test_the_default_for_a_geared_robot_holds_it(
     assert grows["default"] < 1.0 < grows["stiff"]
 
 
+def test_a_geared_robot_without_rotors_is_refused_by_what_it_lacks(
+    export: Callable[..., Answer], tmp_path: Path
+) -> None:
+    if "ur5" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    code, out, err = export("ur5", "--target", "ur", "--rotor-inertia", "0", "-o", tmp_path)
+    assert code == 2, out
+    assert "for a model with rotors" in err
+    assert "gear_stiffness" not in err
+
+
 def test_another_law_for_a_geared_robot_is_told(export: Callable[..., Answer], tmp_path: Path) -> None:
     """What is asked for is what is written."""
     if "ur5" not in armgpi.robots.names():
