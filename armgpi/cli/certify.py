@@ -11,7 +11,8 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
-from armgpi.cli.parsing import FAILED, OK, locks, per_joint, refusal, split, stoppable
+from armgpi.cli.parsing import FAILED, OK, is_experiment, locks, per_joint, refusal, split, stoppable
+from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
 
@@ -84,11 +85,11 @@ _Jump = Annotated[
     ),
 ]
 _Law = Annotated[
-    str,
+    str | None,
     typer.Option(
         *("--controller", "--controllers"),
         metavar="NAME",
-        help="gpi; or untuned, what the rule for untuned arms makes and export writes, with one omega.",
+        help="gpi by default; or untuned, what the rule for untuned arms makes, with one omega.",
     ),
 ]
 _Start = Annotated[
@@ -116,7 +117,7 @@ _Refute = Annotated[
     ),
 ]
 _Samples = Annotated[
-    int, typer.Option("--delay", metavar="SAMPLES", help="By how much measurements are late.")
+    int | None, typer.Option("--delay", metavar="SAMPLES", help="By how much measurements are late.")
 ]
 
 
@@ -138,12 +139,12 @@ def certify(
     rolloff_ratio: _Ratio = 4.0,
     feedforward: _Ahead = "none",
     dt: opt.SampleTime = None,
-    delay: _Samples = 0,
+    delay: _Samples = None,
     encoder_bits: opt.Bits = None,
     friction: _Friction = False,
     jump: _Jump = False,
     start: _Start = "wrong-load",
-    controller: _Law = "gpi",
+    controller: _Law = None,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
@@ -167,12 +168,12 @@ def certify(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.box import read_box
     from armgpi.certification.certificate import certify as certified
-    from armgpi.cli.pictures import check_file
 
     if report is not None:
         check_file(report, "--report")
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = load_arm(robot, how, rotor_inertia, drives)
+    dt, delay, controller = _loop_of(robot, dt, delay, controller)
     if refute is not None:
         _refuted(refute, arm)
     _note_believed(arm)
@@ -185,7 +186,7 @@ def certify(
     proof |= {"payload": _loads(payload), "box": None if box is None else read_box(box)}
     options = {**vectors, **_chosen(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
     with progress() as told:
-        found = certified(arm, 1e-3 if dt is None else dt, progress=told, **options)
+        found = certified(arm, dt, progress=told, **options)
     sys.exit(_told(found, arm, out, report, as_json))
 
 
@@ -250,12 +251,14 @@ def _refuted(file: Path, arm: Any) -> None:
 
 
 def load_arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
-    """Return the robot with what its joints have."""
+    """Return the robot with what its joints have; that of an experiment file where the name is one's."""
     from armgpi import config
 
     readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
     readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
-    section = {"name": name}
+    section: dict[str, Any] = {"name": name}
+    if is_experiment(name):
+        section = config.read(Path(name)).config.robot.model_dump(exclude_unset=True)
     section |= {key: readers.get(key, str)(value) for key, value in how.items() if value}
     section.update(opt.drives_given(inertia, drives))
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
@@ -263,6 +266,28 @@ def load_arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: 
     # The longest keys first: of "robot.lock" and "robot", the first says more.
     origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
     return config.robot(config.check({"robot": section}, origin), origin)
+
+
+def _loop_of(
+    robot: str, dt: float | None, delay: int | None, controller: str | None
+) -> tuple[float, int, str]:
+    """Return sample time, delay and law: as typed, of an experiment file, or the usual ones."""
+    usual: tuple[float, int, str] = (1e-3, 0, "gpi")
+    if is_experiment(robot):
+        from armgpi import config
+
+        said, origin = config.read(Path(robot))
+        law = said.controllers[0].type
+        if controller is None and law not in ("gpi", "untuned"):
+            raise origin.error(
+                ("controllers", 0, "type"), f"a certificate is for gpi or untuned, got {law!r}"
+            )
+        usual = (said.sample_time, getattr(said.plant, "delay", None) or 0, law)
+    return (
+        usual[0] if dt is None else dt,
+        usual[1] if delay is None else delay,
+        usual[2] if controller is None else controller,
+    )
 
 
 def _chosen(law: dict[str, Any]) -> dict[str, Any]:

@@ -72,6 +72,11 @@ ENTRIES = {
         "seen.",
     ),
     "robots": Entry("Robots", "robots", "List the robots that can be loaded by name."),
+    "new": Entry(
+        "Robots",
+        "new",
+        "Begin an experiment file for an arm: what its URDF says, and what you say or armgpi believes.",
+    ),
     "inspect": Entry(
         "Robots",
         "inspect",

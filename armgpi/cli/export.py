@@ -213,9 +213,11 @@ def _takes_gears_as_rigid(options: dict[str, Any], experiment: Experiment) -> bo
 
 def _target(options: dict[str, Any]) -> str:
     """Return the target, and put what its interface asks for into the options."""
+    from armgpi.cli.settings import with_file
     from armgpi.export.interfaces import COMPENSATING
     from armgpi.export.targets import TARGETS
 
+    options.update(with_file(options))
     target: str = options["target"]
     if target not in TARGETS:
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")

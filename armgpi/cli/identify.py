@@ -10,7 +10,7 @@ import typer
 from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
-from armgpi.cli.parsing import stoppable
+from armgpi.cli.parsing import is_experiment, stoppable
 from armgpi.cli.terminal import console, natural_width, say
 
 _Logs = Annotated[
@@ -131,7 +131,10 @@ def excite(
     given = share if share is not None else (FIRST_SHARE if first else 0.7)
     motion = excited(arm, seconds, given, seed, floor)
     folder = files.make_folder(out)
-    written = files.write_set(folder, experiment_files(arm, robot, motion, how))
+    source = str(arm.provenance["source"]) if is_experiment(robot) else robot
+    if is_experiment(robot):
+        how = {**how, "lock": arm.provenance["locked"]}
+    written = files.write_set(folder, experiment_files(arm, source, motion, how))
     speeds = ", ".join(f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.share, strict=True))
     efforts = ", ".join(
         f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.effort, strict=True)

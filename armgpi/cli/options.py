@@ -25,7 +25,7 @@ RobotName = Annotated[
     str | None,
     typer.Argument(
         metavar="ROBOT",
-        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
+        help="Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
         show_default=False,
         autocompletion=robot_names,
     ),
@@ -103,7 +103,10 @@ Lock = Annotated[
 ]
 Keep = Annotated[
     list[str] | None,
-    typer.Option(metavar="JOINT", help="Joint to keep, all others are locked; may be repeated."),
+    typer.Option(
+        metavar="JOINT",
+        help="Joint to keep, or chain of a whole robot; all others are locked; may be repeated.",
+    ),
 ]
 Mimic = Annotated[
     str | None,

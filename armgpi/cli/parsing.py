@@ -74,6 +74,11 @@ def refusal(option: str, message: str) -> ConfigError:
     return ConfigError("command line", option, message)
 
 
+def is_experiment(robot: str) -> bool:
+    """Tell whether what stands in the place of a robot is an experiment file."""
+    return robot.lower().endswith((".yaml", ".yml"))
+
+
 def split(items: list[str]) -> list[str]:
     """Return the parts of texts with commas in them."""
     return [part.strip() for item in items for part in item.split(",") if part.strip()]

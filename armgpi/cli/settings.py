@@ -9,7 +9,7 @@ from typing import Any
 from armgpi import config as configuration
 from armgpi.cli.declared import Option, whole
 from armgpi.cli.options import drives_given
-from armgpi.cli.parsing import locks, per_joint, refusal, split
+from armgpi.cli.parsing import is_experiment, locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
@@ -48,13 +48,8 @@ class _Overlay:
 
 def settings(options: dict[str, Any], compare: bool) -> Loaded:
     """Return the configuration of a file and the options that override it."""
-    data: dict[str, Any] = {}
-    origin = Origin("command line")
-    if options["config"] is not None:
-        config, origin = configuration.read(_file(options["config"]))
-        data = config.model_dump(exclude_unset=True)
-        if ("controllers",) not in origin.lines:
-            del data["controllers"]  # which is the standard one depends on the options, too
+    options = with_file(options)
+    data, origin = _read(options)
     over = _Overlay(options, data)
     _robot(over)
     _plant(over)
@@ -80,6 +75,27 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
     return Loaded(configuration.check(data, origin), origin)
+
+
+def with_file(options: dict[str, Any]) -> dict[str, Any]:
+    """Return options in which an experiment file in the place of the robot is that of --config."""
+    robot = options["robot"]
+    if robot is None or not is_experiment(robot):
+        return options
+    if options["config"] is not None:
+        raise refusal("--config", f"{robot} is an experiment file already; give one of the two")
+    return {**options, "robot": None, "config": Path(robot)}
+
+
+def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
+    """Return the data of the experiment file, and where it came from."""
+    if options["config"] is None:
+        return {}, Origin("command line")
+    config, origin = configuration.read(_file(options["config"]))
+    data = config.model_dump(exclude_unset=True)
+    if ("controllers",) not in origin.lines:
+        del data["controllers"]  # which is the standard one depends on the options, too
+    return data, origin
 
 
 def _robot(over: _Overlay) -> None:

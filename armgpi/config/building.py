@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import pairwise
@@ -24,7 +25,7 @@ from armgpi.config.schema import (
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, suited
 from armgpi.control.untuned import Untuned, Verdict, verdict
-from armgpi.errors import ArmgpiError, ArrayError, ConfigError, EffortError, NameNotFound
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
@@ -38,7 +39,7 @@ from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, registered, subclasses
-from armgpi.robot import rotors
+from armgpi.robot import chains, rotors
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
@@ -309,6 +310,10 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         raise place.at("name").error(str(error)) from error
     except OSError as error:  # a name too long for a file, for one
         raise place.at("name").error(f"cannot be read: {error.strerror or error}") from None
+    if section.keep is None and (several := chains.of(robot.provenance)):
+        arm = chains.first_arm(several).name
+        text = f"{chains.describe(several)}; they run as one arm: keep one, such as {arm} (--keep {arm})"
+        warnings.warn(str(place.at("keep").error(text)), ArmgpiWarning, stacklevel=2)
     if section.effort is not None:
         current = robot.limits.effort
         with place.at("effort").error_context():

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
-from armgpi.robot import grippers, tree, urdf
+from armgpi.robot import chains, grippers, tree, urdf
 
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
 _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
@@ -384,6 +384,16 @@ def gripper(subject: Subject) -> Iterator[Finding]:
         )
         repair, remedies = "lock it for the control of the arm", (Remedy("lock", each.joints),)
         yield Finding("warning", f"joint {each.joints[0]!r}", message, listed, None, repair, remedies)
+
+
+@check("chains", "legs, wheels and arms that run as one arm", "warning")
+def whole(subject: Subject) -> Iterator[Finding]:
+    """Find whole robots."""
+    if several := chains.of(subject.robot.provenance):
+        arm = chains.first_arm(several).name
+        remedies = (Remedy("keep", (arm,)),)
+        repair = "keep one of them by its name"
+        yield Finding("warning", "robot", chains.describe(several), len(several), 1, repair, remedies)
 
 
 @check("shape", "a size or origin of a shape that is not a number", "warning")

@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy import linalg, sparse
 
 from armgpi.arrays import Array
-from armgpi.errors import MissingPackage
+from armgpi.errors import MissingPackage, ParameterError
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS
 from armgpi.plants.reality import scales
 from armgpi.robot.robot import Robot
@@ -150,6 +150,7 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
 
     Raises:
         MissingPackage: when Clarabel is not installed.
+        ParameterError: for logs whose information is not positive definite to rounding.
     """
     scaled = [np.where(b.valid[..., None], b.rows * prior.std, 0.0) for b in blocks]
     rests = [np.where(b.valid, b.torque - b.rows @ prior.mean, 0.0) for b in blocks]
@@ -161,7 +162,11 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     weights = _TRUST / np.maximum(np.sqrt(sum((r**2).sum(axis=0) for r in rests) / counts), _LEAST_TORQUE)
     for _ in range(_REWEIGHTINGS):
         information = np.tensordot(weights**2, grams, 1) + np.eye(p)
-        factor = linalg.cho_factor(information)
+        try:
+            factor = linalg.cho_factor(information)
+        except linalg.LinAlgError:
+            wanted = "logs of an arm that moves enough to tell its unknowns apart (armgpi excite)"
+            raise ParameterError("logs", "one motion", wanted) from None
         free = linalg.cho_solve(factor, weights**2 @ rights)
         residuals = [r - Z @ free for Z, r in zip(scaled, rests, strict=True)]
         squares = np.sqrt(sum((r**2).sum(axis=0) for r in residuals) / counts)

@@ -15,7 +15,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.escape import html_table
-from armgpi.robot import from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
+from armgpi.robot import chains, from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of
@@ -102,8 +102,9 @@ class Robot(Edits):
                 :func:`armgpi.robot.robots.names`, or a module of robot_descriptions.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
-            keep: when given, every joint that is not named here is locked. A name that means an arm of a
-                larger robot (``baxter_left_arm``) keeps that arm by itself.
+            keep: when given, every joint that is not named here is locked; the name of a chain of a whole
+                robot ("left_arm") means its joints (:mod:`armgpi.robot.chains`). A name that means an arm of
+                a larger robot (``baxter_left_arm``) keeps that arm by itself.
             mimic: joints that mimic another are locked where its zero (or lock) puts them; with "follow"
                 they move with it, and their inertia and weight are felt by it.
             repair: names of repairs that may be made in the file (:mod:`armgpi.robot.repairs`), or "all".
@@ -207,6 +208,7 @@ class Robot(Edits):
         keep: Sequence[str] | None,
         mimic: urdf_model.Mimic,
     ) -> Robot:
+        keep = chains.expand(document, keep, lock)
         built = urdf_model.build(document, lock, keep, mimic)
         model, source = built.model, document.source
         drives = Drives.from_urdf(document.root, source, [joint.name for joint in built.joints])
@@ -239,8 +241,7 @@ class Robot(Edits):
         }
         if built.coupling is not None:
             provenance["mimic"] = "follow"
-        if fingers := [x for g in grippers.find(document, built.locked) for x in g.joints]:
-            provenance["grippers"] = fingers
+        provenance |= _parts(document, built.locked)
         if built.repairs:
             provenance["repairs"] = [made._asdict() for made in built.repairs]
         robot = cls(
@@ -370,6 +371,16 @@ class Robot(Edits):
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"Robot({self.name!r}, n={self.n}, joints={', '.join(self.joint_names)})"
+
+
+def _parts(document: urdf.Urdf, locked: Mapping[str, float]) -> dict[str, Any]:
+    """Return the grippers of a robot, and its chains where there are several."""
+    found: dict[str, Any] = {}
+    if fingers := [x for g in grippers.find(document, locked) for x in g.joints]:
+        found["grippers"] = fingers
+    if len(several := chains.find(document, locked)) > 1:
+        found["chains"] = {chain.name: list(chain.joints) for chain in several}
+    return found
 
 
 def _coupled(

@@ -1,0 +1,202 @@
+"""The command that begins an experiment file for an arm."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.certify import load_arm
+from armgpi.cli.derive import write
+from armgpi.cli.parsing import locks, refusal, split
+from armgpi.cli.terminal import say
+from armgpi.errors import ArmgpiWarning
+
+#: What is believed of an arm of which nobody says more: absolute encoders and a bus as geared arms have them.
+_BITS, _DELAY = 16, 1
+#: A load that an arm is for, as a share of its moving mass: 0.17 for Panda, 0.27 for UR5, 0.3 for iiwa 7; and
+#: the share of what its motors hold everywhere that it may be; and at least so much [kg].
+_LOAD_SHARE, _HELD_SHARE, _LEAST_LOAD = 0.15, 0.5, 0.01
+
+_Value = TypeVar("_Value")
+_Robot = Annotated[
+    str,
+    typer.Argument(metavar="ROBOT", help="Path of a URDF file, or name of a robot (see `armgpi robots`)."),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="The file; by default beside the URDF, with its name."),
+]
+_Payload = Annotated[
+    float | None, typer.Option(metavar="KG", help="Heaviest load that the arm will carry, unknown to it.")
+]
+_Target = Annotated[
+    str | None, typer.Option("--target", metavar="NAME", help="Hardware that `armgpi export` writes for.")
+]
+_Force = Annotated[bool, typer.Option("--force", metavar=opt.FLAG, help="Replace the file.")]
+
+
+class _Answers:
+    """What is known of the arm: typed as an option, asked where a person is there, or believed.
+
+    Attributes:
+        asks: whether a person can be asked.
+    """
+
+    def __init__(self) -> None:
+        self.asks = sys.stdin.isatty() and sys.stderr.isatty()
+
+    def get(
+        self, question: str, typed: _Value | None, believed: _Value, kind: Callable[[str], Any]
+    ) -> tuple[_Value, str]:
+        """Return an answer, and the note that goes behind it in the file."""
+        if typed is not None:
+            return typed, ""
+        if self.asks:
+            return typer.prompt(question, default=believed, type=kind, err=True), ""
+        return believed, "; believed: change it where you know better"
+
+
+def new(
+    robot: _Robot,
+    out: _Out = None,
+    lock: opt.Lock = None,
+    keep: opt.Keep = None,
+    mimic: opt.Mimic = None,
+    repair: opt.Repair = None,
+    rotor_inertia: opt.RotorInertia = None,
+    drives: opt.Drives = None,
+    payload: _Payload = None,
+    encoder_bits: opt.Bits = None,
+    delay: opt.Delay = None,
+    dt: opt.SampleTime = None,
+    target: _Target = None,
+    force: _Force = False,
+) -> None:
+    """Begin an experiment file for an arm: what its URDF says, and what you say or armgpi believes.
+
+    \b
+    armgpi new my_arm.urdf
+    armgpi new humanoid.urdf --keep left_arm --payload 2 --target ros2_control
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import config
+    from armgpi.export.targets import TARGETS
+    from armgpi.robot import robots
+
+    if target is not None and target not in TARGETS:
+        raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
+    source, name = robots.locate(robot)
+    path = out or (Path(f"{name}.yaml") if name else source.with_suffix(".yaml"))
+    if path.exists() and not force:
+        raise refusal("--out", f"{path} exists; choose another file, or add --force")
+    answers = _Answers()
+    how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}
+    arm, hands = _arm(robot, how, answers, rotor_inertia, drives)
+    typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
+    beside = path.parent.resolve() == source.parent.resolve()
+    section: dict[str, Any] = {"name": name or (source.name if beside else str(source.resolve()))}
+    readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
+    section |= {key: readers.get(key, str)(value) for key, value in how.items() if value}
+    section |= opt.drives_given(rotor_inertia, drives)
+    lines = _file(arm, section, hands, answers, typed, path)
+    text = "\n".join(lines) + "\n"
+    checked, _ = config.parse(text, str(path))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # the commands will give them
+        config.build(checked.model_copy(update={"robot": checked.robot.model_copy(update={"name": robot})}))
+    write(path, text, "--out")
+    say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
+
+
+def _file(
+    arm: Any, section: dict[str, Any], hands: list[str], answers: _Answers, typed: dict[str, Any], path: Path
+) -> list[str]:
+    """Return the lines of the file, from the section of its robot and what was typed, asked or believed."""
+    from armgpi.export.interfaces import COMPENSATING
+    from armgpi.export.targets import TARGETS
+    from armgpi.robot import rotors
+
+    target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
+    interface = COMPENSATING.get(target)
+    load, load_note = answers.get("Heaviest load at the tool [kg]", typed["payload"], _load(arm), float)
+    bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], _BITS, int)
+    late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], _DELAY, int)
+    step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
+    if interface is not None:
+        section["gravity"] = "robot"
+    return [
+        f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
+        f"#   armgpi run {path}; compare, sweep, tune, play, certify, excite and export take it likewise,",
+        f"#   armgpi identify log.csv --robot {path}, armgpi export {path} --target {target}",
+        "robot:",
+        *(f"  {key}: {_text(value)}" for key, value in section.items()),
+        *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),
+        *_drives(rotors.silent(arm)),
+        "plant:  # what the controller does not know",
+        f"  encoder_bits: {bits}  # per turn{bits_note}",
+        f"  delay: {late}  # samples by which measurements are late{late_note}",
+        f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg{load_note}",
+        "controllers:",
+        "  - type: untuned  # the rule for arms that nobody tuned; the others: armgpi run --help",
+        f"sample_time: {step:g}  # s{step_note}",
+        "vary:  # what armgpi sweep draws",
+        f"  plant.payload.mass: {{uniform: [0, {load:.3g}]}}",
+    ]
+
+
+def _arm(
+    robot: str, how: dict[str, Any], answers: _Answers, inertia: list[str] | None, drives: Path | None
+) -> tuple[Any, list[str]]:
+    """Return one arm of a robot, and the joints of its gripper, locked: `how` says so afterwards."""
+    from armgpi.robot import chains
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
+        arm = load_arm(robot, how, inertia, drives)
+    if not how["keep"] and (several := chains.of(arm.provenance)):
+        believed = chains.first_arm(several).name
+        said = chains.describe(several)
+        chosen, _ = answers.get(f"{said}. Keep", None, believed, str)
+        say(f"note: {said}; the file keeps {chosen}", err=True)
+        how["keep"] = [chosen]
+        arm = load_arm(robot, how, inertia, drives)
+    hands = [joint for joint in arm.provenance.get("grippers", ()) if joint in arm.joint_names]
+    if hands and not how["keep"]:
+        how["lock"] = [*(how["lock"] or []), *hands]
+        arm = load_arm(robot, how, inertia, drives)
+    return arm, hands
+
+
+def _load(arm: Any) -> float:
+    """Return the load that an arm is believed to be for, to two digits [kg]."""
+    from armgpi.control.payload import largest_payload
+
+    moving = sum(inertia.mass for inertia in arm.pinocchio_model().inertias[1:])
+    held = largest_payload(arm, dt=1e-3).effort
+    return max(_LEAST_LOAD, float(f"{min(_LOAD_SHARE * moving, _HELD_SHARE * held):.2g}"))
+
+
+def _text(value: Any) -> str:
+    """Return a value as YAML on one line."""
+    import yaml
+
+    return (
+        yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=1e9)
+        .removesuffix("...\n")
+        .strip()
+    )
+
+
+def _drives(silent: tuple[str, ...]) -> list[str]:
+    """Return what to write where the URDF says nothing of rotors."""
+    if not silent:
+        return []
+    return [
+        f"  # The URDF says nothing of the rotors of {len(silent)} joints; the rule believes them.",
+        "  # Where you know them, seen at the joint [kg m², kg]: rotor_inertia: {JOINT: NUMBER}",
+    ]
