@@ -186,6 +186,32 @@ def test_no_stiffness_in_a_cell_of_any_arm_exceeds_its_bound(
                 break
 
 
+@settings(max_examples=15)
+@given(
+    robots(min_joints=2, max_joints=5), st.floats(0.0, 3.0), st.floats(0.01, 1.5), st.integers(0, 2**32 - 1)
+)
+def test_nothing_of_the_errors_speed_in_a_cell_of_any_arm_exceeds_its_bound(
+    robot: Robot, load: float, half: float, seed: int
+) -> None:
+    """Frames are turned, loads off the axes, slides ten times as long as arcs; cells' ends are drawn too."""
+    rng, rest = np.random.default_rng(seed), np.zeros(robot.n)
+    arm = robot.with_payload(robot.tip, load, rng.uniform(-0.3, 0.3, 3))
+    halves = half * np.where(robot.prismatic, 10.0, 1.0)
+    middle = rng.uniform(-1.0, 1.0, robot.n)
+    case = Setting((arm,), arm, arm, middle - halves, middle + halves, rest, rest + 1.0, "none")
+    (model,) = proofs._Prover(case, 0.5, 0.5).models
+    made = {"sigma_error": proofs._slopes(model.D), "kappa_error": proofs._christoffel(model.D)}
+    for name, X in made.items():
+        whole = next(pieces([model.D, X], halves, rest))
+        count = np.maximum(1, np.rint(halves / np.maximum(whole.half, 1e-300)))
+        place = middle - halves * (1.0 - 1.0 / count)
+        for cell in (whole, whole.halves(int(rng.integers(robot.n)))[0]):
+            q = place + cell.center + cell.half * np.clip(rng.uniform(-1.5, 1.5, (50, robot.n)), -1.0, 1.0)
+            seen = quantities.functions(case)[name](case, arm, quantities.Points(q, q, q)).max()
+            known = proofs.Unfolded(model.D, X).bounds(cell, np.zeros(1, int), np.zeros(1))
+            assert seen <= known.upper[0] * (1.0 + proofs.OUTWARD) + 1e-9, name
+
+
 LINK = """<link name="{0}"><inertial><origin xyz="0.3 0 0"/><mass value="1"/>
 <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 JOINT = """<joint name="{1}" type="revolute"><parent link="{0}"/><child link="{1}"/><origin xyz="0.6 0 0"/>

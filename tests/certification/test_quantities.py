@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from strategies import robots
 
 import armgpi
-from armgpi.certification.quantities import Setting, motion, searched, slopes
+from armgpi.arrays import Array
+from armgpi.certification.quantities import Points, Setting, functions, motion, searched, slopes
 from armgpi.control.family import Member
 from armgpi.control.payload import certified_sector, largest_payload, payload_range
 
@@ -43,6 +48,37 @@ def test_no_motion_exceeds_the_numbers() -> None:
         assert numbers.delta_low.value <= delta.min() + 1e-9
         assert delta.max() <= numbers.delta_high.value
         assert (np.diagonal(np.linalg.inv(D)) <= [each.value for each in numbers.inverse]).all()
+
+
+@settings(max_examples=10)
+@given(robots(min_joints=2, max_joints=5), st.integers(0, 2**32 - 1))
+@example(armgpi.Robot.load("anthropomorphic3"), 5)  # a climb from every axis ends 13 % below
+def test_no_speed_of_the_error_does_more_than_its_bound_and_some_comes_near(
+    robot: armgpi.Robot, seed: int
+) -> None:
+    """At one configuration, against a climb over velocities from 6 starts."""
+    rng, rest = np.random.default_rng(seed), np.zeros(robot.n)
+    q = rng.uniform(-1.5, 1.5, robot.n)
+    D = robot.mass_matrix(q)
+    root = np.linalg.inv(np.linalg.cholesky(D))
+    gradient = slopes(robot.mass_matrix, q[None])[0]
+
+    def grows(v: Array) -> float:
+        rate = np.tensordot(v, gradient, axes=1)
+        return float(np.abs(np.linalg.eigvalsh(root @ rate @ root.T)).max() / np.sqrt(v @ D @ v))
+
+    def turns(v: Array) -> float:
+        return float(np.linalg.norm(root @ robot.nonlinear_effects(q, v) - root @ held) / (v @ D @ v))
+
+    case = Setting((robot,), robot, robot, q, q, rest, rest + 1.0, "none")
+    at, held = Points(q[None], q[None], q[None]), robot.gravity(q)
+    for name, value in (("sigma_error", grows), ("kappa_error", turns)):
+        (bound,) = functions(case)[name](case, robot, at)
+        starts = root.T @ rng.standard_normal((robot.n, 6))
+        found = max(-minimize(lambda v, f=value: -f(v), v, method="BFGS").fun for v in starts.T)
+        rounding = 1e-9 * (1.0 + bound)
+        assert found <= bound + rounding
+        assert bound <= 1.25 * found + rounding
 
 
 def test_speed_scales_what_depends_on_it() -> None:
