@@ -26,6 +26,7 @@ import numpy.typing as npt
 from armgpi.arrays import Array
 from armgpi.certification.quantities import (
     MARGIN,
+    TINY,
     Number,
     Numbers,
     Progress,
@@ -43,8 +44,6 @@ OUTWARD = 1e-6
 _LOOSE = 0.5
 #: How many times the largest value that was seen a bound may be: with a looser one little is certified.
 _WORTH = 8.0
-#: Numbers below this are as good as zero.
-_TINY = 1e-9
 #: Share of a joint's width in the choice of what to split, where nothing else tells.
 _EVEN = 1e-6
 
@@ -141,7 +140,7 @@ class _Prover:
         tolerance: float | None = None,
     ) -> tuple[Number, ...]:
         """Return bounds where they are proved in time, or else what a search found."""
-        near = np.maximum([each.value for each in found], _TINY) / (1.0 + MARGIN)
+        near = np.maximum([each.value for each in found], TINY) / (1.0 + MARGIN)
         half = self.around if half is None else half
         tolerance = self.tolerance if tolerance is None else tolerance
         self.proofs += 1
@@ -427,7 +426,7 @@ def _bent(cell: Cell) -> int:
     even, bends = _weights(cell)[1], _EVEN * cell.half
     for values in _flat(cell):
         size = np.abs(values).max(axis=0)
-        size = np.maximum(size, max(1e-3 * size.max(), _TINY))
+        size = np.maximum(size, max(1e-3 * size.max(), TINY))
         bends = bends + np.linalg.norm(even @ (values / size).reshape(len(values), -1), axis=1)
     return int(np.argmax(bends))
 

@@ -26,6 +26,8 @@ from armgpi.robot.robot import Robot
 _DRAWN, _BEST, _NEAR, _ROUNDS = 600, 8, 10, 6
 #: Share that is added to what a search found.
 MARGIN = 0.03
+#: Numbers below this are as good as zero, which rounding makes larger.
+TINY = 1e-9
 #: Joints up to which all corners of a box of vectors are taken, and how many of more.
 MOST_CORNERS, _CORNERS = 12, 64
 #: Numbers that are looked at together: corners times matrices.

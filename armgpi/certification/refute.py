@@ -11,7 +11,7 @@ import numpy as np
 
 from armgpi.certification.asked import Asked, ask, law_of
 from armgpi.certification.certificate import Certificate, limits_of
-from armgpi.certification.quantities import PER_JOINT, Progress, functions, points, ranges
+from armgpi.certification.quantities import PER_JOINT, TINY, Progress, functions, points, ranges
 from armgpi.certification.solve import checker
 from armgpi.control.payload import LoadRange
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
@@ -74,7 +74,7 @@ def refute(
     found = []
     for name, (value, q) in worst.items():
         claimed, sign = _claimed(certificate, name), -1.0 if name.startswith("-") else 1.0
-        if claimed is not None and value > sign * claimed + _ROUNDING * abs(claimed):
+        if claimed is not None and value > sign * claimed + _ROUNDING * abs(claimed) + TINY:
             found.append(Refuted(name.lstrip("-"), claimed, sign * value, q))
     return found
 

@@ -43,6 +43,14 @@ def test_a_planted_wrong_number_is_refuted(robot: armgpi.Robot, made: armgpi.Cer
     assert len(found[0].q) == robot.n
 
 
+def test_rounding_refutes_no_torque_that_is_zero(robot: armgpi.Robot, made: armgpi.Certificate) -> None:
+    """The first joint's axis is vertical: gravity needs no torque there, and computes as some 1e-15 N m."""
+    data = copy.deepcopy(made.data)
+    data["numbers"]["hold"][0] = "0"
+    data["seal"] = seal(data)
+    assert refute(armgpi.Certificate(data), robot, count=500) == []
+
+
 def test_planted_wrong_sizes_of_what_disturbs_are_refuted(
     robot: armgpi.Robot, made: armgpi.Certificate
 ) -> None:
