@@ -31,10 +31,10 @@ from armgpi.certification.quantities import (
     Numbers,
     Progress,
     Setting,
+    at_ends,
     between_ends,
     corners,
     norms,
-    searched,
 )
 from armgpi.certification.trigonometric import Cell, Polynomial, pieces, polynomials_of, stacked
 
@@ -112,7 +112,7 @@ def proved(
     Raises:
         ParameterError: when D and G are no trigonometric polynomials of degree two.
     """
-    made = searched(setting, progress=progress)
+    made = at_ends(setting, progress=progress)
     prover = _Prover(setting, tolerance, budget, progress)
     found = between_ends(setting, made._replace(**prover.of_motion(made)))
     return found._replace(**prover.of_torques(found), **prover.of_inputs(found))

@@ -162,6 +162,11 @@ def searched(setting: Setting, seed: int = 0, progress: Progress = lambda _: Non
         seed: of the configurations that are drawn.
         progress: told what is being done.
     """
+    return between_ends(setting, at_ends(setting, seed, progress))
+
+
+def at_ends(setting: Setting, seed: int = 0, progress: Progress = lambda _: None) -> Numbers:
+    """Return the numbers at both ends of the loads alone; see :func:`searched`."""
     every = functions(setting)
     found = {}
     for place, (name, function) in enumerate(every.items(), start=1):
@@ -179,7 +184,7 @@ def searched(setting: Setting, seed: int = 0, progress: Progress = lambda _: Non
     for name in Numbers._fields[2:]:
         joints = [f"{name}.{j}" for j in range(setting.nominal.n)] if name in PER_JOINT else []
         made[name] = tuple(map(number, joints)) if joints else number(name)
-    return between_ends(setting, Numbers(**made))
+    return Numbers(**made)
 
 
 def between_ends(setting: Setting, found: Numbers) -> Numbers:

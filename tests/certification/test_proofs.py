@@ -63,7 +63,7 @@ def bounds(proven: Numbers) -> dict[str, quantities.Number]:
 
 #: What is put together of other bounds, and so farther above the largest value: by how much at most. Those of
 #: the error's speed have the root of delta, 1.8 here, for loads between the ends.
-LOOSE = {"sigma_error": 3.4, "kappa_error": 3.4, "hold": 2.5, "reach": 2.5, "jump": 3.0, "shift": 30.0}
+LOOSE = {"sigma_error": 2.3, "kappa_error": 2.3, "hold": 2.5, "reach": 2.5, "jump": 3.0, "shift": 30.0}
 
 
 @pytest.mark.parametrize("feedforward", ["none", "gravity", "model"])
