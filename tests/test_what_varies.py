@@ -11,6 +11,7 @@ import pytest
 
 import armgpi
 from armgpi import config
+from armgpi.config import keys
 from armgpi.config.schema import VarySection
 from armgpi.control.gpi import GPI
 from armgpi.errors import ArmgpiWarning, ParameterError
@@ -107,3 +108,17 @@ def test_a_parameter_without_a_slider_has_one_over_its_range() -> None:
     assert stops_of(PLAIN) == ()
     stops = stops_of(PLAIN, 4.0)
     assert (stops[0], stops[-1]) == (0.4, 40.0)
+
+
+def test_a_value_is_put_at_a_key_and_nowhere_else() -> None:
+    data: dict[str, Any] = {"plant": {"payload": None, "loads": [{"onset": 1.0}], "delay": 1}, "seed": 3}
+    keys.put(data, keys.path_of("plant.payload.mass"), 0.5)
+    keys.put(data, keys.path_of("plant.loads.0.onset"), 2.0)
+    keys.put(data, keys.path_of("plant.delay"), 2.0, known=True)
+    assert data["plant"] == {"payload": {"mass": 0.5}, "loads": [{"onset": 2.0}], "delay": 2}
+    assert isinstance(data["plant"]["delay"], int)
+    for name in ("plant.loads.1.onset", "plant.other.0.onset", "plant.gravity"):
+        with pytest.raises(LookupError):
+            keys.put(data, keys.path_of(name), 1.0, known=True)
+    with pytest.raises(TypeError):
+        keys.put(data, keys.path_of("seed.more"), 1.0)

@@ -10,7 +10,7 @@ from armgpi import config as configuration
 from armgpi.cli.declared import Option, whole
 from armgpi.cli.options import drives_given
 from armgpi.cli.parsing import is_experiment, locks, per_joint, refusal, split
-from armgpi.config import Loaded, Origin
+from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
 
@@ -34,10 +34,7 @@ class _Overlay:
 
     def put(self, option: str, value: Any, *path: str | int) -> None:
         """Put an option's value into the data and remember whose it is."""
-        section: Any = self.data
-        for step in path[:-1]:
-            section = section[step] if isinstance(step, int) else section.setdefault(step, {})
-        section[path[-1]] = value
+        keys.put(self.data, path, value)
         self.sources[".".join(map(str, path))] = option
 
     def take(self, name: str, *path: str | int, read: Callable[[Any], Any] = lambda value: value) -> None:
@@ -168,16 +165,15 @@ def _reference(over: _Overlay) -> None:
 def _set(over: _Overlay, text: str) -> None:
     """Put the value of any key, KEY=VALUE; `controller` means every controller."""
     name, equals, value = (part.strip() for part in text.partition("="))
-    part, *steps = name.split(".")
+    part, _, rest = name.partition(".")
     if not (equals and name and value):
         raise refusal("--set", f"expected KEY=VALUE such as plant.delay=2, got {text!r}")
     count = len(over.data["controllers"])
     tops = [("controllers", i) for i in range(count)] if part == "controller" else [(part,)]
     for top in tops:
-        path = (*top, *(int(step) if step.isdigit() else step for step in steps))
         try:
-            over.put(f"--set {name}", _value(value), *path)
-        except (AttributeError, IndexError, KeyError, TypeError):
+            over.put(f"--set {name}", _value(value), *top, *(keys.path_of(rest) if rest else ()))
+        except (LookupError, TypeError):
             raise refusal("--set", f"the experiment has no {name!r}") from None
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.config import keys
 from armgpi.config.building import Experiment
 from armgpi.config.schema import KINDS, ExperimentConfig
 from armgpi.parameter import Parameter, parameters
@@ -84,16 +85,11 @@ class Control(NamedTuple):
 
     def put(self, config: dict[str, Any], value: Any) -> None:
         """Put a value into an experiment as plain data."""
-        *way, last = self.path
-        section: Any = config
-        for step in way[:-1]:
-            section = section[step]
-        if self.whole is not None and not value:
-            section[way[-1]] = None
-            return
-        if self.whole is not None and section[way[-1]] is None:
-            section[way[-1]] = dict(self.whole)
-        section[way[-1]][last] = value
+        if self.whole is None:
+            keys.put(config, self.path, value)
+        else:
+            section: Any = {**self.whole, str(self.path[-1]): value} if value else None
+            keys.put(config, self.path[:-1], section)
 
 
 class Choice(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.codegen.symbols import NotElementwise
-from armgpi.config import Origin, check
+from armgpi.config import Origin, check, keys
 from armgpi.config import build as build_experiment
 from armgpi.config.building import Experiment, Parts
 from armgpi.config.schema import SECTIONS, PlantSection, RobotSection
@@ -227,11 +227,7 @@ def composed(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
     config["controllers"] = [dict(moved.sections[form["controllers.0"]])]
     for choice in moved.choices[1:]:
         if choice.id in form:
-            *way, last = choice.path
-            section: Any = config
-            for step in way:
-                section = section[step]
-            section[last] = form[choice.id]
+            keys.put(config, choice.path, form[choice.id])
     for control in _belonging(moved, form):
         if control.arm == "plant" and control.whole is not None:
             control.put(config, control.values[1])

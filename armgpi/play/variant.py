@@ -9,6 +9,7 @@ all of them.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -203,6 +204,10 @@ class _Prober:
         apart = [name for name in together if self.controls[name].excludes in together]
         common = [name for name in together if name not in apart]
         for group in [[*common, name] for name in apart] or ([common] if common else []):
+            while self._entries(group) > _MOST:
+                # The start of an arm with a state of its own depends on more than a table can hold.
+                group.remove(most := max(group, key=lambda name: len(self.controls[name].values)))
+                unmoved += [most] if most not in unmoved else []
             changes = (self._changed(self.controls[name])["start"] for name in group)
             places = sorted(set(itertools.chain(*changes)))
             same = {key: value for key, value in self.form.items() if key != "plant.friction"}
@@ -296,14 +301,17 @@ class _Prober:
     def _table(self, names: tuple[str, ...], to: str, places: Sequence[int]) -> Table:
         """Return numbers at all places of the sliders of some controls."""
         axes = [self.controls[name].values for name in names]
-        size = int(np.prod([len(axis) for axis in axes]))
-        if size > _MOST or not all(axes):
-            raise ArmgpiError(f"{' and '.join(names)}: {size} values together are too many for a page")
+        if not all(axes) or self._entries(names) > _MOST:
+            raise ArmgpiError(f"{' and '.join(names)}: too many values together for a page")
         rows = [
             self._numbers_at(dict(zip(names, values, strict=True)), to)[list(places)]
             for values in itertools.product(*axes)
         ]
         return Table(names, to, list(places), np.array(rows).reshape(*map(len, axes), len(places)))
+
+    def _entries(self, names: Sequence[str]) -> int:
+        """Return how many values some controls have together."""
+        return math.prod(len(self.controls[name].values) for name in names)
 
     def _numbers_at(self, moved: Mapping[str, Any], to: str) -> Array:
         """Return numbers, of encoders that are exact too."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.config import controller
+from armgpi.config import controller, keys
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
@@ -134,13 +135,9 @@ class Evaluator:
 
 def with_keys(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a section with other values of some keys; those of groups have a dot."""
-    made = dict(section)
+    made = copy.deepcopy(dict(section))
     for key, value in values.items():
-        group, _, last = key.rpartition(".")
-        if group:
-            made[group] = {**(made.get(group) or {}), last: value}
-        else:
-            made[last] = value
+        keys.put(made, keys.path_of(key), value)
     return made
 
 

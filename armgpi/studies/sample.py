@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, read
+from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, keys, read
 from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
@@ -21,6 +21,7 @@ from armgpi.loop.rollout import FAULTS, Status
 from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
+from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import Draw, Reality, batches, together
 from armgpi.registry import registered
 from armgpi.studies.distributions import SAMPLINGS, Distribution, distribution, shares
@@ -376,46 +377,34 @@ def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
             data["robot"]["friction"] = shown
         data["robot"]["friction"][steps[0]] = value
         data["plant"]["friction"] = "urdf"
-    elif part in ("controller", "supervisor"):
-        _deep(data["controllers"][0] if part == "controller" else data[part], steps, value, name)
-    elif part == "reference":
-        moves = data["reference"]
-        for key, count in (
-            ("durations", len(moves["points"] or ()) - 1),
-            ("holds", len(moves["points"] or ())),
-        ):
-            if not isinstance(moves[key], list):
-                moves[key] = [moves[key]] * count
-        _deep(moves, steps, value, name)
     else:
-        if steps[0] == "loads" and len(sweep.config.plant.loads) != len(_arm(sweep.experiment.plant).loads):
-            raise ParameterError(name, value, "the number of a load that is one entry of the file")
-        if steps[0] in data["plant"] and data["plant"][steps[0]] is None and len(steps) > 1:
-            data["plant"][steps[0]] = {}
-        _deep(data["plant"], steps, value, name)
+        if part == "reference":
+            _list_times(data["reference"])
+        elif steps[0] == "loads":
+            _check_entries(name, value, sweep)
+        way = keys.path_of(name)
+        try:
+            keys.put(data, ("controllers", 0, *way[1:]) if part == "controller" else way, value, known=True)
+        except (LookupError, TypeError):
+            expected = "a key of an experiment file, as the worst rollouts are written to one"
+            raise ParameterError(name, value, expected) from None
 
 
-def _deep(data: Any, steps: list[str], value: Any, name: str) -> None:
-    """Put a value at a path of keys that must be there."""
-    way: list[Any] = [int(step) if step.isdigit() else step for step in steps]
-    last = way.pop()
-    try:
-        for step in way:
-            data = data[step]
-        if not isinstance(data, list) and last not in data:
-            raise KeyError
-        whole = isinstance(data[last], int) and isinstance(value, float) and value == round(value)
-        data[last] = int(value) if whole and not isinstance(data[last], bool) else value
-    except (KeyError, IndexError, TypeError):
-        expected = "a key of an experiment file, as the worst rollouts are written to one"
-        raise ParameterError(name, value, expected) from None
+def _list_times(moves: dict[str, Any]) -> None:
+    """Write durations and holds of moves one by one."""
+    points = len(moves["points"] or ())
+    for key, count in (("durations", points - 1), ("holds", points)):
+        if not isinstance(moves[key], list):
+            moves[key] = [moves[key]] * count
 
 
-def _arm(plant: Any) -> Any:
-    """Return the arm inside of its sensors and actuators."""
-    while hasattr(plant, "plant"):
-        plant = plant.plant
-    return plant
+def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
+    """Refuse the number of a load where an entry of the file is several loads."""
+    arm: Any = sweep.experiment.plant
+    while isinstance(arm, Wrapper):
+        arm = arm.plant
+    if len(sweep.config.plant.loads) != len(arm.loads):
+        raise ParameterError(name, value, "the number of a load that is one entry of the file")
 
 
 def _known(known: Mapping[str, Variable], name: str) -> Variable:

@@ -25,7 +25,8 @@ from armgpi.codegen import build
 from armgpi.config import Experiment
 from armgpi.errors import ArmgpiWarning, BackendError, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop
-from armgpi.play import controls, module
+from armgpi.play import controls, module, variant
+from armgpi.play import page as play_page
 from armgpi.play.loops import movable, numbers
 from armgpi.viz import meshcat
 
@@ -258,6 +259,18 @@ def test_a_movable_loop_has_the_bits_of_the_one_that_it_was_made_of() -> None:
         return found
 
     assert np.array_equal(torque(made.plant, controller), torque(moved.plant, moved.controller))
+
+
+def test_a_start_that_no_table_holds_leaves_a_slider_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variant, "_MOST", 20)  # 18 encoders times 13 factors of the nominal inertia are more
+    made = experiment(PLAYED)
+    moved = controls.playable(made, "gpi", {})
+    form = {choice.id: choice.value for choice in moved.choices}
+    own = [control for control in moved.controls if control.only is None]
+    config = play_page.composed(moved, form)
+    traced = variant.trace_form(form, config, own, play_page._Makers(made).loop, variant.Pool())
+    assert "plant.encoder_bits" in traced.unmoved
+    assert max(table.values[..., 0].size for table in traced.tables) <= 20
 
 
 def test_without_the_compiler_the_extra_is_named(
