@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
@@ -40,6 +40,7 @@ from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, registered, subclasses
 from armgpi.robot import chains, rotors
+from armgpi.robot.changes import change
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
@@ -314,23 +315,33 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         arm = chains.first_arm(several).name
         text = f"{chains.describe(several)}; they run as one arm: keep one, such as {arm} (--keep {arm})"
         warnings.warn(str(place.at("keep").error(text)), ArmgpiWarning, stacklevel=2)
-    if section.effort is not None:
-        current = robot.limits.effort
-        with place.at("effort").error_context():
-            robot = robot.with_limits(effort=_per_joint(section.effort, robot, place.at("effort"), current))
+    robot = _with_changes(robot, section, place, ("effort",))
     if not isinstance(section.drives, str):
         robot = _with_drives(robot, section.drives, place.at("drives"))
-    if section.rotor_inertia is not None:
-        here = place.at("rotor_inertia")
-        robot = robot.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))
+    robot = _with_changes(robot, section, place, ("rotor_inertia",))
     if section.friction is not None:
-        given = section.friction.model_dump(exclude_none=True)
-        friction = {
-            key: _per_joint(value, robot, place.at("friction", key), getattr(robot.friction, key))
-            for key, value in given.items()
-        }
-        robot = robot.with_friction(**friction)
+        robot = _with_changes(robot, section.friction, place.at("friction"), ("viscous", "coulomb"))
     return robot.with_gravity((0.0, 0.0, 0.0)) if section.gravity == "robot" else robot
+
+
+def _with_changes(
+    robot: Robot, section: Any, place: _Place, names: Sequence[str], known: Robot | None = None
+) -> Robot:
+    """Return the arm with what a section says of some of its quantities.
+
+    Args:
+        robot: the arm.
+        section: of the file.
+        place: of the section.
+        names: of the quantities.
+        known: whose values joints keep that a mapping leaves out; the arm's own when not given.
+    """
+    known = robot if known is None else known
+    now = {"effort": known.limits.effort, "rotor_inertia": known.armature, **known.friction._asdict()}
+    given = {name: value for name in names if (value := getattr(section, name)) is not None}
+    values = {name: _per_joint(value, robot, place.at(name), now[name]) for name, value in given.items()}
+    with place.at(names[0]).error_context():
+        return change(robot, values)
 
 
 def _with_drives(robot: Robot, data: Mapping[str, Any] | None, place: _Place) -> Robot:
@@ -388,12 +399,10 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
     real = robot
     if section.payload is not None:
         with place.at("payload").error_context():
-            frame = section.payload.frame or robot.tip
-            real = real.with_payload(frame, section.payload.mass, section.payload.com)
+            load = section.payload
+            real = change(real, {"payload": load.mass, "frame": load.frame, "com": load.com})
     real = _with_drives(real, section.drives, place.at("drives"))
-    if section.rotor_inertia is not None:
-        here = place.at("rotor_inertia")
-        real = real.with_armature(_per_joint(section.rotor_inertia, robot, here, robot.armature))
+    real = _with_changes(real, section, place, ("rotor_inertia",), robot)
     torques: list[Load] = []
     for index, item in enumerate(section.loads):
         here = place.at("loads", index)

@@ -24,6 +24,7 @@ from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.references.reference import Reference
 from armgpi.robot.batch import AnyRobot, VariedRobots
+from armgpi.robot.changes import CHANGES
 from armgpi.robot.equations import Friction
 from armgpi.robot.robot import Robot
 
@@ -45,33 +46,13 @@ class Variable:
     fixed: str = ""
 
 
-#: What may vary of a robot, of the plant and of the nominal model; their names are Robot.varied's.
-_ROBOT = {
-    "payload.mass": Parameter(
-        "mass of a load on top of what the robot has", unit="kg", default=0.0, least=0.0, name="payload"
-    ),
-    "payload.com": Parameter(
-        "centre of mass of that load in its frame", unit="m", kind="vector", default=(0.0,) * 3, name="com"
-    ),
-    "payload.frame": Parameter("frame of the load", kind="text", default=None, none="the tip", name="frame"),
-    "inertia_scale": Parameter(
-        "factor of the robot's masses and inertias", default=1.0, least=0.0, above=True
-    ),
-    "rotor_inertia": Parameter(
-        "rotor inertia at the joints", unit="kg m^2 or kg", default=None, least=0.0, per_joint=True
-    ),
-    "gravity": Parameter("acceleration of free fall", unit="m/s^2", kind="vector", default=None),
-}
-_FRICTION = {
-    "viscous": Parameter("viscous friction", unit="N m s/rad or N s/m", least=0.0, per_joint=True),
-    "coulomb": Parameter("Coulomb friction", unit="N m or N", least=0.0, per_joint=True),
-}
+_FRICTION = {name: CHANGES[name] for name in ("viscous", "coulomb")}
+_LOAD = {"payload": "payload.mass", "com": "payload.com", "frame": "payload.frame"}
+#: What may vary of a robot, of the plant and of the nominal model.
+_ROBOT = {_LOAD.get(name, name): each for name, each in CHANGES.items() if name not in (*_FRICTION, "effort")}
 _NOMINAL = ("inertia_scale",)
 #: Names as they were -> as they are.
-RENAMED = {
-    f"plant.{old}": f"plant.payload.{new}"
-    for old, new in (("payload", "mass"), ("com", "com"), ("frame", "frame"))
-}
+RENAMED = {f"plant.{old}": f"plant.{new}" for old, new in _LOAD.items()}
 #: Why what is not per joint of a supervisor stays.
 _CHECK = "a check is switched on or off by it; prepare another loop for another value"
 
@@ -321,7 +302,7 @@ def _arm_with(plant: Arm, changes: dict[str, Any], rows: int) -> Arm:
     """Return an arm with other numbers."""
     own = {each.key or name: name for name, each in parameters(type(plant)).items()}
     given: dict[str, Any] = {own[key]: value for key, value in changes.items() if key in own}
-    if robot := {_ROBOT[key].name or key: value for key, value in changes.items() if key in _ROBOT}:
+    if robot := {_ROBOT[key].name: value for key, value in changes.items() if key in _ROBOT}:
         given["robot"] = robot_with(vars(plant)["_as_given"]["robot"], robot, rows)
     if friction := {name: value for name, value in changes.items() if name in _FRICTION}:
         now = plant.friction or Friction(*(np.zeros(plant.robot.n),) * 2)
@@ -393,7 +374,7 @@ def robot_with(robot: AnyRobot, changes: Mapping[str, Any], rows: int) -> Varied
 
 def _now(robot: AnyRobot, name: str) -> Any:
     """Return what a quantity of a robot is now."""
-    key = _ROBOT[name].name or name
+    key = _ROBOT[name].name
     if isinstance(robot, VariedRobots) and key in robot.variation:
         return robot.variation[key]
     if name == "rotor_inertia":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from armgpi.arrays import SMALLEST, Array, as_sized_array, check_type, frozen, is_listing
 from armgpi.errors import ArrayError, EffortError, NameNotFound, ParameterError
 from armgpi.parameter import plain
+from armgpi.robot.changes import CHANGES, change
 from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import stacked
 from armgpi.robot.equations import Equations, Friction, Limits
@@ -164,32 +164,8 @@ class VariedRobots(RobotBatch):
 
     def _robot(self, i: int) -> Robot:
         """Return the robot of one rollout."""
-        robot, own = self.base, {key: x[i] for key, x in self.variation.items() if key != "frame"}
-        if "inertia_scale" in own:
-            robot = robot.scaled_inertia(float(own["inertia_scale"]))
-        if "rotor_inertia" in own:
-            robot = robot.with_armature(own["rotor_inertia"])
-        if "payload" in own:
-            com = own.get("com", np.zeros(3))
-            robot = robot.with_payload(self.variation["frame"], float(own["payload"]), com)
-        if "gravity" in own:
-            robot = robot.with_gravity(own["gravity"])
-        if friction := {key: own[key] for key in ("viscous", "coulomb") if key in own}:
-            robot = robot.with_friction(**friction)
-        return robot.with_limits(effort=own["effort"]) if "effort" in own else robot
-
-
-#: What may vary, with the numbers that a row has and the least that they may be: one, three or one per joint.
-_VARIES: Mapping[str, tuple[str, float]] = {
-    "payload": ("one", 0.0),
-    "com": ("three", -math.inf),
-    "inertia_scale": ("one", SMALLEST),
-    "rotor_inertia": ("joints", 0.0),
-    "viscous": ("joints", 0.0),
-    "coulomb": ("joints", 0.0),
-    "effort": ("joints", 0.0),
-    "gravity": ("three", -math.inf),
-}
+        varied = self.variation.items()
+        return change(self.base, {key: x if key == "frame" else x[i] for key, x in varied})
 
 
 def _rows(name: str, value: Any, robot: Robot) -> Array:
@@ -198,9 +174,11 @@ def _rows(name: str, value: Any, robot: Robot) -> Array:
     Raises:
         ArrayError: for another shape, or a value that is too small; it says what is expected.
     """
-    if name not in _VARIES:
-        raise NameNotFound("quantity that varies", name, tuple(_VARIES))
-    form, least = _VARIES[name]
+    if name not in CHANGES:
+        raise NameNotFound("quantity that varies", name, tuple(CHANGES))
+    declared = CHANGES[name]
+    form = "three" if declared.kind == "vector" else "joints" if declared.per_joint else "one"
+    least = SMALLEST if declared.above else declared.least
     array = as_sized_array(value, name, infinite=name == "effort")
     count = {"one": 1, "three": 3, "joints": robot.n}[form]
     whole = {"one": "(batch,)", "three": "(batch, 3)", "joints": f"(batch, {robot.n})"}[form]
