@@ -420,8 +420,8 @@ class Reality(Parametrised):
         for name in ("delay", "encoder_bits"):
             if any(end != round(end) for end in getattr(self, name)):
                 raise ParameterError(name, getattr(self, name), "[lowest, highest], whole numbers")
-        if self.t_final < self.begin + self.duration[1]:
-            raise ParameterError("t_final", self.t_final, "no end before that of the longest move [s]")
+        if self.t_final < (end := self.begin + self.duration[1]):
+            raise ParameterError("t_final", self.t_final, f"at least {end:g} s, when the longest move ends")
 
     @classmethod
     def geared(cls, seed: int = 0, **changes: Any) -> Reality:
