@@ -39,7 +39,9 @@ def make_folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RolloutError(f"{path}: cannot be written to: {error.strerror or error}") from None
+        raise RolloutError(
+            f"{path}: cannot be written to: {error.strerror or error}; choose another folder"
+        ) from None
     return path
 
 

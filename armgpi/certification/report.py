@@ -14,7 +14,7 @@ from armgpi.certification.quantities import functions, points, ranges
 from armgpi.certification.words import NUMBERS, OTHERS, claims, shares, table, verdict
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import open_loop
-from armgpi.loop.units import POSITION
+from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz import page, style
 
 #: Size of a picture [px], and what of the plane Nyquist's curve is drawn in.
@@ -23,6 +23,9 @@ _WIDTH, _HEIGHT, _REACH = 420, 300, 2.2
 _DRAWN, _PARTS = 3000, 24
 _BLUE, _GREEN, _PURPLE, _ORANGE = (style.PALETTE[place] for place in (0, 2, 3, 4))
 _COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e": _PURPLE}
+#: Share of an effort below which bearing a disturbance says little: a tenth of what one encoder count may
+#: move a torque before an arm shakes (COUNT_SHARE of armgpi.control.advice).
+_USEFUL = 1e-3
 _LINE, _QUIET = "#1b2127", "#aeb8c2"
 
 
@@ -46,9 +49,28 @@ def html(asked: Asked, made: Certificate) -> str:
         head = ("what disturbs", "length in the metric of D")
         sections["What disturbs"] = page.table(head, shares, label="what disturbs")
     sections["What it rests on"] = page.bullets(made.data["assumptions"])
-    kind = "good" if made.certified else "bad"
-    summary = f"<p>{page.text(table(made)[0])}</p><p class={kind}>{page.text(verdict(made))}</p>"
+    useful, what_for = _worth(asked, made)
+    kind = "good" if useful else "bad"
+    summary = f"<p>{page.text(table(made)[0])}</p><p class={kind}>{page.text(verdict(made) + what_for)}</p>"
     return page.document(f"Certificate of {made.data['robot']['name']}", summary, sections)
+
+
+def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:
+    """Return whether a certificate holds for disturbances that matter, and in words for which it does."""
+    if not made.certified or "gain" not in made.data["inputs"]:
+        return made.certified, ""
+    most = float(made.data["inputs"]["gain"]["torque"])
+    borne = most / np.sqrt([float(x) for x in made.data["numbers"]["inverse"]])
+    share = borne / asked.robot.limits.effort
+    j = int(np.argmin(share))
+    if not 0.0 < share[j] < np.inf:
+        return True, ""
+    unit = TORQUE.symbol(bool(asked.robot.prismatic[j]))
+    said = (
+        f"; it bears {borne[j]:.2g} {unit} at {made.joint_names[j]}, {100.0 * share[j]:.2g} % of its effort"
+    )
+    useful = bool(share[j] >= _USEFUL)
+    return useful, said if useful else f"{said}: less than friction takes; a smaller box or speed leaves more"
 
 
 def _claims(asked: Asked, made: Certificate) -> str:

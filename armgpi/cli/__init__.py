@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli.commands import Commands
-from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, with_options
+from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, in_options, with_options
 from armgpi.cli.terminal import say
 from armgpi.escape import shown
 
@@ -30,7 +30,8 @@ _USUAL = gc.get_threshold()
 #: What Typer says of a text that is no number, and what we say.
 _NO_NUMBER = (
     "Input should be a valid number, unable to parse string as a number",
-    "expected a number, in SI units and without its unit (kg, m, rad, s): 30 deg is 0.5236, 5 ms is 0.005",
+    "expected a number with a point, in SI units and without its unit (kg, m, rad, s): 30 deg is 0.5236, "
+    "5 ms is 0.005",
 )
 
 
@@ -50,12 +51,16 @@ class _Commands(Commands):
 
 @contextmanager
 def _usage_shown() -> Iterator[None]:
-    """Write out in a usage error what cannot be seen."""
+    """Make a usage error one line, in which what cannot be seen is written out."""
     try:
         yield
     except Exception as error:
         if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
-            vars(error)["message"] = shown(vars(error)["message"]).replace(*_NO_NUMBER)
+            message, context = vars(error)["message"], vars(error).get("ctx")
+            vars(error)["message"] = shown(message).replace(*_NO_NUMBER)
+            if context is not None and "\n" not in message:  # the whole help stays as it is
+                vars(error)["message"] += f"; see armgpi {context.info_name} --help"
+                vars(error)["ctx"] = None
         raise
 
 
@@ -138,7 +143,7 @@ def main() -> None:
     _collect_late()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        text = f"warning: {message}" if issubclass(category, ArmgpiWarning) else str(message)
+        text = f"warning: {in_options(str(message))}" if issubclass(category, ArmgpiWarning) else str(message)
         say(text, err=True, fg="yellow")
 
     if sys.stdout is None:  # closed by whoever called
@@ -149,6 +154,7 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     with _terminable(), warnings.catch_warnings():
         warnings.showwarning = show
+        warnings.simplefilter("ignore", RuntimeWarning)  # NumPy's: what comes of them is told by our checks
         warnings.simplefilter("default", ArmgpiWarning)
         try:
             app()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable
 from functools import wraps
@@ -65,8 +66,30 @@ def with_options(error: BaseException) -> str:
     cause: BaseException | None = error
     while cause is not None and not getattr(cause, "remedies", ()):
         cause = cause.__cause__
-    options = [as_option(remedy) for remedy in getattr(cause, "remedies", ())]
-    return f"{error} ({' or '.join(options)})" if options else str(error)
+    text = in_options(str(error))
+    options = [
+        option for remedy in getattr(cause, "remedies", ()) if (option := as_option(remedy)) not in text
+    ]
+    return f"{text} ({' or '.join(options)})" if options else text
+
+
+#: Calls in Python that messages propose, and the options that do the same.
+_CALLS = (
+    (r"lock=\[('?)([^'\]]*)\1\]", r"--lock \2"),
+    (r"keep=\[\.\.\.\]", "--keep NAME"),
+    (r"(mimic|repair)='([^']*)'", r"--\1 \2"),
+    (r"robot\.with_limits\(effort=\{'([^']*)': ([^}]*)\}\)", r"--effort \1=\2"),
+    (r"robot\.with_gravity\(\(0, 0, 0\)\)", "--gravity robot"),
+    (r"simulate armgpi\.robot\.rotors\.believe\(robot\)", "--drives believed"),
+    (r"robot\.with_armature\(\.\.\.\)", "--rotor-inertia JOINT=NUMBER"),
+)
+
+
+def in_options(text: str) -> str:
+    """Return a message with options in the place of calls in Python."""
+    for call, option in _CALLS:
+        text = re.sub(call, option, text)
+    return text
 
 
 def refusal(option: str, message: str) -> ConfigError:

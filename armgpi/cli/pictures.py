@@ -115,6 +115,8 @@ def page_to_play_with(experiment: Experiment, **options: Any) -> str:
     """Return the page of an experiment, told how far it is where somebody looks; see `armgpi.play.build`."""
     from armgpi.play import build
 
+    if not sys.stderr.isatty():
+        say("making the page: its loop is traced and compiled, which takes some seconds", err=True)
     with progress() as told:
         return build(
             experiment, progress=lambda what, share: told(f"{what} the loop: {share:4.0%}"), **options

@@ -180,7 +180,9 @@ def prepare(folder: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise RolloutError(f"{folder}: cannot be written to: {error.strerror or error}") from None
+        raise RolloutError(
+            f"{folder}: cannot be written to: {error.strerror or error}; choose another folder"
+        ) from None
 
 
 def save(

@@ -86,7 +86,7 @@ def _text(path: Path) -> str:
     """Return the text of a file; errors as :func:`read`."""
     try:
         if not path.exists():
-            raise ConfigError(path, "", "there is no such file")
+            raise ConfigError(path, "", "there is no such file; `armgpi new ROBOT` writes an experiment file")
         if not path.is_file():
             raise ConfigError(path, "", "is no regular file")
         if path.stat().st_size > _MAX_BYTES:
@@ -108,6 +108,10 @@ def _data(text: str, source: str) -> tuple[dict[str, Any], Origin]:
     """Return the text of a file as plain data, and where its keys are; errors as :func:`read`."""
     from armgpi.config.text import parsed  # here: YAML takes long to import, and most runs have no file
 
+    if text.lstrip("\ufeff \n").startswith("<"):
+        raise ConfigError(
+            source, "", "is XML and no experiment file; `armgpi new URDF` writes one for a robot"
+        )
     data, lines = parsed(text, source)
     return data, Origin(source, lines)
 

@@ -12,7 +12,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.control.family import PRINTED, Member
 from armgpi.control.margins import SLOWEST_DEFAULT, default_omega, delay_margins
-from armgpi.control.payload import PLAUSIBLE_DELTA, LoadRange, plausible_load, served_omega
+from armgpi.control.payload import PLAUSIBLE_DELTA, plausible_load, served_omega
 from armgpi.errors import ArmgpiWarning, Finding, ParameterError
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import told_none
@@ -120,9 +120,6 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
             "the arm, a light wrist from 0.05 kg m^2 on"
         )
         yield Finding("warning", "joints", message, repair="tell its rotor inertia, or let it be believed")
-    loads: LoadRange | None = chosen.get("payload")
-    if loads is not None:
-        yield from light_model(robot, loads.heaviest)
 
 
 def light_model(robot: Robot, nominal: float = 0.0) -> Iterator[Finding]:

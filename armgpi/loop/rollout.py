@@ -454,7 +454,7 @@ def read_netcdf(source: Path) -> xr.Dataset:
     import xarray as xr
 
     if not source.is_file():
-        raise RolloutError(f"{source}: there is no such file")
+        raise RolloutError(f"{source}: there is no such file; give a rollout that armgpi wrote")
     try:
         with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
             dict(file.attrs)
@@ -462,7 +462,9 @@ def read_netcdf(source: Path) -> xr.Dataset:
             return lazy.load()
     except Exception as error:  # h5py has no one kind of error for a damaged file
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise RolloutError(f"{source}: is no readable NetCDF file ({reason})") from None
+        raise RolloutError(
+            f"{source}: is no readable NetCDF file ({reason}); give a rollout that armgpi wrote"
+        ) from None
 
 
 def _damage(rollout: xr.Dataset) -> str:

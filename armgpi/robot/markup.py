@@ -102,7 +102,7 @@ def read_file(path: Path) -> str:
             kind = "a folder: give the URDF in it" if stat.S_ISDIR(status.st_mode) else pipe
             raise UrdfError(path, f"expected a URDF file, this is {kind}")
         if status.st_size == 0:  # or it is one of /proc, which may wait for ever
-            raise UrdfError(path, "is empty")
+            raise UrdfError(path, "is empty; give a URDF")
         if status.st_size > MAX_BYTES:
             raise UrdfError(path, f"has {status.st_size} bytes, more than the {MAX_BYTES} allowed")
         with path.open("rb") as file:
@@ -135,7 +135,7 @@ def parse_xml(text: str, source: str) -> Element:
     """
     stripped = text.lstrip("\ufeff").strip()
     if not stripped:
-        raise UrdfError(source, "is empty")
+        raise UrdfError(source, "is empty; give a URDF")
     kind = _kind_of_text(stripped)
     if kind == _HTML:  # mostly no XML either
         raise UrdfError(source, f"is {kind}")
@@ -144,7 +144,10 @@ def parse_xml(text: str, source: str) -> Element:
     try:
         root = _elements(stripped, source)
     except (expat.ExpatError, UnicodeEncodeError) as error:
-        refused = UrdfError(source, f"is {kind or f'not well-formed XML: {error}'}")
+        refused = UrdfError(
+            source,
+            f"is {kind or f'not well-formed XML: {error}; correct that place, or give the whole URDF'}",
+        )
         raise refused.suggesting(*[Remedy("config", (), source)] * (kind == _YAML)) from None
     if root.tag != "robot":
         other = _ROOTS.get(root.tag, "no URDF")

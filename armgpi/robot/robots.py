@@ -174,7 +174,9 @@ def _existing(path: Path, text: str) -> Path:
         raise UrdfError(text, "is an address: download the file first, and what it names beside it")
     if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
         known = path.stem in names()
-        hint = f"; the name {path.stem!r} alone is a robot that armgpi knows" if known else ""
+        near = ", ".join(sorted(each.name for each in path.parent.glob("*.urdf"))[:3])
+        hint = f"; in that folder there is {near}" if near else "; give the path of a URDF"
+        hint = f"; the name {path.stem!r} alone is a robot that armgpi knows" if known else hint
         raise UrdfError(path, f"there is no such file{hint}")
     return path
 

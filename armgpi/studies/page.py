@@ -42,7 +42,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         page.bullets(sentences(said)),
         _table(sweep, said),
         "<h3>Distribution of every metric</h3>",
-        _figures((metrics.ALL[name].heading, _histogram(of_arm(found, name))) for name in sweep.metrics),
+        _figures((_heading(name), _histogram(of_arm(found, name))) for name in sweep.metrics),
         "<h3>Share of failures by what was drawn</h3>",
         _figures((name, _map(rows)) for name, rows in said["failure by what was drawn"].items()),
         _figures((" × ".join(pair["of"]), _square(pair["parts"])) for pair in said["failure by two of them"]),
@@ -84,6 +84,12 @@ def _figures(pictures: Any) -> str:
     return f"<div class=figures>{''.join(shown)}</div>"
 
 
+def _heading(name: str) -> str:
+    """Return what a metric is called, with its unit."""
+    metric = metrics.ALL[name]
+    return f"{metric.heading} [{metric.unit.symbol(False)}]"
+
+
 def _histogram(values: Array) -> str:
     """Return a histogram of finite values; a logarithmic one where they span more than a hundredfold."""
     finite = values[np.isfinite(values)]
@@ -98,9 +104,8 @@ def _histogram(values: Array) -> str:
     note = f"; {lost} infinite" if lost else ""
     bars = [(k / _BARS, 1.0 / _BARS, count / max(1, counts.max()), _BAR) for k, count in enumerate(counts)]
     scale = "log" if log else "linear"
-    return _svg(
-        bars, [f"{metrics.short(float(ends[0]), 3)}", f"{scale}{note}", f"{metrics.short(float(ends[1]), 3)}"]
-    )
+    texts = [metrics.short(float(ends[0]), 3), f"{scale}{note}", metrics.short(float(ends[1]), 3)]
+    return _svg(bars, texts, top=f"{counts.max()} of {len(values)} rollouts")
 
 
 def _map(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -148,10 +153,15 @@ def _svg(
     bars: Sequence[tuple[float, float, float, str]],
     texts: Sequence[str],
     lines: Sequence[tuple[float, float, float]] = (),
+    top: str = "",
 ) -> str:
-    """Return a picture of bars (left, width, height, colour) and vertical lines (at, from, to), in shares."""
+    """Return bars (left, width, height, colour) and vertical lines (at, from, to), in shares, with axes."""
     high = _HEIGHT - 18
     parts = [
+        f'<path d="M0.5 0V{high}H{_WIDTH}" fill="none" stroke="{_LINE}"/>',
+        f'<text x="4" y="10" font-size="11" fill="{_TEXT}">{page.text(top)}</text>',
+    ]
+    parts += [
         f'<rect x="{_WIDTH * x:.1f}" y="{high * (1 - h):.1f}" width="{max(0.5, _WIDTH * w - 1):.1f}" '
         f'height="{high * h:.1f}" fill="{colour}"/>'
         for x, w, h, colour in bars

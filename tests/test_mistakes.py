@@ -1,0 +1,94 @@
+"""Forty mistakes of a user: each gets one line, an exit code of 2, and the way out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from commands import Answer
+
+from armgpi import robots
+
+#: What was typed, in a folder with the files below -> what the line must name.
+MISTAKES = {
+    "run arm.urdf --payload 1kg": "without its unit",
+    "run arm.urdf --payload=-1": "--payload: expected 0 or more",
+    "run arm.urdf --payload heavy": "expected a number",
+    "inspect arm.urdf --payload 0,5": "with a point",
+    "run arm.urdf --dt 1ms": "5 ms is 0.005",
+    "run arm.urdf --dt 0": "--dt: expected 1e-09 or more",
+    "run arm.urdf --to 30deg": "write 0.523599",
+    "run arm.urdf --delay 1ms": "write 0.001",
+    "run arm.urdf --omega fast": "expected numbers such as",
+    "run arm.urdf --rotor-inertia 0.1kg": "write 0.1",
+    "run arm.urdf --encoder-bits 16.5": "a whole number",
+    "run arm.urdf --t-final=-1": "a number above 0",
+    "excite arm.urdf --seconds 20s": "without its unit",
+    "run anthropomorphic": "did you mean 'anthropomorphic3'",
+    "run nothing.urdf": "in that folder there is arm.urdf",
+    "run .": "give the URDF in it",
+    "run readme.md": "give the whole URDF",
+    "run page.html": "download the file itself",
+    "run arm.xacro": "expand it first",
+    "run broken.urdf": "correct that place",
+    "run empty.urdf": "give a URDF",
+    "run arm.urdf --lock nojoint": "known: q1, q2, q3",
+    "run arm.urdf --keep left_arm": "known: q1, q2, q3",
+    "run arm.urdf --to joint1=0.8": "known: q1, q2, q3",
+    "run arm.urdf --to 0.1,0.2": "expected 3 numbers",
+    "run arm.urdf --controller gpl": "did you mean 'gpi'",
+    "run arm.urdf --controllers gpi,pid": "use armgpi compare",
+    "compare arm.urdf --controllers gpi;pid": "did you mean",
+    "run arm.urdf --t-final 0.1 --out file.txt": "choose another folder",
+    "run arm.urdf --t-final 0.1 --out /proc/nope": "choose another folder",
+    "export arm.urdf -o /proc/nope": "choose another folder",
+    "run arm.urdf --plot a.gif": ".png, .svg, .pdf",
+    "run arm.urdf --report .": "name a file",
+    "run": "name a robot",
+    "run nothing.yaml": "armgpi new",
+    "run --config arm.urdf": "armgpi new",
+    "run key.yaml": "did you mean 'plant'",
+    "run tabs.yaml": "tabs.yaml:3",
+    "run name.yaml": "did you mean",
+    "rnu arm.urdf": "Did you mean 'run'",
+    "run arm.urdf --paylod 1": "--payload",
+    "run arm.urdf exp.yaml": "armgpi run --help",
+    "sweep exp.yaml --out x": "give distributions below vary",
+    "sweep ur5 --out x": "armgpi new",
+    "view rollout.nc": "a rollout that armgpi wrote",
+    "report file.txt -o r.html": "a rollout that armgpi wrote",
+    "certify arm.urdf --payload 3": "such as '0:3'",
+    "identify log.csv --robot arm.urdf": "known: time, q",
+    "validate nothing.py --robot arm.urdf": "no such file",
+    "new arm.urdf --target uur": "bare, fci, ur, ros2_control",
+    "sweep exp.yaml --rollouts many --out x": "a whole number from 1",
+}
+FILES = {
+    "empty.urdf": "",
+    "readme.md": "# hello\n",
+    "page.html": "<html></html>",
+    "arm.xacro": '<robot xmlns:xacro="http://ros.org/wiki/xacro" name="a"><xacro:if value="1"/></robot>',
+    "file.txt": "x",
+    "key.yaml": "robot: arm.urdf\npayload: 1\n",
+    "tabs.yaml": "robot: arm.urdf\nplant:\n\tdelay: 1\n",
+    "name.yaml": "robot: anthropomorphic\n",
+    "exp.yaml": "robot: arm.urdf\n",
+    "log.csv": "time,q\n0,1\n",
+}
+
+
+@pytest.mark.parametrize("typed", MISTAKES)
+def test_a_mistake_gets_one_line_that_names_the_way_out(
+    typed: str, cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    urdf = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
+    for name, text in {**FILES, "arm.urdf": urdf, "broken.urdf": urdf[:900]}.items():
+        Path(name).write_text(text, encoding="utf-8")
+    answer = cli(*typed.split())
+    assert answer.code == 2, answer.out
+    (line,) = answer.err.splitlines()
+    assert re.match("error: ", line, re.IGNORECASE)
+    assert MISTAKES[typed] in line
