@@ -104,3 +104,14 @@ def test_a_module_of_robot_descriptions_will_do() -> None:
         Robot.load(module)
     vars(module)["URDF_PATH"] = str(robots.locate("anthropomorphic3")[0])
     assert Robot.load(module).n == 3
+
+
+def test_load_takes_a_model_its_wrapper_and_the_text_of_a_urdf() -> None:
+    text = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
+    model = pin.buildModelFromXML(text)
+    wrapper = pin.RobotWrapper(model)
+    q = Robot.load("anthropomorphic3").middle()
+    wanted = Robot.from_xml(text).mass_matrix(q)
+    for given in (text, "\n " + text, model, wrapper):
+        np.testing.assert_allclose(Robot.load(given).mass_matrix(q), wanted, rtol=1e-12)
+    assert Robot.load(model, lock=["q1"]).joint_names == ("q2", "q3")

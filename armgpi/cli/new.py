@@ -69,6 +69,7 @@ def new(
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
     repair: opt.Repair = None,
+    package_dir: opt.PackageDir = None,
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,
     payload: _Payload = None,

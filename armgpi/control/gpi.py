@@ -320,7 +320,11 @@ class GPI(Controller):
         return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
 
     def step(self, measurement: Measurement, target: Target, state: GPIState) -> ControlStep:
-        """Return torque and next state; see :meth:`Controller.step`."""
+        """Return torque and next state; what is NaN goes through: nothing is checked here.
+
+        A check would cost 4 % of a step (1.3 of 30 us, UR5); :class:`armgpi.Supervised` has it, and
+        :func:`armgpi.simulate` ends a run. See :meth:`Controller.step`.
+        """
         q = measurement.q
         e = q - target.q
         coefficients, learn, gains_state = self._nominal, state.learn, None

@@ -6,6 +6,7 @@ import itertools
 import json
 import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from armgpi.loop.runner import DIVERGENCE
 from armgpi.play import module
 from armgpi.play.controls import Control, Playable, dotted, plain, playable, siblings
 from armgpi.play.variant import Pool, Variant, trace_form
+from armgpi.robot.markup import read_file
 from armgpi.viz import page, scene, style
 
 #: Called with what is being done and how much of it is done [0, 1].
@@ -98,11 +100,20 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
         "choices": [{**choice._asdict(), "id": choice.id} for choice in moved.choices],
         "controls": [_control(control) for control in moved.controls],
         "sections": moved.sections,
-        "config": moved.config,
+        **_taken_along(moved.config),
         "friction": plain(experiment.config)["robot"]["friction"],
         "defaults": _defaults(moved),
         "variants": [_variant(variant, loop, steps, arrays) for variant in found.variants],
     }
+
+
+def _taken_along(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the configuration that is copied from the page, and the URDF to lie beside it, if any."""
+    robot, path = config["robot"], Path(config["robot"]["name"])
+    if not path.is_file():
+        return {"config": config, "urdf": None}
+    text = read_file(path)
+    return {"config": {**config, "robot": {**robot, "name": path.name}}, "urdf": [path.name, text]}
 
 
 def _control(control: Control) -> dict[str, Any]:

@@ -89,7 +89,7 @@ class Robot(Edits):
     @classmethod
     def load(
         cls,
-        path_or_name: str | PathLike[str] | ModuleType,
+        path_or_name: str | PathLike[str] | ModuleType | pin.Model,
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
         mimic: urdf_model.Mimic = "lock",
@@ -99,7 +99,8 @@ class Robot(Edits):
 
         Args:
             path_or_name: path of a URDF, or of an MJCF (:meth:`from_mjcf`); a name from
-                :func:`armgpi.robot.robots.names`, or a module of robot_descriptions.
+                :func:`armgpi.robot.robots.names`, or a module of robot_descriptions. A `pin.Model` or its
+                wrapper is taken by :meth:`from_pinocchio`, and the text of a URDF by :meth:`from_xml`.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
             keep: when given, every joint that is not named here is locked; the name of a chain of a whole
@@ -114,6 +115,10 @@ class Robot(Edits):
             NameNotFound: for a robot, joint or repair that does not exist.
             UrdfError: for a file that is no usable URDF.
         """
+        if isinstance(getattr(path_or_name, "model", path_or_name), pin.Model):
+            return cls.from_pinocchio(path_or_name, lock, keep)
+        if isinstance(path_or_name, str) and path_or_name.lstrip("\ufeff \t\r\n").startswith("<"):
+            return cls.from_xml(path_or_name, lock, keep, mimic, repair)
         path, name = robots.locate(path_or_name)
         text = urdf.read_file(path)
         if from_mujoco.is_mjcf(text):

@@ -400,24 +400,24 @@ def overview(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure
     return figure
 
 
-def positions(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure:
-    """Return reference and position of every joint."""
-    return _per_joint(rollout, joints, plot_positions)
+def positions(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Return reference and position of every joint; drawn into `ax`, axes for each joint, where given."""
+    return _per_joint(rollout, joints, plot_positions, ax)
 
 
-def errors(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure:
-    """Return the tracking error of every joint."""
-    return _per_joint(rollout, joints, plot_error)
+def errors(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Return the tracking error of every joint; drawn into `ax`, axes for each joint, where given."""
+    return _per_joint(rollout, joints, plot_error, ax)
 
 
-def torques(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure:
-    """Return the torque of every joint with its limits."""
-    return _per_joint(rollout, joints, plot_torque)
+def torques(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Return the torque of every joint with its limits; drawn into `ax`, axes for each joint, where given."""
+    return _per_joint(rollout, joints, plot_torque, ax)
 
 
-def disturbances(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure:
-    """Return the disturbance torque of every joint."""
-    return _per_joint(rollout, joints, plot_disturbance)
+def disturbances(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Return the disturbance torque of every joint; drawn into `ax`, axes for each joint, where given."""
+    return _per_joint(rollout, joints, plot_disturbance, ax)
 
 
 def signals(
@@ -624,10 +624,24 @@ def _draw_paths(axes: Any, paths: Sequence[ToolPath], pick: list[int]) -> None:
 
 
 def _per_joint(
-    rollout: xr.Dataset, joints: Sequence[str] | None, plot: Callable[[Axes, xr.Dataset, str], None]
-) -> Figure:
-    """Return a figure with a panel per joint; in two columns where there are many."""
+    rollout: xr.Dataset,
+    joints: Sequence[str] | None,
+    plot: Callable[[Axes, xr.Dataset, str], None],
+    ax: Any = None,
+) -> Any:
+    """Return a figure with a panel per joint, in two columns where there are many; or that of own axes.
+
+    Raises:
+        ParameterError: when there are not as many axes as joints.
+    """
     names = _joints(rollout, joints)
+    if ax is not None:
+        own = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+        if len(own) != len(names) or not all(isinstance(each, Axes) for each in own):
+            raise ParameterError("ax", ax, f"axes for each of {', '.join(names)}")
+        for place, joint in zip(own, names, strict=True):
+            plot(place, rollout, joint)
+        return own[0].figure
     columns = 1 if len(names) <= 4 else 2
     rows = -(-len(names) // columns)
     with styled():

@@ -248,3 +248,13 @@ def test_the_note_on_a_limit_is_clear_of_a_long_name() -> None:
     figure = plots.torques(ONE.assign_coords(joint=[name, "$x_1$", "c"]))
     assert any("limit" in text.get_text() for axes in figure.axes for text in axes.texts)
     assert texts_overlap(figure) == []
+
+
+def test_figures_are_drawn_into_axes_of_ones_own() -> None:
+    figure = Figure()
+    axes = figure.subplots(3)
+    assert plots.errors(ONE, ax=axes) is figure
+    assert plots.torques(ONE, ["q1"], ax=axes[0]) is figure
+    np.testing.assert_array_equal(axes[1].lines[1].get_ydata(), (ONE["q"] - ONE["q_ref"]).sel(joint="q2"))
+    with pytest.raises(ParameterError, match="axes for each of q1, q2, q3"):
+        plots.errors(ONE, ax=axes[:2])

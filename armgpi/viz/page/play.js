@@ -367,7 +367,13 @@
         copy.textContent = "Copied";
         setTimeout(() => { copy.textContent = "Copy"; }, 1500);
       } }, "Copy");
-      box.append(element("div", { class: "row buttons" }, ...buttons, copy), this.text);
+      const beside = [];
+      if (this.play.urdf) {
+        const [name, text] = this.play.urdf;
+        const save = () => { const link = element("a", { href: URL.createObjectURL(new Blob([text])), download: name }); link.click(); };
+        beside.push(element("button", { type: "button", onclick: save }, `Save ${name}, to lie beside it`));
+      }
+      box.append(element("div", { class: "row buttons" }, ...buttons, copy, ...beside), this.text);
       box.addEventListener("toggle", () => this.written());
       this.written();
     }
