@@ -80,16 +80,12 @@ def of(provenance: Mapping[str, Any]) -> tuple[Chain, ...]:
     return tuple(Chain(name, tuple(joints)) for name, joints in provenance.get("chains", {}).items())
 
 
-def expand(urdf: Urdf, keep: Sequence[str] | None, locked: Collection[str] = ()) -> Sequence[str] | None:
-    """Return names of joints to keep, those of chains replaced by their joints' names."""
-    if keep is None or isinstance(keep, str) or all(name in urdf.joints for name in keep):
+def expand(urdf: Urdf, keep: Sequence[str] | None) -> Sequence[str] | None:
+    """Return names of joints to keep, those of chains replaced by their joints' names; all else as it is."""
+    if not isinstance(keep, list | tuple) or not all(isinstance(name, str) for name in keep):
         return keep
-    chains = {chain.name: chain.joints for chain in find(urdf, locked)}
-    return [
-        joint
-        for name in keep
-        for joint in (chains.get(name, (name,)) if name not in urdf.joints else (name,))
-    ]
+    joints = {chain.name: chain.joints for chain in find(urdf)} | {name: (name,) for name in urdf.joints}
+    return [joint for name in keep for joint in joints.get(name, (name,))]
 
 
 def describe(chains: Sequence[Chain]) -> str:

@@ -213,7 +213,7 @@ class Robot(Edits):
         keep: Sequence[str] | None,
         mimic: urdf_model.Mimic,
     ) -> Robot:
-        keep = chains.expand(document, keep, lock)
+        keep = chains.expand(document, keep)
         built = urdf_model.build(document, lock, keep, mimic)
         model, source = built.model, document.source
         drives = Drives.from_urdf(document.root, source, [joint.name for joint in built.joints])
