@@ -104,7 +104,7 @@ class Robot(Edits):
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
             keep: when given, every joint that is not named here is locked; the name of a chain of a whole
-                robot ("left_arm") means its joints (:mod:`armgpi.robot.chains`). A name that means an arm of
+                robot ("left_arm") means its joints (``armgpi/robot/chains.py``). A name that means an arm of
                 a larger robot (``baxter_left_arm``) keeps that arm by itself.
             mimic: joints that mimic another are locked where its zero (or lock) puts them; with "follow"
                 they move with it, and their inertia and weight are felt by it.
