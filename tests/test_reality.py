@@ -194,6 +194,17 @@ def test_an_arm_is_held_where_a_law_with_the_truth_has_little_sensitivity() -> N
     assert health.held(Reality("geared", 1, **slow).draw(ARM, 0))
 
 
+def test_a_law_that_believes_gears_has_the_same_draws() -> None:
+    reality = Reality("owned", 3)
+    for one, other in zip(*(health.draws(reality, "ur5", 3, soft) for soft in (False, True)), strict=True):
+        for name in ("armature", "limits"):
+            np.testing.assert_array_equal(getattr(one.arm, name), getattr(other.arm, name))
+        np.testing.assert_array_equal(one.gears.stiffness, other.gears.stiffness)
+        np.testing.assert_array_equal(one.move.goal, other.move.goal)
+        assert not one.model.drives.sources("stiffness")[0]
+        assert other.model.drives.sources("stiffness")[0] == "believed"
+
+
 def test_what_gravity_twists_unseen_loses_no_arm() -> None:
     draw = Reality("owned", 3).draw(ARM, 1)
     still = np.tile(draw.q0, (5, 1))

@@ -4,6 +4,7 @@ Usage:
     python tools/alarms.py --seed 1 --realities mild wide late slow
     python tools/alarms.py --seed 1 --arms held-out --laws untuned computed_torque --out alarms.json
     python tools/alarms.py --seed 1 --speed 0.5   with SPEED, which is no default
+    python tools/alarms.py --seed 1 --realities elastic undriven --drives soft   as gears of arms twist
 
 Each draw of a reality runs twice, without and with a supervisor. It is healthy where the motors can follow
 the reference, and the arm, without one, was not lost (armgpi.health.reality) and kept within its position
@@ -33,7 +34,8 @@ from armgpi.intervals import clopper_pearson
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw
 
-#: As they are drawn for every other test of the laws; with good encoders and small loads; late; slow moves.
+#: As they are drawn for every other test of the laws; with good encoders and small loads; late; slow moves;
+#: and the kinds of arms that people have.
 REALITIES: dict[str, dict[str, Any]] = {
     "wide": {},
     "mild": {"encoder_bits": (16, 20), "payload": (0.0, 0.1)},
@@ -42,6 +44,7 @@ REALITIES: dict[str, dict[str, Any]] = {
         **{"encoder_bits": (16, 20), "payload": (0.0, 0.1)},
         **{"speed": (4.0, 40.0), "duration": (2.5, 10.0), "t_final": 14.0},
     },
+    **{kind: {"name": kind} for kind in ("undriven", "elastic", "owned")},
 }
 SAMPLE_TIMES = (1e-3, 2e-3, 4e-3)
 #: Draws of an arm in a row that share sample time and delay: each such pair is compiled.
@@ -78,16 +81,18 @@ class Run(NamedTuple):
         return bool(self.reason)
 
 
-def runs(reality: str, seed: int, name: str, law: str, count: int, supervisor: Supervisor) -> list[Run]:
-    """Return what came of draws of an arm.
+def runs(
+    reality: str, seed: int, name: str, law: str, count: int, supervisor: Supervisor, soft: bool
+) -> list[Run]:
+    """Return what came of draws of an arm, whose law believes that gears twist where it is soft.
 
     Raises:
         ArmgpiError: when the arm or the law cannot be had.
     """
     section = yaml.safe_load(law)
     section = section if isinstance(section, dict) else {"type": section}
-    drawn = Reality.geared(seed, block=BLOCK, sample_time=SAMPLE_TIMES, **REALITIES[reality])
-    draws, found = health.draws(drawn, name, count), []
+    drawn = Reality(seed=seed, block=BLOCK, sample_time=SAMPLE_TIMES, **REALITIES[reality])
+    draws, found = health.draws(drawn, name, count, soft), []
     both = (health.rollouts(draws, section, supervisor=each) for each in (None, supervisor))
     for (group, free), (_, watched) in zip(*both, strict=True):
         for row, draw in enumerate(group):
@@ -168,6 +173,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--realities", nargs="+", default=["wide"], choices=tuple(REALITIES))
     parser.add_argument("--arms", nargs="+", default=["fit"], help="fit, held-out, or names of arms")
     parser.add_argument("--laws", nargs="+", default=["untuned"], help="types of controllers, or sections")
+    parser.add_argument(
+        "--drives", default="believed", choices=("believed", "soft"), help="what laws believe"
+    )
     parser.add_argument("--speed", type=float, help="share for SPEED; no check when not given")
     parser.add_argument("--out", type=Path, help="write all runs as JSON")
     given = parser.parse_args(arguments)
@@ -179,7 +187,9 @@ def main(arguments: list[str] | None = None) -> int:
         for law in given.laws:
             for name in names:
                 try:
-                    found += runs(reality, given.seed, name, law, given.per_arm, supervisor)
+                    found += runs(
+                        reality, given.seed, name, law, given.per_arm, supervisor, given.drives == "soft"
+                    )
                 except ArmgpiError as error:
                     failed[f"{name}, {law}"] = str(error)
             print(f"{reality}, {law}: {time.process_time():.0f} s of CPU", file=sys.stderr, flush=True)

@@ -7,6 +7,7 @@ Usage:
     python tools/gears.py --told          # stiffness, damping and side of the encoder told
     python tools/gears.py --rotors        # bare files on arms with rotors drawn joint by joint
     python tools/gears.py --rollouts      # moves on the elastic plant, with a load that nobody tells
+    python tools/gears.py --stops         # the same moves under a supervisor, a law for rigid gears
     python tools/gears.py --picture       # docs/images/gears.png
 
 A case is one of 8 configurations, stiffness times 0.5, 1, 2, encoder at motor or link, gear damping 5 or 1 %:
@@ -25,9 +26,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import GPI, Bezier, Delayed, ElasticPlant, Encoder, FixedGains, RigidBodyPlant, Robot, simulate
+from armgpi import (
+    GPI,
+    Bezier,
+    Delayed,
+    ElasticPlant,
+    Encoder,
+    FixedGains,
+    RigidBodyPlant,
+    Robot,
+    Saturated,
+    Supervisor,
+    simulate,
+)
 from armgpi.arrays import Array
 from armgpi.control import geared, two_mass
+from armgpi.control.supervisor import Reason
 from armgpi.errors import ArmgpiWarning
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
@@ -232,12 +246,47 @@ def draws(seed: int) -> None:
         )
 
 
+def elastic(robot: Robot, stiffness: Array, side: str) -> ElasticPlant:
+    """Return an arm with 0.25 kg that nobody tells, damping of 2 % and current loops of 500 Hz."""
+    gears, middle = two_mass.Gears(robot.armature, stiffness), robot.mass_matrix(robot.middle())
+    damping = 0.02 * two_mass.damping_at_one(middle - np.diag(robot.armature), gears)
+    return ElasticPlant(
+        robot.with_payload(robot.tip, 0.25),
+        gear_stiffness=stiffness,
+        gear_damping=damping,
+        current_bandwidth=500.0,
+        encoder_side=side,
+    )
+
+
+def stops(seed: int) -> None:
+    """Print how laws for rigid gears are stopped on the elastic plant: reason, travel, later speed."""
+    for name, (rotor, stiffness) in ARMS.items():
+        robot = arm(name).with_armature(rotor)
+        law, start = untuned(robot), robot.middle()
+        given = Supervisor(resolution=robot.encoder_count(BITS), response=0.012 + LATE * DT)
+        for side, factor in itertools.product(("motor", "link"), TIMES):
+            plant = Saturated(elastic(robot, factor * np.array(stiffness), side))
+            late, move = Delayed(Encoder(plant, BITS), LATE), Bezier(start, start + 0.5, 3.0)
+            seen = simulate(late, law, move, 4.0, progress=False, backend="compiled", supervisor=given)
+            said = f"{name}, {side}, stiffness x {factor:g}: "
+            if not int(seen["fault"]):
+                print(said + "runs", flush=True)
+                continue
+            q = seen["q"].values[round(float(seen["t_fault"]) / DT) :]
+            travel = np.abs(q - q[0]).max(axis=1)
+            speed = np.abs(np.diff(q[800:1000], axis=0)).max() / DT if len(q) > 1000 else np.nan
+            reason, when = Reason(int(seen["fault"])).name, float(seen["t_fault"])
+            said += f"{reason} at {when:.2f} s, travel in half a second {travel[:500].max():.2f}, in all "
+            print(f"{said}{np.nanmax(travel):.2f} rad, after a second {speed:.2f} rad/s", flush=True)
+
+
 def rollouts(seed: int) -> None:
     """Print how moves of 0.5 rad end on the elastic plant: 0.25 kg untold, damping 2 %, currents 500 Hz."""
     for name, (rotors_told, stiffness_told) in ARMS.items():
         rotor, stiffness, bare = np.array(rotors_told), np.array(stiffness_told), arm(name)
         robot = bare.with_armature(rotor)
-        start, real = robot.middle(), robot.with_payload(robot.tip, 0.25)
+        start = robot.middle()
         laws = {
             "fast, rotors told": untuned(robot),
             "soft, rotors told": untuned(rotors.believe_gears(robot)),
@@ -246,15 +295,7 @@ def rollouts(seed: int) -> None:
         for which, law in laws.items():
             peaks, swings, steps = [], [], []
             for side, factor in itertools.product(("motor", "link"), TIMES):
-                gears = two_mass.Gears(rotor, factor * stiffness)
-                damping = 0.02 * two_mass.damping_at_one(robot.mass_matrix(start) - np.diag(rotor), gears)
-                plant = ElasticPlant(
-                    real,
-                    gear_stiffness=gears.stiffness,
-                    gear_damping=damping,
-                    current_bandwidth=500.0,
-                    encoder_side=side,
-                )
+                plant = elastic(robot, factor * stiffness, side)
                 move = Bezier(start, start + 0.5, 3.0)
                 late = Delayed(Encoder(plant, BITS), LATE)
                 seen = simulate(late, law, move, 6.0, progress=False, backend="compiled")
@@ -329,7 +370,7 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the configurations and draws")
     which = parser.add_mutually_exclusive_group()
-    for each in (structures, held_out, told, draws, rollouts, picture):
+    for each in (structures, held_out, told, draws, rollouts, stops, picture):
         flag = "rotors" if each is draws else each.__name__.replace("_", "-")
         which.add_argument(f"--{flag}", dest="run", action="store_const", const=each, default=rule)
     given = parser.parse_args()

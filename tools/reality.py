@@ -58,6 +58,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--laws", nargs="+", default=[], help="controllers beside gpi: types, or sections")
     parser.add_argument("--only", action="store_true", help="those laws alone, without gpi")
     parser.add_argument("--reality", default="geared", choices=KINDS)
+    parser.add_argument("--drives", nargs="+", default=["believed"], choices=("believed", "soft"))
+    parser.add_argument("--block", type=int, help="draws in a row that share sample time and delay")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--backend", default="compiled", choices=("numpy", "compiled", "auto"))
     parser.add_argument("--warned", action="store_true", help="of which draws something is said beforehand")
@@ -69,9 +71,16 @@ def main(arguments: list[str] | None = None) -> int:
     for text in given.laws:
         section = yaml.safe_load(text)
         laws[text] = section if isinstance(section, dict) else {"type": section}
-    drawn = Reality(given.reality, given.seed)
+    block = {} if given.block is None else {"block": given.block}
+    drawn = Reality(given.reality, given.seed, **block)
     done = health.experiments(
-        drawn, names, laws, given.count, lambda name: print(name, file=sys.stderr, flush=True), given.backend
+        drawn,
+        names,
+        laws,
+        given.count,
+        lambda name: print(name, file=sys.stderr, flush=True),
+        given.backend,
+        tuple(given.drives),
     )
     print(health.markdown(done.found))
     print("\nfeasible draws alone\n")

@@ -38,6 +38,11 @@ RIGID_SENSITIVITY = 3.0
 #: How far a told stiffness may be off either way. Damping ratios and current loop [Hz] of which nothing is
 #: known, 1 to 5 % and 300 to 1000 Hz being usual: loops are judged at the first, and stable at the second.
 STIFFNESS_OFF, DAMPINGS, CURRENT = 0.3, (0.03, 0.01), 500.0
+#: Where that leaves a loop less than this [rad/s], it has to be stable at the damping at which it is judged:
+#: slower ones lose more arms to gravity and friction than light damping does (tools/reality.py, fit arms).
+LATE = 5.0
+#: Lowest resonance of believed gears behind encoders at the link, whose loops soft gears lose [Hz].
+SOFTEST = 5.0
 #: Bandwidths that are tried end here [rad/s]; one is below the one before by a factor, and the last interval
 #: is halved so many times.
 _SLOWEST, _STEP, _HALVINGS = 2.0, 1.25, 3
@@ -77,13 +82,14 @@ def at_link(robot: Robot) -> bool:
 
 
 @lru_cache(maxsize=16)
-def cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
+def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> tuple[Case, ...]:
     """Return an arm at some configurations with its gears at the ends of what is known of them.
 
     Args:
         robot: with some stiffness in its drives; that of the other gears is believed.
         dt: sample time [s].
         late: samples by which measurements are late.
+        damping: ratio at which loops have to be stable where nothing is known of it.
     """
     robot = believe_gears(robot)
     drives = robot.drives
@@ -95,7 +101,8 @@ def cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
         np.where(exact, (1.0 + STIFFNESS_OFF) * value, high),
     ]
     if is_believed(robot):
-        ends.insert(1, value)
+        softer = min(1.0, (SOFTEST / resonance(robot)) ** 2) if at_link(robot) else 1.0
+        ends = [np.minimum(ends[0], softer * value), value, ends[1]]
     side = drives.value("encoder_side")
     sides = [
         np.where(side == "", other, side) for other in ("motor", "link")[: 2 if (side == "").any() else 1]
@@ -109,9 +116,9 @@ def cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
     for q, (i, own), stiffness in itertools.product(_configurations(robot), enumerate(weights), ends):
         gears = Gears(own, _filled(stiffness, own), current=current)
         ratio = told / damping_at_one(robot.mass_matrix(q) - np.diag(robot.armature), gears)
-        usual = DAMPINGS if np.isnan(told).any() else DAMPINGS[:1]
-        for where, (k, damping) in itertools.product(sides, enumerate(usual)):
-            gears = gears._replace(damping=np.where(np.isnan(told), damping, ratio), side=where)
+        usual = (DAMPINGS[0], damping) if np.isnan(told).any() else DAMPINGS[:1]
+        for where, (k, each) in itertools.product(sides, enumerate(usual)):
+            gears = gears._replace(damping=np.where(np.isnan(told), each, ratio), side=where)
             found.append(Case(q, ArmLoop(robot, q, gears, dt, late), i == k == 0))
     return tuple(found)
 

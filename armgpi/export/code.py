@@ -47,7 +47,7 @@ _STATES = {
     State.INIT: "the torque ramps to the law's first one",
     State.RUN: "the law follows the reference",
     State.STOPPING: "the law follows a reference that decelerates",
-    State.HOLD: "that reference has stopped; the law holds the arm there",
+    State.HOLD: "that reference has stopped and the arm rests; the law holds it there",
     State.FAULT: "open loop: engage the brakes",
 }
 _REASONS = {

@@ -23,10 +23,10 @@ import xarray as xr
 from armgpi import config
 from armgpi.arrays import Array, check_whole
 from armgpi.config.schema import KINDS, PlantSection
-from armgpi.control import two_mass
+from armgpi.control import geared, two_mass
 from armgpi.control.controller import Controller
-from armgpi.control.gains import FixedGains
-from armgpi.control.gpi import GPI, KNOWS
+from armgpi.control.family import Member
+from armgpi.control.gpi import KNOWS
 from armgpi.control.supervisor import Supervisor, suited
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.escape import markdown_table
@@ -36,7 +36,8 @@ from armgpi.loop import metrics
 from armgpi.loop.rollout import Status, describe_measurement
 from armgpi.loop.simulation import simulate
 from armgpi.plants.reality import Draw, Reality, batches, together
-from armgpi.robot import robots
+from armgpi.robot import robots, rotors
+from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.robot import Robot
 
 #: Errors that lose an arm, at any time and at the end [rad or m]; what the end is [s].
@@ -47,13 +48,14 @@ HUNTING, HUNTING_COUNTS = 5e-4, 4.0
 CHATTER = 0.01
 #: Largest sensitivity of a loop that counts as held.
 MOST_SENSITIVITY = 3.0
-#: Laws that are tried: bandwidth [rad/s], share of the inertia in the feedback, roll-off over the bandwidth.
+#: Laws that are tried: factor of the rotors and share of the inertia in the feedback, roll-off over the
+#: bandwidth; and bandwidths [rad/s] of each.
 SEARCHED = tuple(
-    (omega, share, ratio)
+    (factor, share, ratio)
     for ratio in (None, 8.0)
-    for omega in (8.0, 5.0, 12.0, 3.5, 2.0)
-    for share in (0.7, 1.0, 0.5, 0.35)
+    for factor, share in ((1.0, 0.7), (3.0, 1.0), (1.0, 1.0), (1.0, 0.5), (1.0, 0.35), (10.0, 1.0))
 )
+BANDWIDTHS = (8.0, 5.0, 12.0, 3.5, 2.0)
 #: Moments at which the torque that a move takes is looked at.
 _MOMENTS = 301
 #: Arms that are part of a larger robot belong to the family of the arm.
@@ -126,8 +128,15 @@ def first_index(name: str) -> int:
     return zlib.crc32(name.encode()) % _APART * _APART
 
 
-def draws(reality: Reality, name: str, count: int) -> list[Draw]:
+def draws(reality: Reality, name: str, count: int, soft: bool = False) -> list[Draw]:
     """Return the first draws of an arm by its name, its grippers locked.
+
+    Args:
+        reality: what is drawn from.
+        name: of the arm.
+        count: number of draws.
+        soft: whether a law believes that gears twist. Draws of rotors with the scatter of published drives
+            are the same then.
 
     Raises:
         ParameterError: when the count is no whole number from 1 to 4096.
@@ -135,6 +144,7 @@ def draws(reality: Reality, name: str, count: int) -> list[Draw]:
     """
     count = check_whole(count, "count", 1, _APART)
     robot = Robot.load(name, fingers(name))
+    robot = rotors.believe_gears(robot) if soft else robot
     first = first_index(name)
     return [reality.draw(robot, first + i) for i in range(count)]
 
@@ -261,30 +271,24 @@ def demand(draw: Draw) -> float:
 def held(draw: Draw) -> bool:
     """Return whether a law that knows the truth holds an arm whose gears twist, where it starts and goes.
 
-    The law is GPI with one integrator, the whole model fed forward and a share of it in the feedback; it is
-    searched (:data:`SEARCHED`). It holds where the sensitivity of the linear sampled loop at the plant, with
-    delay, peaks at no more than :data:`MOST_SENSITIVITY`; the law knows the load. True for rigid gears.
+    The law is GPI with one integrator, the whole model fed forward, and a share of it or heavier rotors in
+    the feedback; it is searched (:data:`SEARCHED`). It holds where the sensitivity of the linear sampled
+    loop at the plant, with delay, peaks at no more than :data:`MOST_SENSITIVITY`; the law knows the load.
+    True for rigid gears.
     """
     if draw.gears is None:
         return True
-    arm, dt, places = draw.arm, draw.dt, (draw.move.start, draw.move.goal)
-    arms = [two_mass.ArmLoop(arm, q, _linear(draw, q), dt, draw.delay) for q in places]
-    for omega, share, ratio in SEARCHED:
-        rolloff: dict[str, Any] = {} if ratio is None else {"rolloff": 1, "rolloff_ratio": ratio}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ArmgpiWarning)
-            law = GPI(
-                arm.scaled_inertia(share),
-                dt,
-                FixedGains(omega, 1.0, omega),
-                feedforward="computed",
-                bias_robot=arm,
-                integrators=1,
-                delay=draw.delay * dt,
-                **rolloff,
-            )
-        peaks = (each.sensitivity(two_mass.law(law, q)) for each, q in zip(arms, places, strict=True))
-        if all(peak <= MOST_SENSITIVITY for peak in peaks):
+    arm, dt = draw.arm, draw.dt
+    places = (
+        geared.Case(q, two_mass.ArmLoop(arm, q, _linear(draw, q), dt, draw.delay), True)
+        for q in (draw.move.start, draw.move.goal)
+    )
+    cases = tuple(places)
+    for factor, share, ratio in SEARCHED:
+        own = Member(1, 0) if ratio is None else Member(1, 1, ratio)
+        nominal = with_heavier_rotors(arm.scaled_inertia(share), factor)
+        loops = geared.Loops(cases, nominal, arm, own, dt)  # type: ignore[arg-type]
+        if any(loops.holds(omega, MOST_SENSITIVITY) for omega in BANDWIDTHS):
             return True
     return False
 
@@ -352,6 +356,7 @@ def experiments(
     count: int,
     told: Callable[[str], None] = lambda name: None,
     backend: str = "compiled",
+    drives: Sequence[str] = ("believed",),
 ) -> Experiments:
     """Run laws on the same draws, shared out evenly over arms.
 
@@ -362,15 +367,23 @@ def experiments(
         count: number of draws in all; every arm gets the same, at least one.
         told: is given each arm's name before it is run.
         backend: as for :func:`armgpi.simulate`.
+        drives: what each law believes where nothing is told, "believed" rotors, or "soft" gears as well.
     """
     every = -(-count // max(len(names), 1))
-    result = Experiments({label: [] for label in laws}, {})
+    each = {
+        label if drives == ("believed",) else f"{label}, {own}": (law, own)
+        for label, law in laws.items()
+        for own in drives
+    }
+    result = Experiments({label: [] for label in each}, {})
     for name in names:
         told(name)
         try:
-            found = draws(reality, name, every)
-            holds = {draw.index: held(draw) for draw in found}
-            rows = {label: outcomes(found, name, law, backend, holds) for label, law in laws.items()}
+            found = {own: draws(reality, name, every, own == "soft") for own in drives}
+            holds = {draw.index: held(draw) for draw in found[drives[0]]}
+            rows = {
+                label: outcomes(found[own], name, law, backend, holds) for label, (law, own) in each.items()
+            }
         except ArmgpiError as error:
             result.failed[name] = str(error)
             continue

@@ -72,6 +72,27 @@ def test_a_told_gear_is_as_fast_as_its_sensitivity_allows(side: str) -> None:
     assert (law.rolloff, law.rotor_factor) == ((0, 3.0) if side == "motor" else (1, 1.0))
 
 
+def test_a_late_loop_gives_up_the_lightest_damping_for_its_bandwidth() -> None:
+    robot = rotors.believe_gears(PANDA)
+    law = GPI.untuned(robot, 2e-3, delay=6e-3, bits=16)
+    assert law.gains.nominal().omega_c.max() > 4.0
+    assert law.rolloff == 1
+    cases = geared.cases(robot, 2e-3, 3)
+    stable = [case.arm.growth(two_mass.law(law, case.q)) < 1.0 for case in cases]
+    assert not all(stable)
+    usual = geared.cases(robot, 2e-3, 3, geared.DAMPINGS[0])
+    assert all(case.arm.growth(two_mass.law(law, case.q)) < 1.0 for case in usual)
+
+
+def test_behind_encoders_at_the_link_believed_gears_may_be_as_soft_as_any() -> None:
+    robot = rotors.believe_gears(UR5).with_drives({j: {"encoder_side": "link"} for j in UR5.joint_names})
+    law, q = rule(robot), UR5.middle()
+    stiffness = robot.drives.value("stiffness") * (geared.SOFTEST / geared.resonance(robot)) ** 2
+    loop = ArmLoop(UR5, q, Gears(robot.armature, stiffness, 0.03, 500.0, "link"), DT, 1)
+    assert loop.modes[0] == pytest.approx(5.0, rel=1e-9)
+    assert loop.growth(two_mass.law(law, q)) < 1.0
+
+
 def test_gears_told_stiff_change_nothing() -> None:
     stiff, rigid = rule(told(UR5, 1e3, "motor")), rule(UR5.with_armature(ROTORS[UR5]))
     assert stiff.values()["rolloff_ratio"] == rigid.values()["rolloff_ratio"]

@@ -537,7 +537,7 @@ def test_a_motor_that_turns_the_other_way_brakes_by_its_torque_turned_round(grav
     assert found.travel < 0.5
 
 
-def test_a_motor_that_was_taken_for_one_that_turns_the_other_way_gets_no_torque() -> None:
+def test_a_motor_that_was_taken_for_one_that_turns_the_other_way_brakes_after_all() -> None:
     robot = arm("anthropomorphic3", "robot")
 
     def torque(k: int, tau: Any) -> Any:
@@ -549,7 +549,8 @@ def test_a_motor_that_was_taken_for_one_that_turns_the_other_way_gets_no_torque(
     found_at = next(k for k, report in enumerate(reports) if report.status == "fault")
     found = driven(robot, torque, 0.3)
     assert found.reports[found_at][1:] == ("response", robot.joint_names[1])
-    np.testing.assert_array_equal(found.tau[found_at + 30 :, 1], 0.0)
+    against = found.tau[found_at + 30 :, 1] * found.v[found_at + 30 :, 1] <= 0.0
+    assert against[:100].all()
     assert np.abs(found.v[found_at:, 1]).max() < 2.5 * np.abs(found.v[found_at, 1])
     assert (found.tau[found_at + 30 :] != 0.0).any()
 
@@ -753,6 +754,50 @@ def flat(value: Any) -> list[Any]:
     if isinstance(value, tuple):
         return [leaf for item in value for leaf in flat(item)]
     return [] if value is None else [value]
+
+
+def geared(robot: Robot, rotor: Any) -> Robot:
+    return robot.with_armature(np.array(rotor))
+
+
+def test_an_arm_that_its_gears_swing_is_stopped_and_comes_to_rest() -> None:
+    # Encoders at the link, gears half as stiff as usual: the law for rigid gears is unstable at 14 Hz.
+    robot = geared(Robot.load("ur5"), [1.2, 1.2, 0.8, 0.2, 0.2, 0.2])
+    stiffness = 0.5 * np.array([20e3, 20e3, 15e3, 5e3, 5e3, 5e3])
+    plant: Any = armgpi.ElasticPlant(robot, gear_stiffness=stiffness, encoder_side="link")
+    plant = armgpi.Delayed(armgpi.Encoder(Saturated(plant), 16), 1)
+    law, start = GPI.untuned(robot, DT, delay=DT, bits=16), robot.middle()
+    given = Supervisor(resolution=robot.encoder_count(16), response=0.013)
+    move = Bezier(start, start + 0.5, 3.0)
+    seen = simulate(plant, law, move, 2.5, progress=False, backend="compiled", supervisor=given)
+    q, k = seen["q"].values, int(float(seen["t_fault"]) / DT)
+    assert k < 1500
+    assert np.abs(q[k:] - q[k]).max() < 1.0
+    assert np.abs(q[-1] - q[-200]).max() < 0.02
+    assert float(seen["supervisor"].isel(time=-1).max()) == State.FAULT
+
+
+def test_hold_is_not_said_of_an_arm_that_swings_and_after_two_seconds_it_is_a_fault() -> None:
+    supervised, state = started()
+    state = held(supervised, state, Q, Q * np.nan).state
+    said = []
+    for k in range(2300):
+        swung = Q + 0.05 * np.sin(2.0 * np.pi * 15.0 * k * DT)
+        state = held(supervised, state, swung, Q).state
+        said.append(supervised.report(state).status)
+    assert set(said[20:1900]) == {"stopping"}
+    assert said[-1] == "fault"
+
+
+def test_what_is_a_fault_goes_by_the_arm_and_not_by_the_heavier_rotors_of_a_feedback() -> None:
+    robot = geared(ARM, [0.1, 0.1, 0.1])
+    laws = (GPI(robot, DT, rotor_factor=factor) for factor in (1.0, 3.0))
+    one, other = map(Supervised, laws)
+    np.testing.assert_array_equal(one.jump.pushed, other.jump.pushed)
+    np.testing.assert_array_equal(one.frozen.braked, other.frozen.braked)
+    np.testing.assert_array_equal(one.bounds.step, other.bounds.step)
+    np.testing.assert_array_equal(one.response.overpowered, other.response.overpowered)
+    np.testing.assert_array_equal(one.stop.damping, other.stop.damping)
 
 
 # The same in C.

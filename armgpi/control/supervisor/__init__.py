@@ -1,8 +1,8 @@
 """The supervisor around a controller: it checks every sample, stops the arm under control, and holds it.
 
 States: INIT (the torque ramps to the law's first one), RUN, STOPPING (the law follows a reference that
-decelerates), HOLD (it has stopped, and is held by the law), FAULT (open loop: nothing is measured that can
-be trusted, or the law does not get the arm to follow). Only a reset leads back.
+decelerates), HOLD (the arm has stopped, and is held by the law), FAULT (open loop: nothing is measured that
+can be trusted, or the law does not get the arm to follow). Only a reset leads back.
 
 It is elementwise, like a law: what NumPy runs here is what exported C does.
 

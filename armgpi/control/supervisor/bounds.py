@@ -250,19 +250,27 @@ def smoothing(dt: float, time_constant: float) -> float:
     return dt / (dt + time_constant)
 
 
+def model_of(law: Controller) -> Any:
+    """Return the robot that a law takes for the arm: that of its feedback may be heavier."""
+    return getattr(law, "bias_robot", law.robot)
+
+
 def own_inverse_inertia(law: Controller) -> Array:
     """Return each joint's entry of D(q)^-1 in the middle of its range: as if no other joint were driven."""
-    robot: Any = law.robot
+    robot = model_of(law)
     return np.diagonal(np.linalg.inv(robot.mass_matrix(robot.middle())), axis1=-2, axis2=-1)
 
 
 def turning(law: Controller) -> tuple[Array, Array]:
     """Return half of what a push, and all torques, change of a motion in a sample, at most [rad or m].
 
-    A push is by half the torque of the joint's motor; torques are at their limits.
+    A push is by half the torque of the joint's motor; torques are at their limits. A gear may twist before
+    its link follows: a motor is pushed with its rotor alone.
     """
     effort, half = np.minimum(law.effort, LARGEST), 0.5 * law.dt**2
-    pushed, driven = [], []
+    rotor = model_of(law).armature
+    alone = np.where(rotor > 0.0, 1.0 / np.where(rotor > 0.0, rotor, 1.0), 0.0)
+    pushed, driven = [half * 0.5 * effort * alone], []
     for inertia in _inertias(law):
         inverse = np.abs(np.linalg.inv(inertia))
         pushed.append(half * 0.5 * effort * np.diagonal(inverse, axis1=-2, axis2=-1))
@@ -277,8 +285,8 @@ def least_acceleration(law: Controller) -> Array:
 
 
 def _inertias(law: Controller) -> Iterator[Array]:
-    """Yield the nominal model's D(q) in some configurations, always the same."""
-    robot: Any = law.robot
+    """Yield the model's D(q) in some configurations, always the same."""
+    robot = model_of(law)
     lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
     for share in np.random.default_rng(0).uniform(size=(_POSES, robot.n)):
         yield robot.mass_matrix(lower + share * (upper - lower))

@@ -329,19 +329,25 @@ class Response:
         before = [np.where(dead, old, 0.0) for old in kept]
         return ResponseState(*(np.where(alert, new, old) for new, old in zip(after, before, strict=True)))
 
+    def accuses(self, watch: Watch) -> Mask:
+        """Tell whether a motor is taken to turn the other way, and nothing speaks against it yet, (1,)."""
+        going = (watch.status < float(State.FAULT)) | (watch.response.torque > 0.0)
+        return any_joint(self.fails(watch.response) & going)
+
     def turned_round(
         self, dead: Mask, tau: Array, v: Array, watch: Watch, kept: ResponseState
     ) -> tuple[Array, ResponseState]:
         """Return the torque of joints that answer the wrong way turned round in FAULT, and what is kept.
 
         Turned round once more a motor brakes. If it was no motor that turns the other way, its joint is
-        faster soon, and gets no torque any more.
+        faster soon, and gets its torque as it is; where it gets faster still, none any more.
         """
         turned, speed = dead & self.fails(kept), np.abs(v)
         most = np.where(watch.status < float(State.FAULT), _FASTER * speed, watch.response.torque)
-        most = np.where(speed > most, 0.0, most)
+        most = np.where(speed > np.abs(most), np.where(most > 0.0, -_FASTER * speed, 0.0), most)
         kept = kept._replace(torque=np.where(turned, most, kept.torque))
-        return np.where(turned, np.where(most > 0.0, -tau, 0.0), tau), kept
+        sign = np.where(most > 0.0, -1.0, np.where(most < 0.0, 1.0, 0.0))
+        return np.where(turned, sign * tau, tau), kept
 
 
 def _rates_used(law: Controller) -> tuple[bool, bool]:

@@ -77,7 +77,7 @@ class ResponseState(NamedTuple):
 class Watch(NamedTuple):
     """What the supervisor keeps.
 
-    From `status` to `ready`, and `nominal`, they are of shape (1,) or (batch, 1), the others of (n,) or
+    From `status` to `restless`, and `nominal`, they are of shape (1,) or (batch, 1), the others of (n,) or
     (batch, n).
 
     Attributes:
@@ -87,6 +87,7 @@ class Watch(NamedTuple):
         since: samples since the fault.
         late: 1 when the measurement that comes is too late.
         ready: 1 when there was a good measurement.
+        restless: samples for which the arm has yet to rest before it is HOLD.
         bad: samples in a row without a good measurement of the joint.
         q: last good measurement [rad or m].
         change: of it, in its sample, the last that was not zero and over no gap [rad or m].
@@ -106,6 +107,7 @@ class Watch(NamedTuple):
     since: Array
     late: Array
     ready: Array
+    restless: Array
     bad: Array
     q: Array
     change: Array

@@ -252,6 +252,7 @@ class Supervised(Controller):
             since=none,
             late=none,
             ready=none + 1.0,
+            restless=none,
             bad=zero,
             q=q,
             change=zero,
@@ -281,12 +282,14 @@ class Supervised(Controller):
         seen = self._look(measurement, target, watch, active)
         entering = active & (seen.worst > 0.0)
         stopping = ~active | entering
-        dead = (watch.status == float(State.FAULT)) | seen.dead | (~active & seen.failing)
+        restless, swings = self.stop.restless(watch)
+        dead = (watch.status == float(State.FAULT)) | seen.dead | (~active & (seen.failing | swings))
         aim, way = self.stop.reference(seen, entering, stopping, target, watch)
         # Not over a gap: a quotient there would not have the same bits in C.
         gap = seen.bad + watch.bad > 0.0
         change = seen.q - watch.q
-        v = _gone(watch.v + self._smoothing * np.where(gap, 0.0, change - watch.v))
+        accused = self.response.accuses(watch)
+        v = self._velocity(np.where(gap, 0.0, change - watch.v), accused, watch)
         change = np.where(gap | (change == 0.0), watch.change, change)
         lower, upper = self._limits(watch)
         # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
@@ -300,14 +303,15 @@ class Supervised(Controller):
         unsound = beyond(sum_joints(asked), LARGEST)
         dead = dead | unsound
         opened = dead | seen.lost
-        tau, response = self._torque(asked, (lower, upper), opened, dead, watch, aim, seen, v)
+        tau, response = self._torque(asked, (lower, upper), opened, dead, accused, watch, aim, seen, v)
         tau = np.minimum(np.maximum(tau, lower), upper)
         going: Array | float = float(State.RUN)
         waits = opened
         if self.supervisor.torque_rate is not None:
             ramping = (watch.status == float(State.INIT)) & self._held_back(asked, lower, upper)
             going, waits = np.where(ramping, float(State.INIT), going), opened | ramping
-        stopped = np.where(any_joint(aim.v != 0.0) | seen.lost, float(State.STOPPING), float(State.HOLD))
+        moves = any_joint(aim.v != 0.0) | seen.lost | (restless > 0.0)
+        stopped = np.where(moves, float(State.STOPPING), float(State.HOLD))
         broken = unsound & (watch.reason == 0.0)
         reason = np.where(entering, seen.worst, np.where(broken, float(Reason.NOT_FINITE), watch.reason))
         frozen = self.frozen.after(dead & seen.distrusted, seen, aim.q, tau, watch)
@@ -317,6 +321,7 @@ class Supervised(Controller):
             joint=np.where(entering, seen.joint, watch.joint),
             since=np.minimum(watch.since + np.where(watch.reason > 0.0, 1.0, 0.0), COUNTED),
             late=np.zeros_like(watch.late),
+            restless=np.where(active & ~entering, 0.0, restless),
             bad=seen.bad,
             q=seen.q,
             change=change,
@@ -328,10 +333,14 @@ class Supervised(Controller):
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
         )
-        counted = kept.bad + frozen.unchanged_samples + kept.saturated_samples + response.adverse_samples
-        counted = counted + self.saturated.at_limit(tau, 0.0)
-        nominal = np.where((kept.status == float(State.RUN)) & all_joints(counted == 0.0), 1.0, 0.0)
-        return ControlStep(tau, SupervisedState(kept._replace(nominal=nominal), choose(waits, before, after)))
+        kept = kept._replace(nominal=self._may_take_the_short_way(kept))
+        return ControlStep(tau, SupervisedState(kept, choose(waits, before, after)))
+
+    def _may_take_the_short_way(self, kept: Watch) -> Array:
+        """Return 1 where it is RUN and nothing is counted, (1,) or (batch, 1)."""
+        counted = kept.bad + kept.frozen.unchanged_samples + kept.saturated_samples
+        counted = counted + kept.response.adverse_samples + self.saturated.at_limit(kept.tau, 0.0)
+        return np.where((kept.status == float(State.RUN)) & all_joints(counted == 0.0), 1.0, 0.0)
 
     def _look(self, measurement: Any, target: Target, watch: Watch, active: Mask) -> Sample:
         """Return what a sample looks like."""
@@ -378,6 +387,7 @@ class Supervised(Controller):
         limits: tuple[Array, Array],
         opened: Mask,
         dead: Mask,
+        accused: Mask,
         watch: Watch,
         aim: Target,
         seen: Sample,
@@ -389,7 +399,7 @@ class Supervised(Controller):
         measured, or by the law for what a torque cut leaves. So no step takes much longer than others.
         """
         turned = self.response.fails(watch.response)
-        torque, motion = self.stop.open_loop(opened, dead, turned, seen, v, aim, watch)
+        torque, motion = self.stop.open_loop(opened, dead, turned, accused, seen, v, aim, watch)
         alert = self.response.alert(opened, seen.e)
         looks = alert & ~any_joint((asked <= limits[0]) | (asked >= limits[1]))
         rate = 1.0 / self.dt
@@ -397,6 +407,11 @@ class Supervised(Controller):
         model = self._brakes.inverse_where(*choose(looks, measured, motion))
         response = self.response.after(alert, looks, dead, model, watch, seen.e, v)
         return self.response.turned_round(dead, np.where(opened, model + torque, asked), v, watch, response)
+
+    def _velocity(self, new: Array, accused: Mask, watch: Watch) -> Array:
+        """Return the velocity, smoothed [rad or m per sample]: slower in FAULT, where gears may twist."""
+        soft = (watch.status == float(State.FAULT)) & ~accused
+        return _gone(watch.v + np.where(soft, self.stop.smoothing, self._smoothing) * new)
 
     def _given(self, aim: Target, target: Target, stopping: Mask) -> Target:
         """Return the target for the law: its rates are those given, while there is no stop."""

@@ -65,7 +65,7 @@ class Moves {
   std::atomic<bool> refused_{false};
 };
 
-// Whether an arm rests: within REST_MOTION of where it was REST_SAMPLES ago. HOLD says that of its reference alone.
+// Whether an arm rests: within REST_MOTION of where it was REST_SAMPLES ago. HOLD takes 0.1 rad/s for rest.
 class Rest {
  public:
   bool reached(const Vector& q) noexcept {
