@@ -47,6 +47,11 @@ CASES = {
     "a factor forgotten in a loop of SymPy": ("prr_lagrange", "c * V[k] / 2", "c * V[k]"),
     "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
 }
+#: Each takes half a minute to name: `make search` has them, and everything else what is like them.
+LONG = (
+    *("ω × I ω forgotten in a loop", "a factor forgotten in a function of a comprehension"),
+    *("a factor forgotten in a loop of SymPy", "the wrong frame"),
+)
 
 
 def written(folder: Path, source: str) -> Path:
@@ -56,7 +61,9 @@ def written(folder: Path, source: str) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.search if name in LONG else ()) for name in CASES]
+)
 def test_a_mistake_is_named_by_a_repair_that_is_right(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
