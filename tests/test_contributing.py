@@ -248,8 +248,8 @@ def test_the_metric_is_in_reports_files_sweeps_and_objectives(run: Run, folder: 
 
 def test_the_laws_of_metrics_hold_for_that_of_the_recipe(run: Run) -> None:
     laws = [str(ROOT / "tests" / "test_metrics.py"), "-q", "-p", "no:cacheprovider", f"--rootdir={ROOT}"]
-    assert "mean_error" in run("-c", LAWS, *laws, "--collect-only", module=())
-    run("-c", LAWS, *laws, module=())
+    # Those of the other metrics ran where they stand.
+    assert " passed" in run("-c", LAWS, *laws, "-k", "mean_error", module=())
 
 
 def test_the_check_is_in_the_output_of_inspect_and_in_its_json(run: Run, folder: Path) -> None:
