@@ -449,9 +449,9 @@ def test_what_is_said_of_a_draw_beforehand_is_torque_that_is_known_to_lack_and_w
 ):
     law = {"type": "untuned"}
     calm = Reality.bare(0, encoder_bits=(20, 20), sample_time=[1e-3], effort_share=0.0, speed=(4.0, 4.0))
+    coarse = calm.with_values(encoder_bits=(10, 10))
     assert health.warned(calm.draw(ARM, 0), law) == (False, False)
     weak = calm.draw(ARM, 0)
     half = weak.model.with_limits(effort=0.5 * np.abs(weak.model.gravity(weak.q0)).max())
     assert health.warned(weak._replace(model=half), law).torque
-    light = calm.draw(Robot.load("hextilt_arm"), 0)
-    assert health.warned(light, law).controller
+    assert health.warned(coarse.draw(ARM, 0), law).controller

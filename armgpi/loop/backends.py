@@ -24,7 +24,7 @@ def runner(name: str, joints: int, patience: float) -> Any:
 
     Raises:
         BackendError: when there is none, or it takes longer.
-        ModuleNotFoundError: when what it needs is not installed.
+        MissingPackage: when what it needs is not installed.
     """
     module, kind, build = _LOADED[name]
     found = import_module(build)

@@ -15,7 +15,7 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, check_choice, check_number, check_type, check_whole
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor
-from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, ParameterError
+from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, MissingPackage, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.backends import BACKENDS, runner
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
@@ -312,8 +312,8 @@ class PreparedLoop:
             kind = runner("compiled", loop.plant.robot.n, patience)
             how = (self._divergence, self._signals, running, self._known, patience)
             return cast(Runner, kind(loop, state, recording, *how))
-        except ModuleNotFoundError as error:
-            reason = f"{error.name} is not installed (pip install 'armgpi[compiled]')"
+        except MissingPackage as error:
+            reason = f"{error.package} is not installed (pip install 'armgpi[{error.extra}]')"
         except BackendError as error:
             reason = str(error)
         if self._backend == "compiled":
