@@ -28,7 +28,7 @@ _NEAR = 0.05
 #: Set by hand: damping of one joint by its last velocity is stable up to 2.
 _DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
 #: The same of a joint with a rotor, whose gear may twist, and the time constant of its velocity [s]: slow for
-#: resonances from 10 Hz on, whichever side the encoder is at (tools/alarms.py --stops counts what rests).
+#: resonances from 10 Hz on, whichever side the encoder is at (tools/gears.py --stops measures what rests).
 _SOFT_DAMPING, _SOFT_SMOOTHING = 8.0, 0.02
 #: Velocity below which a joint rests [rad/s or m/s]. HOLD waits for it: so long, less where samples of rest
 #: count several times [s]. An arm whose reference rests, and that does not for so long, swings. Set by hand.
