@@ -22,7 +22,7 @@ TAKERS = {
     "run": ("run", "{}"),
     "compare": ("compare", "{}"),
     "sweep": ("sweep", "{}", "--rollouts", 4, "--out", "swept"),
-    "tune": ("tune", "{}", "--out", "tuned", "--evaluations", 2, "--backend", "numpy"),
+    "tune": ("tune", "{}", "--out", "tuned", "--evaluations", 2),
     "play": ("play", "{}", "-o", "page.html"),
     "certify": ("certify", "{}", "--box", "box.yaml"),
     "excite": ("excite", "{}", "--seconds", 4, "--first", "-o", "excited"),

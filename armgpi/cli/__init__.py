@@ -59,7 +59,8 @@ def _usage_shown() -> Iterator[None]:
             message, context = vars(error)["message"], vars(error).get("ctx")
             vars(error)["message"] = shown(message).replace(*_NO_NUMBER)
             if context is not None and "\n" not in message:  # the whole help stays as it is
-                vars(error)["message"] += f"; see armgpi {context.info_name} --help"
+                # Click puts a sentence of its own before no message.
+                vars(error)["message"] += f"{'; see' if message else 'See'} armgpi {context.info_name} --help"
                 vars(error)["ctx"] = None
         raise
 

@@ -133,7 +133,7 @@ def _file(
     return [
         f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
         f"#   armgpi run {path}; compare, sweep, tune, play, certify, excite and export take it likewise,",
-        f"#   armgpi identify log.csv --robot {path}, armgpi export {path} --target {target}",
+        f"#   armgpi identify log.armlog --robot {path}, armgpi export {path} --target {target}",
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
         *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),
