@@ -105,7 +105,9 @@ def fingers(name: str) -> list[str]:
     """Return the joints of an arm's grippers that are not locked by its name alone."""
     path, _ = robots.locate(name)
     document = urdf.parse(urdf.read_file(path), str(path))
-    robot = Robot.load(name)
+    with warnings.catch_warnings():  # of fingers that are not locked, which is what is asked for
+        warnings.simplefilter("ignore", ArmgpiWarning)
+        robot = Robot.load(name)
     found = grippers.find(document, set(robot.provenance["locked"]))
     return [joint for gripper in found for joint in gripper.joints if joint in robot.joint_names]
 

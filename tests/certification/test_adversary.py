@@ -26,7 +26,6 @@ def test_no_torque_that_switches_at_the_worst_times_leads_beyond_the_certificate
 
 
 @pytest.mark.search
-@pytest.mark.filterwarnings("ignore:.*mimics")
 @pytest.mark.parametrize("inertia", [0.0, 0.1])
 @pytest.mark.parametrize("name", ["anthropomorphic3", "ur3", "ur5", "ur10", "kinova", "panda", "xarm7", "z1"])
 def test_no_certificate_of_the_zoo_is_below_the_worst_of_many_configurations(
