@@ -12,6 +12,7 @@ from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
 from armgpi.certification.words import NUMBERS, OTHERS, claims, shares, table, verdict
+from armgpi.control.advice import COUNT_SHARE
 from armgpi.control.gains import Tuning
 from armgpi.control.margins import open_loop
 from armgpi.loop.units import POSITION, TORQUE
@@ -24,8 +25,8 @@ _DRAWN, _PARTS = 3000, 24
 _BLUE, _GREEN, _PURPLE, _ORANGE = (style.PALETTE[place] for place in (0, 2, 3, 4))
 _COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e": _PURPLE}
 #: Share of an effort below which bearing a disturbance says little: a tenth of what one encoder count may
-#: move a torque before an arm shakes (COUNT_SHARE of armgpi.control.advice).
-_USEFUL = 1e-3
+#: move a torque before an arm shakes (COUNT_SHARE).
+_USEFUL = 0.1 * COUNT_SHARE
 _LINE, _QUIET = "#1b2127", "#aeb8c2"
 
 

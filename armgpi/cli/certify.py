@@ -11,7 +11,7 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
-from armgpi.cli.parsing import FAILED, OK, is_experiment, locks, per_joint, refusal, split, stoppable
+from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
@@ -254,13 +254,10 @@ def load_arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: 
     """Return the robot with what its joints have; that of an experiment file where the name is one's."""
     from armgpi import config
 
-    readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
-    readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
     section: dict[str, Any] = {"name": name}
     if is_experiment(name):
         section = config.read(Path(name)).config.robot.model_dump(exclude_unset=True)
-    section |= {key: readers.get(key, str)(value) for key, value in how.items() if value}
-    section.update(opt.drives_given(inertia, drives))
+    section |= opt.robot_given(how, inertia, drives)
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
     options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}
     # The longest keys first: of "robot.lock" and "robot", the first says more.

@@ -170,12 +170,10 @@ def check_out(options: dict[str, Any], experiment: Experiment) -> None:
 
 def note_differences(experiment: Experiment) -> None:
     """Say what MuJoCo does otherwise than armgpi's own plant, and how far gears let the tool sag."""
-    from armgpi.plants.plant import Wrapper
+    from armgpi.plants.plant import inside
 
     for plant, _ in experiment.runs.values():
-        inner = plant
-        while isinstance(inner, Wrapper):
-            inner = inner.plant
+        inner = inside(plant)
         if sag := getattr(inner, "sag", ""):
             say(sag, err=True)
         if (differences := getattr(inner, "differences", None)) is not None:

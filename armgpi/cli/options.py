@@ -154,6 +154,16 @@ Effort = Annotated[
 ]
 
 
+def robot_given(how: dict[str, Any], rotor_inertia: list[str] | None, drives: Path | None) -> dict[str, Any]:
+    """Return what options say of an arm, as keys of the section `robot`: how it is loaded, and its drives."""
+    from armgpi.cli.parsing import locks, per_joint, split
+
+    readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
+    readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
+    given = {key: readers.get(key, str)(value) for key, value in how.items() if value}
+    return given | drives_given(rotor_inertia, drives)
+
+
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
     """Return what --drives and --rotor-inertia give, as keys of the section `robot`; the latter wins."""
     from armgpi.cli.parsing import per_joint

@@ -338,7 +338,7 @@ class PlausibleLoad(NamedTuple):
 
 def plausible_load(robot: Robot) -> PlausibleLoad:
     """Return the load that an arm is likely to carry at its tip, and what it does to the loop."""
-    mass = _PLAUSIBLE * float(sum(body.mass for body in robot.pinocchio_model().inertias[1:]))
+    mass = _PLAUSIBLE * robot.moving_mass
     com = _beside(robot)
     mobility = _mobility(robot, robot.tip, com)
     return PlausibleLoad(mass, com, 1.0 / (1.0 + mass * mobility), mobility)

@@ -279,15 +279,14 @@ def held(draw: Draw) -> bool:
     if draw.gears is None:
         return True
     arm, dt = draw.arm, draw.dt
-    places = (
+    cases = [
         geared.Case(q, two_mass.ArmLoop(arm, q, _linear(draw, q), dt, draw.delay), True)
         for q in (draw.move.start, draw.move.goal)
-    )
-    cases = tuple(places)
+    ]
     for factor, share, ratio in SEARCHED:
         own = Member(1, 0) if ratio is None else Member(1, 1, ratio)
-        nominal = with_heavier_rotors(arm.scaled_inertia(share), factor)
-        loops = geared.Loops(cases, nominal, arm, own, dt)  # type: ignore[arg-type]
+        nominal: Any = with_heavier_rotors(arm.scaled_inertia(share), factor)
+        loops = geared.Loops(cases, nominal, arm, own, dt)
         if any(loops.holds(omega, MOST_SENSITIVITY) for omega in BANDWIDTHS):
             return True
     return False

@@ -90,6 +90,13 @@ class Plant(ABC):
         """Return the parameters as plain data, for a rollout's provenance."""
 
 
+def inside(plant: Plant) -> Plant:
+    """Return the arm inside of its sensors and actuators."""
+    while isinstance(plant, Wrapper):
+        plant = plant.plant
+    return plant
+
+
 @with_parameters
 class Wrapper(Parametrised, Plant):
     """A plant behind a sensor or an actuator; varies a plant by wrapping it.

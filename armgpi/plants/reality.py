@@ -95,8 +95,7 @@ def scales(robot: Robot) -> Scales:
     floor = np.maximum(largest, _LEAST_GRAVITY * largest.max())
     limit = robot.limits.effort
     gravity = np.minimum(floor, _MOST_GRAVITY * np.where(limit > 0.0, limit, math.inf))
-    mass = float(sum(body.mass for body in robot.pinocchio_model().inertias[1:]))
-    return Scales(inertia, gravity, np.minimum(limit, _MOST_EFFORT * gravity), mass)
+    return Scales(inertia, gravity, np.minimum(limit, _MOST_EFFORT * gravity), robot.moving_mass)
 
 
 class Gears(NamedTuple):

@@ -100,14 +100,14 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
         "choices": [{**choice._asdict(), "id": choice.id} for choice in moved.choices],
         "controls": [_control(control) for control in moved.controls],
         "sections": moved.sections,
-        **_taken_along(moved.config),
+        **_config_with_urdf(moved.config),
         "friction": plain(experiment.config)["robot"]["friction"],
         "defaults": _defaults(moved),
         "variants": [_variant(variant, loop, steps, arrays) for variant in found.variants],
     }
 
 
-def _taken_along(config: dict[str, Any]) -> dict[str, Any]:
+def _config_with_urdf(config: dict[str, Any]) -> dict[str, Any]:
     """Return the configuration that is copied from the page, and the URDF to lie beside it, if any."""
     robot, path = config["robot"], Path(config["robot"]["name"])
     if not path.is_file():

@@ -271,6 +271,11 @@ class Robot(Edits):
         return float(sum(inertia.mass for inertia in self._model.inertias))
 
     @property
+    def moving_mass(self) -> float:
+        """Mass of the links that move [kg]."""
+        return float(sum(inertia.mass for inertia in self._model.inertias[1:]))
+
+    @property
     def tip(self) -> str:
         """Name of the link at the end, the one farthest from the last joint over fixed joints.
 

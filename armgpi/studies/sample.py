@@ -21,7 +21,7 @@ from armgpi.loop.rollout import FAULTS, Status
 from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
-from armgpi.plants.plant import Wrapper
+from armgpi.plants.plant import inside
 from armgpi.plants.reality import Draw, Reality, batches, together
 from armgpi.registry import registered
 from armgpi.studies.distributions import SAMPLINGS, Distribution, distribution, shares
@@ -400,9 +400,7 @@ def _list_times(moves: dict[str, Any]) -> None:
 
 def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
     """Refuse the number of a load where an entry of the file is several loads."""
-    arm: Any = sweep.experiment.plant
-    while isinstance(arm, Wrapper):
-        arm = arm.plant
+    arm: Any = inside(sweep.experiment.plant)
     if len(sweep.config.plant.loads) != len(arm.loads):
         raise ParameterError(name, value, "the number of a load that is one entry of the file")
 
