@@ -4,6 +4,7 @@ import ast as _ast
 import re as _re
 from dataclasses import replace as _replace
 from importlib.metadata import version as _version
+from importlib.resources import files as _files
 from pathlib import Path as _FilePath
 
 from armgpi.cli import declared as _declared
@@ -25,7 +26,13 @@ author = "The armgpi developers"
 project_copyright = author
 release = version = _version("armgpi")
 
-extensions = ["myst_parser", "sphinx_design", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = [
+    "myst_parser",
+    "sphinx_design",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",  # each name of the reference links to its source
+]
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "substitution"]
 # Pages to play with, where `make playground` made some: too large to be kept.
 _playground = _FilePath(__file__).parents[1] / "build" / "playground"
@@ -204,6 +211,9 @@ nitpick_ignore_regex = [
     ("py:class", r"armgpi\.config\.schema\.\w+Section"),  # made from declared parameters: see cli.md
 ]
 
+# MathJax in one file, with its fonts: pages draw formulas without a network.
+html_static_path = [str(_files("sphinx-mathjax-offline") / "static" / "mathjax" / "tex-svg.js")]
+mathjax_path = "tex-svg.js"
 html_theme = "furo"
-html_title = "armgpi"
+html_title = f"armgpi {release}"
 html_favicon = "images/favicon.svg"
