@@ -1,4 +1,4 @@
-"""A built page asks the network for nothing: no script, style, font or picture; formulas are drawn all the same."""
+"""A built page asks the network for nothing (scripts, styles, fonts, pictures), and draws its formulas."""
 
 from __future__ import annotations
 
