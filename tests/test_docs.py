@@ -27,7 +27,10 @@ import armgpi
 from armgpi import config
 from armgpi.cli import app, declared, main
 from armgpi.config import schema
+from armgpi.export.targets import TARGETS
+from armgpi.loop.backends import BACKENDS
 from armgpi.parameter import parameters
+from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
 from armgpi.references.paths import Path as ToolPath
@@ -208,3 +211,15 @@ def test_every_key_of_the_experiment_file_is_in_the_page_of_the_command_line() -
             assert f"`{key}`" in text or f".{key}`" in text or f"{{{key}:" in text or f" {key}:" in text, (
                 f"{name}: {key}"
             )
+
+
+def test_the_page_of_what_is_supported_names_every_target_back_end_plant_and_python() -> None:
+    text = (ROOT / "docs" / "support.md").read_text(encoding="utf-8")
+    versions = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    engines = [name for name, cls in registered(Arm).items() if cls.__module__.startswith("armgpi.")]
+    assert len(versions) > 2
+    assert len(engines) > 2
+    for name in (*TARGETS, *BACKENDS, *engines):
+        assert f"`{name}`" in text, name
+    for version in versions:
+        assert version in text, version
