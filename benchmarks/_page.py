@@ -50,8 +50,8 @@ def begin(file: str, title: str) -> Page:
     name = Path(file).stem
     facts = _timing.machine(PACKAGES)
     print(f"# {title}")
-    command = f"`python benchmarks/{name}.py{' --quick' if quick else ''}`"
-    say(f"{command}, on {_timing.machine_line(facts)}.")
+    print(f"\n`python benchmarks/{name}.py{' --quick' if quick else ''}`\n")
+    print(_timing.machine_table(facts))
     if quick:
         print("\nQuick: too few rounds to judge by.")
     return Page(name, quick, facts, {})

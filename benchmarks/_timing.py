@@ -146,15 +146,18 @@ def machine(packages: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def machine_line(facts: Mapping[str, Any]) -> str:
-    """Return :func:`machine` in one line."""
+def machine_table(facts: Mapping[str, Any]) -> str:
+    """Return :func:`machine` as a table of one row."""
     packages = ", ".join(f"{name} {number}" for name, number in facts["packages"].items())
     load = facts["load_average"]
-    return (
-        f"{facts['cpu']}, {facts['usable_cores']} of {facts['cores']} cores, {facts['lanes']} doubles wide, "
-        f"{facts['system']}; {facts['compiler']}; Python {facts['python']}, {packages}; "
-        f"load average before {'unknown' if load is None else format(load, '.2f')}"
+    cores = f"{facts['usable_cores']} of {facts['cores']} cores, {facts['lanes']} doubles wide"
+    row = (
+        f"{facts['cpu']}, {cores}, {facts['system']}",
+        facts["compiler"],
+        f"Python {facts['python']}, {packages}",
+        "unknown" if load is None else format(load, ".2f"),
     )
+    return table(("machine", "compiler", "packages", "load average before"), [row])
 
 
 def load_average() -> float | None:

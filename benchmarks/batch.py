@@ -122,8 +122,8 @@ def _batch(
     }
     start = spread(1e-3 * taken[f"{START}, 1"].times)
     print(f"\n### Batch of {batch}\n")
-    print(table(["", "1 thread", "×", "2 threads", "×", "apart"], _rows(samples, distances)))
-    print(f"\nThe start of a compiled run, its code in the cache: {start} ms.")
+    rows = [*_rows(samples, distances), ["start, its code in the cache [ms]", start, "", "", "", ""]]
+    print(table(["", "1 thread", "×", "2 threads", "×", "apart"], rows))
     if _timing.busy(samples[f"{COMPILED}, 2"], 2):
         print(f"\nThe machine was busy: two threads had {cores:.2g} cores, so their times do not count.")
     return samples

@@ -53,7 +53,7 @@ def main() -> None:
         rows.append((name, robot.n, part, f"{took:.2f}", f"{error:.1e}", len(text.splitlines())))
     print("# Closed forms\n")
     facts = _timing.machine(("armgpi", "sympy", "pin", "numpy"))
-    print(f"`python benchmarks/derive.py`, on {_timing.machine_line(facts)}.")
+    print(f"`python benchmarks/derive.py`\n\n{_timing.machine_table(facts)}")
     print(
         "\nDerived, written as Python and compared with Pinocchio: processor time, with symbols for all"
         "\nmasses, lengths and inertias. Slow are those whose URDF has rounded angles or full inertia"

@@ -117,7 +117,7 @@ def main() -> None:
         figures[f"{name}: beyond"] = {"refused": float(np.mean(~far.reached)), "together": spent}
     print("# Inverse kinematics\n")
     facts = _timing.machine(("armgpi", "pin", "numpy"))
-    print(f"`python benchmarks/inverse_kinematics.py`, on {_timing.machine_line(facts)}.")
+    print(f"`python benchmarks/inverse_kinematics.py`\n\n{_timing.machine_table(facts)}")
     print(
         "\nProcessor time of one thread. Poses are those of random configurations. One by one, most of the"
         "\ntime is NumPy's overhead for arrays of one row; in one call a thousand poses share it."

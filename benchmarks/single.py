@@ -107,8 +107,8 @@ def _robot(
         word = "" if distance is None else f"{distance:.1e}"
         rows.append([label, spread(one.times), ratio(one, samples[COMPILED]), word])
     print(f"\n### {arm.title}\n")
+    rows.append(["start, its code in the cache [ms]", spread(1e-3 * samples[START].times), "", ""])
     print(table(["", "time", "×", "apart"], rows))
-    print(f"\nThe start of a compiled run, its code in the cache: {spread(1e-3 * samples[START].times)} ms.")
     return samples
 
 
