@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import runpy
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -447,11 +449,12 @@ def test_experiments_say_which_arms_they_could_not_run() -> None:
 def test_what_is_said_of_a_draw_beforehand_is_torque_that_is_known_to_lack_and_what_the_law_warns_of() -> (
     None
 ):
+    said_of = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "reality.py"))["said_of"]
     law = {"type": "untuned"}
     calm = Reality.bare(0, encoder_bits=(20, 20), sample_time=[1e-3], effort_share=0.0, speed=(4.0, 4.0))
     coarse = calm.with_values(encoder_bits=(10, 10))
-    assert health.warned(calm.draw(ARM, 0), law) == (False, False)
+    assert said_of(calm.draw(ARM, 0), law) == (False, False)
     weak = calm.draw(ARM, 0)
     half = weak.model.with_limits(effort=0.5 * np.abs(weak.model.gravity(weak.q0)).max())
-    assert health.warned(weak._replace(model=half), law).torque
-    assert health.warned(coarse.draw(ARM, 0), law).controller
+    assert said_of(weak._replace(model=half), law).torque
+    assert said_of(coarse.draw(ARM, 0), law).controller

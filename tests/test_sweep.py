@@ -562,9 +562,13 @@ def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> N
 
 
 def test_bars_of_a_picture_stand_on_one_line() -> None:
-    svg = page._svg([(0.0, 0.5, 0.25, "red"), (0.5, 0.5, 1.0, "red")], ["a", "b", "c"])
+    svg = page._bars(np.array([0.25, 1.0]), ["a", "b", "c"], "red", [(0.1, 0.5), (0.8, 1.0)])
     bars = re.findall(r'y="([\d.]+)" width="[\d.]+" height="([\d.]+)"', svg)
-    assert {float(y) + float(high) for y, high in bars} == {92.0}
+    assert [float(y) + float(high) for y, high in bars] == [92.0, 92.0]
+    assert [float(high) for _, high in bars] == [23.0, 92.0]
+    # Intervals: in the middle of their bars, the lower end below the upper one.
+    assert 'points="75.0,82.8 75.0,46.0"' in svg
+    assert 'points="225.0,18.4 225.0,0.0"' in svg
 
 
 def test_levels_that_random_rollouts_do_not_confirm_are_said_to_be_wrong() -> None:

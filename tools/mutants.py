@@ -112,14 +112,14 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
 
 
 def tests_of(path: Path) -> list[str]:
-    """Return the tests of a module: of its name, of its package, and the laws that no symmetry hides."""
+    """Return the tests of a module: of its name, the laws that no symmetry hides, and of its package."""
     package, stem = path.parent.name, path.stem
-    named = [*ROOT.glob(f"tests/**/test_{stem}.py"), *ROOT.glob(f"tests/test_{package}*.py")]
+    laws = ROOT / "tests" / "laws" / "test_broken_symmetries.py"
+    named = [*ROOT.glob(f"tests/**/test_{stem}.py"), laws, *ROOT.glob(f"tests/test_{package}*.py")]
     if (ROOT / "tests" / package).is_dir():
         named += (ROOT / "tests" / package).glob("test_*.py")
     found = [str(each.relative_to(ROOT)) for each in named]
-    found += [*ELSEWHERE.get(package, ()), *ELSEWHERE.get(stem, ())]
-    return list(dict.fromkeys(["tests/laws/test_broken_symmetries.py", *found]))
+    return list(dict.fromkeys([*found, *ELSEWHERE.get(package, ()), *ELSEWHERE.get(stem, ())]))
 
 
 def survives(mutant: Mutant, tree: Path) -> bool:
@@ -149,6 +149,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--skip", type=int, default=0, help="so many of them, which were run before")
     parser.add_argument("--planted", action="store_true")
     asked = parser.parse_args()
     chosen = list(planted())
@@ -163,11 +164,11 @@ def main() -> None:
         shutil.copytree(ROOT, tree, ignore=ignored)
         print("| mutant | kind | change | |\n|---|---|---|---|")
         survivors = 0
-        for mutant in chosen:
+        for mutant in chosen[asked.skip :]:
             alive = survives(mutant, tree)
             survivors += alive
             print(f"| {mutant} | {'SURVIVES' if alive else 'found'} |", flush=True)
-    print(f"{survivors} of {len(chosen)} survive")
+    print(f"{survivors} of {len(chosen[asked.skip :])} survive")
 
 
 if __name__ == "__main__":

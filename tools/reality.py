@@ -16,20 +16,53 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
-from armgpi import Reality, Robot
+from armgpi import ArmgpiWarning, Reality, Robot, config
 from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
 from armgpi.parameter import parameters
+from armgpi.plants.reality import Draw
 
 KINDS = parameters(Reality)["name"].choices
+
+
+class Warned(NamedTuple):
+    """What is said of a draw before it is run.
+
+    Attributes:
+        torque: whether the reference asks the nominal model for more torque than is known to be there.
+        controller: whether the law warns when it is made.
+    """
+
+    torque: bool
+    controller: bool
+
+
+def said_of(draw: Draw, law: Mapping[str, Any]) -> Warned:
+    """Return what is said of a draw before it is run.
+
+    Args:
+        draw: the draw.
+        law: a controller's section of an experiment file.
+
+    Raises:
+        ArmgpiError: when the law cannot be made for the arm.
+    """
+    target = draw.reference.at(np.linspace(0.0, draw.t_final, health.MOMENTS))
+    asked = np.abs(draw.model.inverse_dynamics(*target)) / draw.model.limits.effort
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        config.controller(law, draw.context)
+    return Warned(bool(asked.max() > 1.0), any(issubclass(each.category, ArmgpiWarning) for each in said))
 
 
 def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, Any], label: str) -> str:
@@ -37,7 +70,7 @@ def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, An
     said = []
     for name, rows in groupby(found, lambda each: each.arm):
         robot = Robot.load(name, fingers(name))
-        said += [health.warned(drawn.draw(robot, each.index), law) for each in rows]
+        said += [said_of(drawn.draw(robot, each.index), law) for each in rows]
     lines = []
     kinds = {"torque": "torque of the move", "controller": "when the controller is made", "": "either"}
     for kind, text in kinds.items():

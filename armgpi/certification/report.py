@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from armgpi.arrays import Array
 from armgpi.certification.adversary import worst
 from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.certificate import Certificate
@@ -17,9 +14,10 @@ from armgpi.control.gains import Tuning
 from armgpi.control.margins import open_loop
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz import page, style
+from armgpi.viz.drawing import LINE, Drawing, figure
 
-#: Size of a picture [px], and what of the plane Nyquist's curve is drawn in.
-_WIDTH, _HEIGHT, _REACH = 420, 300, 2.2
+#: What of the plane Nyquist's curve is drawn in.
+_REACH = 2.2
 #: Configurations that are drawn for the share of each number along a joint, and its parts.
 _DRAWN, _PARTS = 3000, 24
 _BLUE, _GREEN, _PURPLE, _ORANGE = (style.PALETTE[place] for place in (0, 2, 3, 4))
@@ -27,7 +25,7 @@ _COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e":
 #: Share of an effort below which bearing a disturbance says little: a tenth of what one encoder count may
 #: move a torque before an arm shakes (COUNT_SHARE).
 _USEFUL = 0.1 * COUNT_SHARE
-_LINE, _QUIET = "#1b2127", "#aeb8c2"
+_QUIET = "#aeb8c2"
 
 
 def html(asked: Asked, made: Certificate) -> str:
@@ -114,7 +112,7 @@ def _nyquist(made: Certificate) -> str:
     s = 1j * np.geomspace(1e-2, 1e3, 4000) - 0.5 * sigma / omega
     curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
     near = np.abs(curve) < 2.0 * _REACH
-    drawing = _Drawing((-_REACH, 0.6), (-1.0, 1.0))
+    drawing = Drawing((-_REACH, 0.6), (-1.0, 1.0))
     parts = [
         drawing.line([(-_REACH, 0.0), (0.6, 0.0)], _QUIET),
         drawing.line([(0.0, -1.0), (0.0, 1.0)], _QUIET),
@@ -126,13 +124,13 @@ def _nyquist(made: Certificate) -> str:
         path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
         parts.append(drawing.line(path, _BLUE))
     for x, text in ((-1.0 / low, f"-1/{low:.3g}"), (-1.0 / high, f"-1/{high:.3g}")):
-        parts.append(drawing.text(x + (0.12 if x > -1.0 / low else -0.12), -0.1, text))
+        parts.append(drawing.text(x + (0.12 if x > -1.0 / low else -0.12), -0.1, text, colour=LINE))
     said = (
         f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
         "A curve that stays out of it is necessary while the arm moves at the stated speed; sampling, delay, "
         "gravity and Coriolis torques take more."
     )
-    return drawing.figure(parts, said)
+    return figure(drawing.svg(parts, said), said)
 
 
 def _box(asked: Asked, made: Certificate) -> str:
@@ -152,7 +150,7 @@ def _box(asked: Asked, made: Certificate) -> str:
         ends = setting.lower[j], setting.upper[j]
         if not ends[1] > ends[0]:
             continue
-        drawing = _Drawing((ends[0], ends[1]), (0.0, 1.05), height=150)
+        drawing = Drawing((ends[0], ends[1]), (0.0, 1.05), height=150)
         place = np.minimum((_PARTS * (z[:, j] - ends[0]) / (ends[1] - ends[0])).astype(int), _PARTS - 1)
         middles = ends[0] + (np.arange(_PARTS) + 0.5) / _PARTS * (ends[1] - ends[0])
         parts = [drawing.line([(ends[0], y), (ends[1], y)], _QUIET) for y in (0.0, 0.5, 1.0)]
@@ -160,40 +158,11 @@ def _box(asked: Asked, made: Certificate) -> str:
             largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
             parts.append(drawing.line(list(zip(middles, largest, strict=True)), colour))
         unit = POSITION.symbol(asked.robot.prismatic[j])
-        figures.append(drawing.figure(parts, f"{joint}: {ends[0]:.3g} to {ends[1]:.3g} {unit}"))
+        said = f"{joint}: {ends[0]:.3g} to {ends[1]:.3g} {unit}"
+        figures.append(figure(drawing.svg(parts, said), said))
     legend = ", ".join(f"<b><font color='{colour}'>{name}</font></b>" for name, colour in _COLOURS.items())
     said = (
         f"<p>Largest share of {legend} at configurations with this joint there; 1 is what the certificate "
         "takes, so what is left below it is the margin. A smaller box helps where curves are low.</p>"
     )
     return said + f"<div class=figures>{''.join(figures)}</div>"
-
-
-class _Drawing:
-    """A picture in coordinates of its own."""
-
-    def __init__(self, x: tuple[float, float], y: tuple[float, float], height: int = _HEIGHT) -> None:
-        """Take what the sides stand for."""
-        self.x, self.y, self.height = x, y, height
-
-    def _place(self, x: float, y: float) -> tuple[float, float]:
-        """Return pixels."""
-        across = (x - self.x[0]) / (self.x[1] - self.x[0])
-        up = (y - self.y[0]) / (self.y[1] - self.y[0])
-        return _WIDTH * across, self.height * (1.0 - up)
-
-    def line(self, path: Sequence[tuple[float, float]] | Array, colour: str, fill: str = "none") -> str:
-        """Return a line."""
-        places = " ".join("{:.1f},{:.1f}".format(*self._place(*each)) for each in path)
-        return f'<polyline points="{places}" fill="{fill}" stroke="{colour}" stroke-width="1.5"/>'
-
-    def text(self, x: float, y: float, text: str) -> str:
-        """Return words."""
-        across, up = self._place(x, y)
-        kind = f'text-anchor="middle" font-size="12" fill="{_LINE}"'
-        return f'<text x="{across:.1f}" y="{up:.1f}" {kind}>{page.text(text)}</text>'
-
-    def figure(self, parts: Sequence[str], caption: str) -> str:
-        """Return the picture with its caption."""
-        drawn = page.drawing(parts, _WIDTH, self.height, caption)
-        return f"<figure>{drawn}<figcaption>{page.text(caption)}</figcaption></figure>"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -65,12 +64,11 @@ def zoo(
         robots.locate(name)
     if tune is not None and reality is not None:
         raise refusal("--tune", "an arm is tuned on geared drives; leave --reality out")
-    run: Callable[[list[str]], _Shown] = _nominal
+    arms = names or list(robots.names())
     if reality is not None:
-        run = _drawn(reality, seed, count)
-    elif tune is not None:
-        run = _tuned(tune, seed, count)
-    shown = run(names or list(robots.names()))
+        shown = _drawn(arms, reality, seed, count)
+    else:
+        shown = _nominal(arms) if tune is None else _tuned(arms, tune, seed, count)
     if out is not None:
         write(out, shown.table, "--out")
     if report is not None:
@@ -115,8 +113,8 @@ def _nominal(names: list[str]) -> _Shown:
     return _Shown(rows, markdown(rows), [], any(row.end.startswith("diverged") for row in rows))
 
 
-def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]:
-    """Return what runs draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
+def _drawn(names: list[str], reality: str, seed: int, count: int) -> _Shown:
+    """Return what comes of draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
     from armgpi.errors import ParameterError
     from armgpi.health.reality import experiments, markdown
     from armgpi.plants.reality import Reality
@@ -125,26 +123,17 @@ def _drawn(reality: str, seed: int, count: int) -> Callable[[list[str]], _Shown]
         drawn = Reality(reality, seed)
     except ParameterError as error:
         raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
-
-    def run(names: list[str]) -> _Shown:
-        done = experiments(
-            drawn,
-            names,
-            {"untuned": {"type": "untuned"}},
-            count * len(names),
-            lambda name: say(name, err=True),
-        )
-        found = done.found["untuned"]
-        by_arm = {name: [each for each in found if each.arm == name] for name in names}
-        table = markdown({**{name: each for name, each in by_arm.items() if each}, "all": found}, "robot")
-        remarks = [f"{name} was not run: {reason}" for name, reason in done.failed.items()]
-        return _Shown(found, table, remarks, not found)
-
-    return run
+    law = {"untuned": {"type": "untuned"}}
+    done = experiments(drawn, names, law, count * len(names), lambda name: say(name, err=True))
+    found = done.found["untuned"]
+    by_arm = {name: [each for each in found if each.arm == name] for name in names}
+    table = markdown({**{name: each for name, each in by_arm.items() if each}, "all": found}, "robot")
+    remarks = [f"{name} was not run: {reason}" for name, reason in done.failed.items()]
+    return _Shown(found, table, remarks, not found)
 
 
-def _tuned(evaluations: int, seed: int, count: int) -> Callable[[list[str]], _Shown]:
-    """Return what tunes arms and shows them beside the rule."""
+def _tuned(names: list[str], evaluations: int, seed: int, count: int) -> _Shown:
+    """Tune arms and return them beside the rule."""
     from armgpi.errors import ArmgpiError, BackendError
     from armgpi.studies.zoo import MOST, markdown, run
 
@@ -152,17 +141,13 @@ def _tuned(evaluations: int, seed: int, count: int) -> Callable[[list[str]], _Sh
         raise refusal("--seed", f"expected 0 or more, got {seed}")
     if count > MOST:
         raise refusal("--count", f"expected at most {MOST} held-out draws, got {count}")
-
-    def tuned(names: list[str]) -> _Shown:
-        rows, remarks = [], []
-        for name in names:
-            say(name, err=True)
-            try:
-                rows.append(run(name, evaluations, count, seed))
-            except BackendError:  # none can be tuned
-                raise
-            except ArmgpiError as error:
-                remarks.append(f"{name} was not run: {error}")
-        return _Shown(rows, markdown(rows), remarks, not rows)
-
-    return tuned
+    rows, remarks = [], []
+    for name in names:
+        say(name, err=True)
+        try:
+            rows.append(run(name, evaluations, count, seed))
+        except BackendError:  # none can be tuned
+            raise
+        except ArmgpiError as error:
+            remarks.append(f"{name} was not run: {error}")
+    return _Shown(rows, markdown(rows), remarks, not rows)

@@ -33,8 +33,8 @@ from armgpi.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
+from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status, describe_measurement
-from armgpi.loop.simulation import simulate
 from armgpi.plants.reality import Draw, Reality, batches, together
 from armgpi.robot import robots, rotors
 from armgpi.robot.batch import with_heavier_rotors
@@ -57,7 +57,7 @@ SEARCHED = tuple(
 )
 BANDWIDTHS = (8.0, 5.0, 12.0, 3.5, 2.0)
 #: Moments at which the torque that a move takes is looked at.
-_MOMENTS = 301
+MOMENTS = 301
 #: Arms that are part of a larger robot belong to the family of the arm.
 _FAMILIES = {"anymal": "kinova", "b1": "z1"}
 #: The first draws of two arms are so many draws apart, or a multiple.
@@ -76,6 +76,7 @@ class Outcome(NamedTuple):
         chatter: whether its torque does.
         peak: largest error [rad or m]; infinite where it diverged.
         itae: sum of the joints' ITAE [rad s^2 or m s^2], likewise.
+        variation: sum of the joints' torque variation [N m or N], likewise.
         demand: largest share of a motor's torque that following takes [-]; above 1 nothing can.
         held: whether a law searched with the truth holds it.
     """
@@ -88,6 +89,7 @@ class Outcome(NamedTuple):
     chatter: bool
     peak: float
     itae: float
+    variation: float
     demand: float
     held: bool = True
 
@@ -149,6 +151,22 @@ def draws(reality: Reality, name: str, count: int, soft: bool = False) -> list[D
     return [reality.draw(robot, first + i) for i in range(count)]
 
 
+def prepare_draws(draws: Sequence[Draw], law: Mapping[str, Any], **options: Any) -> PreparedLoop:
+    """Return the loop of a law on draws that may run together; see :func:`armgpi.prepare` for the options.
+
+    Raises:
+        ArmgpiError: when the law cannot be made for the arm.
+    """
+    every = together(draws)
+    made: Controller = config.controller(law, every.context)
+    return prepare(every.plant, made, every.reference, every.t_final, **options)
+
+
+def in_rows(rollout: xr.Dataset) -> xr.Dataset:
+    """Return rollouts with the dimension that a single one lacks."""
+    return rollout if "rollout" in rollout.dims else rollout.expand_dims("rollout")
+
+
 def rollouts(
     found: Sequence[Draw],
     law: Mapping[str, Any],
@@ -167,25 +185,17 @@ def rollouts(
         ArmgpiError: when the law cannot be made for the arm.
     """
     for group in batches(found):
-        all_of_it = together(group)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            controller: Controller = config.controller(law, all_of_it.context)
             suits = supervisor
             if supervisor is not None:
-                count = group[0].robot.encoder_count(all_of_it.context.bits)
+                every = together(group).context
+                own = supervisor.with_values(resolution=group[0].robot.encoder_count(every.bits))
                 plant = PlantSection.model_validate({"delay": group[0].delay})
-                suits = suited(supervisor.with_values(resolution=count), plant, controller)
-            rollout = simulate(
-                all_of_it.plant,
-                controller,
-                all_of_it.reference,
-                all_of_it.t_final,
-                progress=False,
-                backend=backend,
-                supervisor=suits,
-            )
-        yield group, rollout if "rollout" in rollout.dims else rollout.expand_dims("rollout")
+                suits = suited(own, plant, config.controller(law, every))
+            loop = prepare_draws(group, law, backend=backend, supervisor=suits)
+            rollout = in_rows(loop.run(progress=False))
+        yield group, rollout
 
 
 def outcomes(
@@ -210,23 +220,29 @@ def outcomes(
     by_index = {}
     holds = {draw.index: held(draw) for draw in found} if holds is None else holds
     for group, rollout in rollouts(found, law, backend):
-        itae = metrics.itae(rollout).sum("joint").values
-        for row, draw in enumerate(group):
-            one = outcome(rollout.isel(rollout=row), draw, name, float(itae[row]))
+        costs = zip(*_costs(rollout), strict=True)
+        for row, (draw, own) in enumerate(zip(group, costs, strict=True)):
+            one = outcome(rollout.isel(rollout=row), draw, name, own)
             by_index[draw.index] = one._replace(held=holds[draw.index])
     return [by_index[draw.index] for draw in found]
 
 
-def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None = None) -> Outcome:
-    """Return what came out of one rollout of a draw; its ITAE where that is known already."""
+def _costs(rollout: xr.Dataset) -> list[Array]:
+    """Return what counts of rollouts besides errors: ITAE and torque variation, sums over the joints."""
+    return [cost(rollout).sum("joint").values for cost in (metrics.itae, metrics.total_variation)]
+
+
+def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", costs: Sequence[Any] | None = None) -> Outcome:
+    """Return what came out of one rollout of a draw; its ITAE and torque variation where they are known."""
     needed = demand(draw)
     if int(rollout["status"]) == Status.DIVERGED:
-        return Outcome(name, draw.index, True, False, False, False, math.inf, math.inf, needed)
+        return Outcome(name, draw.index, True, False, False, False, *(math.inf,) * 3, needed)
     error = np.abs((rollout["q"] - rollout["q_ref"]).values + sunk(draw, rollout["q_ref"].values))
     time = rollout["time"].values
     end = time > time[-1] - END
     peak = float(error.max())
-    lost = bool(is_lost(peak, error[end].max()))
+    lost = peak > LOST_PEAK or bool(error[end].max() > LOST_END)
+    itae, variation = map(float, _costs(rollout) if costs is None else costs)
     rest, still = rollout["q"].values[end], rest_band(draw)
     moved = np.ptp(rest, axis=0)
     back = moved - np.abs(rest[-1] - rest[0])
@@ -239,7 +255,8 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", itae: float | None 
         swinging=not lost and bool((back > still).any()),
         chatter=bool((steps > CHATTER * draw.scale).any()),
         peak=peak,
-        itae=float(metrics.itae(rollout).sum()) if itae is None else itae,
+        itae=itae,
+        variation=variation,
         demand=needed,
     )
 
@@ -251,14 +268,9 @@ def sunk(draw: Draw, q: Array) -> Array:
     return np.asarray(draw.arm.gravity(q) / draw.gears.stiffness)
 
 
-def is_lost(peak: Any, final: Any) -> Any:
-    """Return whether arms with these largest errors, of all time and at the end [rad or m], are lost."""
-    return (peak > LOST_PEAK) | (final > LOST_END)
-
-
 def demand(draw: Draw) -> float:
     """Return the largest share of a motor's torque that following the reference exactly takes."""
-    time = np.linspace(0.0, draw.t_final, _MOMENTS)
+    time = np.linspace(0.0, draw.t_final, MOMENTS)
     target = draw.reference.at(time)
     tau = draw.arm.inverse_dynamics(target.q, target.v, target.a)
     if draw.friction is not None:
@@ -299,36 +311,6 @@ def _linear(draw: Draw, q: Array) -> two_mass.Gears:
     gears = two_mass.Gears(rotor, stiffness, current=draw.numbers.current, side=draw.gears.side)
     links = draw.arm.mass_matrix(q) - np.diag(rotor)
     return gears._replace(damping=draw.gears.damping / two_mass.damping_at_one(links, gears))
-
-
-class Warned(NamedTuple):
-    """What is said of a draw before it is run.
-
-    Attributes:
-        torque: whether the reference asks the nominal model for more torque than is known to be there.
-        controller: whether the law warns when it is made.
-    """
-
-    torque: bool
-    controller: bool
-
-
-def warned(draw: Draw, law: Mapping[str, Any]) -> Warned:
-    """Return what is said of a draw before it is run.
-
-    Args:
-        draw: the draw.
-        law: a controller's section of an experiment file.
-
-    Raises:
-        ArmgpiError: when the law cannot be made for the arm.
-    """
-    target = draw.reference.at(np.linspace(0.0, draw.t_final, _MOMENTS))
-    asked = np.abs(draw.model.inverse_dynamics(*target)) / draw.model.limits.effort
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        config.controller(law, draw.context)
-    return Warned(bool(asked.max() > 1.0), any(issubclass(each.category, ArmgpiWarning) for each in said))
 
 
 def rest_band(draw: Draw) -> Array:

@@ -12,8 +12,9 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.config import controller, keys
 from armgpi.errors import ArmgpiError, ArmgpiWarning
+from armgpi.health.reality import in_rows, prepare_draws
 from armgpi.loop import metrics
-from armgpi.loop.prepared import PreparedLoop, prepare
+from armgpi.loop.prepared import PreparedLoop
 from armgpi.loop.rollout import Status
 from armgpi.plants.reality import Draw, batches, together
 
@@ -50,7 +51,6 @@ class Evaluator:
         places = {draw.index: place for place, draw in enumerate(self.draws)}
         groups = batches(self.draws)
         self._groups = [([places[draw.index] for draw in group], group) for group in groups]
-        self._once = [together(group) for group in groups]
         # Sections are prepared once for each number of candidates: what varies is given anew.
         self._loops: dict[Any, PreparedLoop] = {}
 
@@ -103,9 +103,7 @@ class Evaluator:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
             loop = self._prepared(place, section, count, candidates[0])
-            rollout = loop.run(by_rollout(candidates, len(group), loop))
-        if "rollout" not in rollout.dims:
-            rollout = rollout.expand_dims("rollout")
+            rollout = in_rows(loop.run(by_rollout(candidates, len(group), loop)))
         known, shape = metrics.declared(), (count, len(group))
         found = {
             name: known[name].of_arm(rollout[name].transpose("rollout", "joint").values).reshape(shape)
@@ -119,17 +117,9 @@ class Evaluator:
         """Return the loop of a group of scenarios for so many candidates."""
         key = (place, count, repr(section), tuple(example))
         if key not in self._loops:
-            everything = together(self._groups[place][1] * count)
             # What some keys are given as decides what there is to vary: a box, weights.
-            law = controller(with_keys(section, example), everything.context)
-            self._loops[key] = prepare(
-                everything.plant,
-                law,
-                everything.reference,
-                everything.t_final,
-                record="metrics",
-                backend=self.backend,
-            )
+            law, draws = with_keys(section, example), self._groups[place][1] * count
+            self._loops[key] = prepare_draws(draws, law, record="metrics", backend=self.backend)
         return self._loops[key]
 
 

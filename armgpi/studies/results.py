@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from itertools import combinations, product
@@ -10,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import h5netcdf
+import h5py
 import numpy as np
 import xarray as xr
-from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import Array
@@ -27,6 +26,8 @@ from armgpi.loop.rollout import FAULTS, Status
 from armgpi.studies.sample import Sweep, chunk_name
 from armgpi.studies.study import Study
 
+#: The file of all rollouts.
+RESULTS = "results.nc"
 #: Quantiles that are told of every metric.
 QUANTILES = (0.5, 0.9, 0.99)
 #: How many of the worst rollouts are written.
@@ -38,22 +39,48 @@ _PAIRED = 4
 
 
 def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
-    """Return the rollouts whose chunks are there, in order: what was drawn, metrics, status and end.
+    """Write the rollouts whose chunks are there as ``results.nc``, in order, and return them.
+
+    A chunk at a time is in memory. What is returned stays in the file, and is read each time that it is
+    asked for.
+
+    Returns:
+        What was drawn, metrics, status and end; dimensions (rollout, joint).
 
     Raises:
-        RolloutError: when there is no chunk, or one is damaged.
+        RolloutError: when there is no chunk, one is damaged, or the file cannot be written.
     """
-    tables, places = [], []
-    for chunk in range(-(-rollouts // sweep.size)):
-        rows = sweep.rows(chunk, rollouts)
-        if study.has(name := chunk_name(chunk, rows)):
-            tables.append(study.read(name, (rows, len(sweep.columns))))
-            places.append(np.arange(rows) + chunk * sweep.size)
-            if not sweep.drew(tables[-1], chunk):
-                raise RolloutError(f"{study.place(name)}: has other draws than this sweep; remove it")
-    if not tables:
+    chunks = [(i, sweep.rows(i, rollouts)) for i in range(-(-rollouts // sweep.size))]
+    there = [(i, rows) for i, rows in chunks if study.has(chunk_name(i, rows))]
+    if not there:
         raise RolloutError(f"{study.folder}: there is no rollout")
-    return _dataset(sweep, np.vstack(tables), np.concatenate(places))
+    target, begin = study.folder / RESULTS, 0
+    with files.replaced([target], str(target)) as (partial,), h5netcdf.File(partial, "w") as file:
+        for chunk, rows in there:
+            table = study.read(name := chunk_name(chunk, rows), (rows, len(sweep.columns)))
+            if not sweep.drew(table, chunk):
+                raise RolloutError(f"{study.place(name)}: has other draws than this sweep; remove it")
+            part = _dataset(sweep, table, np.arange(rows) + chunk * sweep.size)
+            if not begin:
+                _declare(file, part, sum(rows for _, rows in there))
+            for key, x in part.variables.items():
+                if "rollout" in x.dims:
+                    file[str(key)][begin : begin + rows] = x.values
+            begin += rows
+    return xr.open_dataset(target, engine="h5netcdf", cache=False)
+
+
+def _declare(file: Any, part: xr.Dataset, rollouts: int) -> None:
+    """Declare in a file what a part of the rollouts has, for all of them, as xarray would write it."""
+    file.attrs.update(part.attrs)
+    file.dimensions = {**part.sizes, "rollout": rollouts}
+    for name, x in part.variables.items():
+        if name == "joint":
+            file.create_variable(name, x.dims, h5py.string_dtype(), data=x.values.astype(object))
+            continue
+        packed = {"compression": "gzip", "compression_opts": 1} if x.dtype.kind == "f" else {}
+        fill = {"fillvalue": np.nan} if x.dtype.kind == "f" else {}
+        file.create_variable(name, x.dims, x.dtype, chunks=x.shape, **packed, **fill).attrs.update(x.attrs)
 
 
 def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
@@ -89,7 +116,7 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
     )
     failed = sweep.failed({name: dataset[name].values for name in (*sweep.metrics, "status")})
     attributes = {"long_name": failure_words(sweep)}
-    return dataset.assign(failed=("rollout", failed, attributes))
+    return dataset.assign(failed=("rollout", failed.astype(np.int8), attributes))
 
 
 def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
@@ -112,10 +139,7 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         **stops,
-        "quantiles": {
-            name: {str(share): quantile(of_arm(found, name), share)._asdict() for share in QUANTILES}
-            for name in sweep.metrics
-        },
+        "quantiles": {name: _quantiles(of_arm(found, name)) for name in sweep.metrics},
         "failure by what was drawn": (maps := {name: failure_map(found, [name]) for name in sweep.drawn}),
         "failure by two of them": [
             {"of": list(pair), "parts": failure_map(found, pair)}
@@ -123,6 +147,10 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         ],
     }
     return dict(json_data(said))
+
+
+def _quantiles(values: Array) -> dict[str, Any]:
+    return {str(share): quantile(values, share)._asdict() for share in QUANTILES}
 
 
 def _paired(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
@@ -196,7 +224,10 @@ def worst(found: xr.Dataset, count: int = WORST) -> Any:
 
 
 def write(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Write ``results.nc``, ``summary.json`` and the worst rollouts as experiments that run (``worst/``).
+    """Write ``summary.json`` and the worst rollouts as experiments that run (``worst/``).
+
+    Returns:
+        The files of the results, that of the rollouts first.
 
     Raises:
         RolloutError: when something cannot be written.
@@ -205,7 +236,7 @@ def write(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], folder: Path
     rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn} for i in chosen]
     places = found["rollout"].values[chosen].tolist()
     return [
-        files.write(folder / "results.nc", _netcdf(found)),
+        folder / RESULTS,
         files.write(folder / "summary.json", json.dumps(said, indent=2) + "\n"),
         *write_worst(folder, [sweep.config_of(row, i) for row, i in zip(rows, places, strict=True)]),
     ]
@@ -224,18 +255,6 @@ def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]
         contents = {f"{place:02d}.yaml": text.encode(), **copied}
         written += [files.write(where / name, content) for name, content in contents.items()]
     return sorted(set(written))
-
-
-def _netcdf(found: xr.Dataset) -> bytes:
-    """Return a dataset as a NetCDF file."""
-    content = io.BytesIO()
-    encoding = {
-        name: {"zlib": True, "complevel": 1} for name, x in found.data_vars.items() if x.dtype.kind == "f"
-    }
-    plain = found.assign(failed=found["failed"].astype(np.int8))
-    with h5netcdf.File(content, "w") as file:
-        plain.dump_to_store(H5NetCDFStore(file), encoding=encoding)
-    return content.getvalue()
 
 
 def failure_words(sweep: Sweep) -> str:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.config import Experiment, ExperimentConfig, Origin, build, controller, keys, read
+from armgpi.config import Experiment, ExperimentConfig, Origin, build, keys, read
 from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError
+from armgpi.health.reality import in_rows, prepare_draws
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
@@ -22,7 +23,7 @@ from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import inside
-from armgpi.plants.reality import Draw, Reality, batches, together
+from armgpi.plants.reality import Draw, Reality, batches
 from armgpi.registry import registered
 from armgpi.studies.distributions import SAMPLINGS, Distribution, distribution, shares
 from armgpi.studies.study import Identity, Study, identify, kept
@@ -33,6 +34,8 @@ _WORK = 1 << 23
 _FEWEST, _MOST, _MOST_DRAWS = 16, 4096, 256
 #: A rollout has failed that diverges or exceeds one of these, where the file does not say.
 FAILURE: Mapping[str, float] = {"peak_error": 0.5, "final_error": 0.1}
+#: What is kept of a rollout, and what runs it.
+_KEPT: Mapping[str, Any] = {"record": "metrics", "backend": "compiled"}
 #: The files of a study in its folder.
 EXPERIMENT, CHUNKS = "experiment.yaml", "chunks"
 #: What is told of a draw of a reality.
@@ -258,15 +261,8 @@ class Sweep:
                 plant = self.config.plant.model_copy(update={"payload": None})
                 experiment = build(self.config.model_copy(update={"plant": plant}))
             law = experiment.controllers[self.label]
-            known = prepare(
-                experiment.plant,
-                law,
-                experiment.reference,
-                experiment.t_final,
-                record="metrics",
-                backend="compiled",
-                supervisor=experiment.supervisor,
-            )
+            parts = (experiment.plant, law, experiment.reference, experiment.t_final)
+            known = prepare(*parts, **_KEPT, supervisor=experiment.supervisor)
             _loops.clear()
             _loops[self.digest] = known
         return known
@@ -293,20 +289,8 @@ class Sweep:
         law["type"] = self.config.controllers[0].type
         table = np.empty((rows, len(self.columns)))
         for group in batches(draws):
-            both = together(group)
-            made = controller(law, both.context)
-            loop = prepare(
-                both.plant,
-                made,
-                both.reference,
-                both.t_final,
-                record="metrics",
-                backend="compiled",
-                supervisor=self.experiment.supervisor,
-            )
-            run = _compiled(loop)
-            values = self._flat(run if len(group) > 1 else run.expand_dims("rollout"))
-            for draw, row in zip(group, values, strict=True):
+            loop = prepare_draws(group, law, **_KEPT, supervisor=self.experiment.supervisor)
+            for draw, row in zip(group, self._flat(in_rows(_compiled(loop))), strict=True):
                 table[draw.index - first] = [*_told(draw), *row]
         return table
 

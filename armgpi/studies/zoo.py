@@ -22,7 +22,7 @@ from armgpi.health.zoo import BITS, DELAY, DT, fingers
 from armgpi.loop import metrics
 from armgpi.plants.reality import Draw, Reality
 from armgpi.robot.robot import Robot
-from armgpi.studies.evaluation import Evaluated, Evaluator
+from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Range, Space
@@ -33,7 +33,7 @@ _FACTOR = 2.0
 #: What it wants: beyond the band of an arm at rest a milliradian costs as much as e times the ITAE.
 WANTED = f"log(itae) + 1000*max(hunting_amplitude, {health.HUNTING})"
 #: What is worked out of every rollout.
-_NAMES = (*KEPT, "final_error", "hunting_amplitude")
+_NAMES = (*KEPT, "hunting_amplitude")
 #: Held-out draws begin so many after those that are searched on; most of them, and how many are drawn to
 #: find one that motors can follow.
 _APART, MOST, _TRIES = 1 << 11, 256, 8
@@ -55,6 +55,13 @@ class Judged(NamedTuple):
     peak: float
     itae: float
     variation: float
+
+    @classmethod
+    def of(cls, found: Sequence[health.Outcome]) -> Judged:
+        """Return what came out of draws."""
+        shares = (float(np.mean([getattr(x, name) for x in found])) for name in ("lost", "hunting"))
+        costs = ("peak", "itae", "variation")
+        return cls(*shares, *(float(np.median([getattr(x, name) for x in found])) for name in costs))
 
 
 class Row(NamedTuple):
@@ -106,27 +113,21 @@ def run(name: str, evaluations: int, held_out: int, seed: int = 0) -> Row:
     # As much as the rule spends, whose numbers differ a little from draw to draw, or where the search begins.
     spent = searched(RULE, [{}]), searched(RULE, [space.keys(space.start)])
     budget = max(float(each.values["total_variation"].mean()) for each in spent)
-    search = Search(
-        Problem(
-            space,
-            Objective(WANTED),
-            searched,
-            judged,
-            budgets=(budget,),
-            evaluations=evaluations,
-            population=8,
-            seed=seed,
-        )
-    )
+    asked: Any = {"budgets": (budget,), "evaluations": evaluations, "population": 8, "seed": seed}
+    search = Search(Problem(space, Objective(WANTED), searched, judged, **asked))
     search.run()
     found = search.validated()
+
+    def judge(section: dict[str, Any]) -> Judged:
+        return Judged.of(health.outcomes(judged.draws, name, section))
+
     values: dict[str, Any] = {}
     tuned = None
     if found:
         x = found[0].row.x
         values = dict(zip(space.names, space.values(x).tolist(), strict=True))
-        tuned = _judged(judged, judged(RULE, [space.keys(x)]))
-    return Row(name, robot.n, _judged(judged, judged(RULE, [{}])), tuned, values)
+        tuned = judge(space.with_values(x))
+    return Row(name, robot.n, judge(RULE), tuned, values)
 
 
 def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[Draw]:
@@ -143,16 +144,6 @@ def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[D
         if len(found) == number:
             return found
     raise RolloutError(f"{robot.name}: its motors can follow {len(found)} of {_TRIES * number} draws alone")
-
-
-def _judged(evaluator: Evaluator, found: Evaluated) -> Judged:
-    """Return what came out of one candidate."""
-    values = {name: each[0] for name, each in found.values.items()}
-    still = np.array([health.rest_band(draw).max() for draw in evaluator.draws])
-    lost = found.failed[0] | health.is_lost(values["peak_error"], values["final_error"])
-    hunting = ~lost & (values["hunting_amplitude"] > still)
-    medians = (float(np.median(values[name])) for name in ("peak_error", "itae", "total_variation"))
-    return Judged(float(lost.mean()), float(hunting.mean()), *medians)
 
 
 def markdown(rows: Sequence[Row]) -> str:

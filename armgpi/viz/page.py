@@ -273,13 +273,6 @@ def picture(content: bytes, words: str) -> str:
     return f'<img class=picture alt="{text(words)}" src="data:image/png;base64,{data}">'
 
 
-def drawing(parts: Iterable[str], width: float, height: float, words: str = "") -> str:
-    """Return elements of SVG as a picture [px], with what it shows for those who cannot see it."""
-    size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
-    label = f' aria-label="{text(words)}"' if words else ""
-    return f'<svg {size} role="img"{label}>{"".join(parts)}</svg>'
-
-
 def dot(color: str) -> str:
     """Return the mark of a rollout, in its colour."""
     return f"<span class=dot style='background:{text(color)}'></span>"

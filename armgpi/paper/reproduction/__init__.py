@@ -10,12 +10,14 @@ import multiprocessing
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import NamedTuple
 
 import xarray as xr
 
 from armgpi.config.experiment import prepare
+from armgpi.errors import BackendError
 from armgpi.files import write_set
 from armgpi.paper import published
 from armgpi.paper.reproduction import figures, runs, tables
@@ -75,6 +77,7 @@ def reproduce(
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
+        BackendError: when a process was killed.
     """
     prepare(folder)
     context = multiprocessing.get_context("spawn")
@@ -90,10 +93,13 @@ def reproduce(
             sheets, words = _sheets(found)
             pictures = [file for job in drawn for file in job.result()]
             files = [*_write(folder, sheets, words, pictures), *pictures]
-        except BaseException:  # Ctrl-C above all: nobody waits for what nobody will see
+        except BaseException as error:  # Ctrl-C above all: nobody waits for what nobody will see
             pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
+            if isinstance(error, BrokenProcessPool):
+                said = "one of its processes was killed, perhaps for want of memory; run it again"
+                raise BackendError(f"{folder}: no reproduction: {said}") from None
             raise
     contenders = {
         "PID + inversion": runs.select(found.ideal_pid, runs.NEAR_PID, 1.0),
