@@ -63,6 +63,7 @@ _REASONS = {
     Reason.NOT_FINITE: "a measurement, or the law's torque, is not finite",
     Reason.RESPONSE: "a joint answers its torque the wrong way",
     Reason.SPEED: "a joint is too fast",
+    Reason.CAP: "a torque is as far from what holds the model as it may be",
 }
 _ACTIONS = {
     "brake": "the model's along the reference that decelerates, then its weight there",

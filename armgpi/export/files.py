@@ -428,9 +428,15 @@ def _faults(controller: Supervised) -> dict[str, str]:
         "following": _few(bounds.following),
         "saturated": f"for {given.saturated:g} s" if given.saturated else "never: switched off at export",
         "speed": (
-            "never: left out at export"
-            if given.speed is None
-            else f"a joint was faster than its velocity limit by a share of {given.speed:g}"
+            f"a joint was faster than {_few(bounds.speed / controller.dt)} rad/s or m/s"
+            if given.speed is not None or given.speed_cap is not None
+            else "never: left out at export"
+        ),
+        "cap": (
+            f"the law asked for a torque that is {_few(bounds.cap)} N m or N from what holds the model; the "
+            "state is FAULT"
+            if given.torque_cap is not None
+            else "never: left out at export"
         ),
         "response": (
             f"a joint ran away from its reference for {given.response:g} s while its torque pushed back"

@@ -262,6 +262,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.SATURATED: [_Motion(why=unlimited)] if unlimited else driven,
         Reason.LATE: [_Motion(elapsed=given.missed + 2)],
         Reason.RESPONSE: [_Motion(why=unlimited)] if unlimited else runs,
+        Reason.CAP: [*driven, *runs],
         # As fast as JUMP lets it begin, at most: it is found before it is too far from the reference.
         Reason.SPEED: [_Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in fast],
     }
@@ -272,7 +273,8 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.FROZEN: controller.frozen_samples,
         Reason.SATURATED: given.saturated,
         Reason.RESPONSE: given.response,
-        Reason.SPEED: given.speed is not None,
+        Reason.SPEED: given.speed is not None or given.speed_cap is not None,
+        Reason.CAP: given.torque_cap is not None,
     }
     return found | {reason: [_Motion(why=_OFF)] for reason, value in off.items() if not value}
 

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import machines
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import armgpi
 from armgpi import (
@@ -887,3 +889,54 @@ def test_bad_input_ends_in_one_of_our_errors(call: Any, said: str) -> None:
 def test_what_is_kept_is_named_as_the_c_has_it() -> None:
     assert (Watch._fields[0], Watch._fields[-1]) == ("status", "nominal")  # the first the template reads
     assert {"reason", "joint", "bad", "late", "q", "r", "tau"} <= set(Watch._fields)
+
+
+CAP, SPEED_CAP = np.array([2.0, 1.5, 0.5]), np.array([0.2, 0.1, 0.3])
+
+
+@given(
+    walk=st.lists(st.sampled_from([0.0, 1e-4, -1e-3, 5e-3, 0.5, np.nan]), min_size=5, max_size=40),
+    pull=st.floats(-3.0, 3.0),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=40, deadline=None)
+def test_no_torque_is_farther_from_what_holds_the_model_than_its_cap(
+    walk: list[float], pull: float, seed: int
+) -> None:
+    supervised = Supervised(GPI(ARM, DT), Supervisor(torque_cap=CAP, speed_cap=SPEED_CAP))
+    rng = np.random.default_rng(seed)
+    q, r = Q.copy(), Q.copy()
+    state = supervised.init(Measurement(q), Target(q, REST, REST))
+    for change in walk:
+        q = q + change * rng.choice([-1.0, 0.0, 1.0], 3)
+        r = r + 1e-4 * pull
+        tau, state = supervised.step(Measurement(q), Target(r, REST, REST), state)
+        away = np.abs(tau - ARM.gravity(state.supervisor.q))
+        assert (away <= CAP * (1.0 + 1e-12)).all()
+        if (away >= CAP).any():
+            assert supervised.report(state).status in ("stopping", "fault")  # a stop, not a clip
+
+
+def test_a_law_that_asks_for_a_cap_is_a_fault_and_exported_c_says_so_too() -> None:
+    ours = Supervised(GPI(ARM, DT), Supervisor(torque_cap=CAP))
+    theirs: Any = armgpi.ExportedController.of(ours)
+    pushed = RigidBodyPlant(ARM, armgpi.Pulse(np.array([0.0, 0.0, 0.8]), onset=0.05, duration=1.0))
+    rollout = simulate(pushed, ours, armgpi.Hold(Q), 0.6, progress=False)
+    assert "CAP (q3)" in armgpi.loop.rollout.describe_end(rollout)[0]
+    targets = Target(Q, REST, REST)
+    state = theirs.init(Measurement(Q), targets)
+    for q, tau in zip(rollout["q_measured"].values[:-1], rollout["tau_command"].values[:-1], strict=True):
+        assert (np.abs(tau - ARM.gravity(q)) <= CAP * (1.0 + 1e-9)).all()
+        found, state = theirs.step(Measurement(q), targets, state)
+        np.testing.assert_allclose(found, tau, rtol=1e-9, atol=1e-9)
+    assert theirs.report(state) == ("fault", "cap", "q3")
+
+
+def test_a_joint_faster_than_the_cap_of_its_stage_is_stopped() -> None:
+    supervised = Supervised(GPI(ARM, DT), Supervisor(speed_cap=SPEED_CAP))
+    for share, reason in ((0.95, "none"), (1.3, "speed")):  # a count of 16 bits is 0.16 of this cap
+        q, state = Q, supervised.init(Measurement(Q), Target(Q, REST, REST))
+        for k in range(100):
+            q = q + np.array([0.0, min(1.0, k / 50) * share * SPEED_CAP[1] * DT, 0.0])
+            _, state = supervised.step(Measurement(q), Target(q, REST, REST), state)
+        assert supervised.report(state).reason == reason

@@ -156,6 +156,25 @@ class Supervisor(Parametrised):
         none="no check",
         least=0.0,
     )
+    speed_cap: PerJoint = parameter(
+        "SPEED: highest velocity, whatever the limit is; of a stage of `armgpi bringup`",
+        unit="rad/s or m/s",
+        default=None,
+        none="no cap",
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
+    torque_cap: PerJoint = parameter(
+        "CAP: how far a torque may be from what holds the nominal model; a law that asks for as much is a "
+        "fault, and no torque is farther; of a stage of `armgpi bringup`",
+        unit="N m or N",
+        default=None,
+        none="no cap",
+        least=0.0,
+        above=True,
+        per_joint=True,
+    )
     missed: int = parameter(
         "LATE: samples that may be missed in a row; after as many without a good measurement it is FAULT",
         kind="integer",
@@ -180,6 +199,7 @@ class Bounds(NamedTuple):
         stop_velocity: at which a stop begins, at most [rad or m per sample].
         rate: change of torque in a sample, at most [N m or N].
         speed: largest velocity, smoothed [rad or m per sample].
+        cap: how far a torque may be from what holds the model [N m or N].
     """
 
     jump: Array
@@ -193,6 +213,7 @@ class Bounds(NamedTuple):
     stop_velocity: Array
     rate: Array
     speed: Array
+    cap: Array
 
 
 def bounds_of(law: Controller, given: Supervisor) -> Bounds:
@@ -222,12 +243,9 @@ def bounds_of(law: Controller, given: Supervisor) -> Bounds:
     if given.reference_jump and given.reference_step:
         steps = np.minimum(steps, given.reference_step * dt * least_acceleration(law) + 2.0 * count)
     known = np.minimum(speed, LARGEST)
+    most = math.inf if given.speed is None else (1.0 + given.speed) * dt * speed
     # A smoothed velocity is off by a share of a count, at most, whatever the motion.
-    most = (
-        math.inf
-        if given.speed is None
-        else (1.0 + given.speed) * dt * speed + smoothing(dt, SMOOTHING) * count
-    )
+    most = np.minimum(most, dt * joints("speed_cap", LARGEST)) + smoothing(dt, SMOOTHING) * count
     lowest, highest = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
     shape = np.broadcast_shapes(count.shape, lowest.shape, np.shape(steps))
     return Bounds(
@@ -242,6 +260,7 @@ def bounds_of(law: Controller, given: Supervisor) -> Bounds:
         stop_velocity=dt * joints("stop_velocity", known),
         rate=dt * joints("torque_rate", LARGEST),
         speed=np.minimum(np.broadcast_to(most, shape), LARGEST),
+        cap=joints("torque_cap", LARGEST),
     )
 
 

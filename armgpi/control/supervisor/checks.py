@@ -171,7 +171,7 @@ class Speed:
 
     def __init__(self, bounds: Bounds, given: Supervisor) -> None:
         self._most, self._tightest = bounds.speed, tightest(bounds.speed)
-        self._checked = given.speed is not None
+        self._checked = given.speed is not None or given.speed_cap is not None
 
     def nominal(self, watch: Watch) -> Iterator[Mask]:
         """Yield what holds where nothing is wrong; see above."""

@@ -39,6 +39,7 @@ class Reason(IntEnum):
     NOT_FINITE = 9
     RESPONSE = 10
     SPEED = 11
+    CAP = 12
 
 
 class FrozenState(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from functools import reduce
 from typing import Any
 
@@ -77,6 +78,8 @@ class Supervised(Controller):
         self.knows = law.knows  # type: ignore[misc]
         self.bounds = bounds = bounds_of(law, supervisor)
         self.batch = next((len(x) for x in bounds if x.ndim == 2), law.batch)
+        rated, self._capped = (getattr(supervisor, x) is not None for x in ("torque_rate", "torque_cap"))
+        self._bounded = rated or self._capped
         self._smoothing = smoothing(self.dt, SMOOTHING)
         self.finite = checks.NotFinite(law)
         self.jump = checks.Jump(law, bounds)
@@ -226,11 +229,13 @@ class Supervised(Controller):
         watch, before = state
         q, r = measurement.q, target.q
         change, law = q - watch.q, self.law.unlimited()
-        lower, upper = self._limits(watch)
-        if self.supervisor.torque_rate is not None:
+        lower, upper, capped = self._limits(watch, q)
+        if self._bounded:
             law = self.law.within(lower, upper)
         asked, after = law.step(measurement, target, before)
         sound = np.abs(asked) < self._sound
+        if capped is not None:
+            sound = sound & ~capped(asked)
         if self.supervisor.torque_rate is not None:
             sound = sound & (asked >= lower) & (asked <= upper)
         zero = np.zeros_like(q)
@@ -266,13 +271,19 @@ class Supervised(Controller):
             nominal=none + 1.0,
         )
 
-    def _limits(self, watch: Watch) -> tuple[Array, Array]:
-        """Return the lowest and the highest torque of a sample."""
+    def _limits(self, watch: Watch, q: Array) -> tuple[Array, Array, Callable[[Array], Mask] | None]:
+        """Return the lowest and the highest torque where the joints are at q, and which ones reach a cap."""
         lower, upper = self._floor, self.effort
         if self.supervisor.torque_rate is not None:
             lower = np.maximum(lower, watch.tau - self.bounds.rate)
             upper = np.minimum(upper, watch.tau + self.bounds.rate)
-        return lower, upper
+        if not self._capped:
+            return lower, upper, None
+        hold, cap = self._brakes.gravity(q), self.bounds.cap
+        # The rate goes first, and leads to the cap.
+        low, high = (np.minimum(np.maximum(x, lower), upper) for x in (hold - cap, hold + cap))
+        reached = low == hold - cap, high == hold + cap
+        return low, high, lambda tau: ((tau <= low) & reached[0]) | ((tau >= high) & reached[1])
 
     def _any_step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
         """Return torque and next state, whatever comes."""
@@ -291,7 +302,7 @@ class Supervised(Controller):
         accused = self.response.accuses(watch)
         v = self._velocity(np.where(gap, 0.0, change - watch.v), accused, watch)
         change = np.where(gap | (change == 0.0), watch.change, change)
-        lower, upper = self._limits(watch)
+        lower, upper, caps = self._limits(watch, seen.q)
         # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
         unused = dead | seen.lost
         law = self.law.within(np.where(unused, -LARGEST, lower), np.where(unused, LARGEST, upper))
@@ -301,7 +312,8 @@ class Supervised(Controller):
         asked, after = law.step(self._shown(seen.q, shown), self._given(aim, target, stopping), before)
         # A law whose torque is no number has a state that is none: it cannot go on.
         unsound = beyond(sum_joints(asked), LARGEST)
-        dead = dead | unsound
+        capped = None if caps is None else caps(asked) & ~unused
+        dead = dead | (unsound if capped is None else unsound | any_joint(capped))
         opened = dead | seen.lost
         tau, response = self._torque(asked, (lower, upper), opened, dead, accused, watch, aim, seen, v)
         tau = np.minimum(np.maximum(tau, lower), upper)
@@ -312,13 +324,12 @@ class Supervised(Controller):
             going, waits = np.where(ramping, float(State.INIT), going), opened | ramping
         moves = any_joint(aim.v != 0.0) | seen.lost | (restless > 0.0)
         stopped = np.where(moves, float(State.STOPPING), float(State.HOLD))
-        broken = unsound & (watch.reason == 0.0)
-        reason = np.where(entering, seen.worst, np.where(broken, float(Reason.NOT_FINITE), watch.reason))
+        reason, joint = self._reason(seen, entering, unsound, capped, watch)
         frozen = self.frozen.after(dead & seen.distrusted, seen, aim.q, tau, watch)
         kept = watch._replace(
             status=np.where(dead, float(State.FAULT), np.where(stopping, stopped, going)),
             reason=reason,
-            joint=np.where(entering, seen.joint, watch.joint),
+            joint=joint,
             since=np.minimum(watch.since + np.where(watch.reason > 0.0, 1.0, 0.0), COUNTED),
             late=np.zeros_like(watch.late),
             restless=np.where(active & ~entering, 0.0, restless),
@@ -335,6 +346,19 @@ class Supervised(Controller):
         )
         kept = kept._replace(nominal=self._may_take_the_short_way(kept))
         return ControlStep(tau, SupervisedState(kept, choose(waits, before, after)))
+
+    def _reason(
+        self, seen: Sample, entering: Mask, unsound: Mask, capped: Mask | None, watch: Watch
+    ) -> tuple[Array, Array]:
+        """Return the reason of a fault and the joint that it concerns, each (1,) or (batch, 1)."""
+        broken = unsound & (watch.reason == 0.0)
+        reason = np.where(entering, seen.worst, np.where(broken, float(Reason.NOT_FINITE), watch.reason))
+        joint = np.where(entering, seen.joint, watch.joint)
+        if capped is None:
+            return reason, joint
+        hit = any_joint(capped) & (reason == 0.0)
+        first = worst_joint(np.where(capped, 1.0, 0.0))[1]
+        return np.where(hit, float(Reason.CAP), reason), np.where(hit, first, joint)
 
     def _may_take_the_short_way(self, kept: Watch) -> Array:
         """Return 1 where it is RUN and nothing is counted, (1,) or (batch, 1)."""
