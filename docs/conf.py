@@ -10,6 +10,7 @@ from pathlib import Path as _FilePath
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
 from armgpi.control.supervisor import Supervisor as _Supervisor
+from armgpi.control.supervisor import reasons as _reasons
 from armgpi.health import findings as _findings
 from armgpi.health import report as _report  # noqa: F401  # registers the checks
 from armgpi.loop import metrics as _metrics
@@ -187,6 +188,7 @@ myst_substitutions = {
     "options_table": options_table(),
     "plant_table": plant_table(),
     "supervisor_table": _table([*_HEADS, *_rows(_parameters(_Supervisor))]),
+    "reasons_table": _reasons.table(),
     "reality_table": _table([*_HEADS, *_rows(_parameters(_Reality))]),
     "loads_table": _by_type(_Load),
     "controllers_table": controllers_table(),

@@ -128,6 +128,11 @@ ENTRIES = {
         "Run arm and controller as two processes over UDP, in wall-clock time, with faults.",
         declares=True,
     ),
+    "bringup": Entry(
+        "Hardware",
+        "bringup",
+        "Write the stages from a dry run to full speed, each with its caps, or judge their logs.",
+    ),
     "log": Entry(
         "Hardware",
         "log",

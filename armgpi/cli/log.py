@@ -108,6 +108,8 @@ def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
 
 def _print(file: Path, facts: dict[str, Any]) -> None:
     """Print what is said of a log."""
+    from armgpi.control.supervisor.reasons import remedy
+
     of = f" of {facts['robot']}" if facts["robot"] else ""
     say(
         f"{file}: {facts['samples']} samples{of}, {facts['seconds']:.4g} s at {1.0 / facts['dt']:.6g} Hz, "
@@ -121,6 +123,8 @@ def _print(file: Path, facts: dict[str, Any]) -> None:
     said = "not said" if not facts["applied_known"] else f"said in {facts['applied_known']} samples"
     say(f"  torque applied  {said}")
     say(f"  fault           {facts['fault'] or 'none'}")
+    if facts["fault"]:
+        say(f"                  {remedy(facts['fault'].split()[2])}")
     for name, values in (("largest error", facts.get("error")), ("largest torque", facts.get("torque"))):
         if values:
             joint = max(values, key=values.__getitem__)

@@ -63,6 +63,20 @@ Reaction = Annotated[
         show_default=False,
     ),
 ]
+DryRun = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run",
+        metavar=opt.FLAG,
+        help="Send nothing: the arm is moved along the reference by hand; law and supervisor look on.",
+    ),
+]
+Log = Annotated[
+    Path | None,
+    typer.Option(
+        "--log", metavar="FILE", help="Write the controller's log (.armlog) there.", show_default=False
+    ),
+]
 View = Annotated[
     bool, typer.Option("--view", metavar=opt.FLAG, help="Serve a page on which the arm moves as it does.")
 ]
@@ -83,6 +97,8 @@ def loop(
     kill: Kill = None,
     watchdog: Silence = 12,
     reaction: Reaction = "damping",
+    dry_run: DryRun = False,
+    log: Log = None,
     view: View = False,
     out: opt.Out = None,
     force: opt.Force = False,
@@ -115,6 +131,7 @@ def loop(
         raise refusal("--plant", "armgpi loop takes one plant")
     stretches = _stretch(outage, "--outage"), _stretch(stall, "--stall")
     injected = Injected(loss, *stretches, kill, experiment.config.seed)
+    how: dict[str, Any] = {"clock": clock, "policy": policy, "exported": exported, "dry_run": dry_run}
     with ExitStack() as stack:
         outcome = run(
             *experiment.runs[label],
@@ -123,28 +140,33 @@ def loop(
             injected=injected,
             watchdog=Watchdog(watchdog, reaction),
             model=experiment.robot,
-            clock=clock,
-            policy=policy,
-            exported=exported,
             supervisor=experiment.supervisor,
+            **how,
             watch=_watcher(experiment, stack) if view else None,
         )
-    found = outcome.report(experiments.run(experiment, label, progress=False))
-    for path in _written(experiment, outcome, found, out, report):
+    found = outcome.report(None if dry_run else experiments.run(experiment, label, progress=False))
+    for path in _written(experiment, outcome, found, out, report, log):
         say(f"wrote {path}", err=True)
     say(json.dumps(found)) if as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
 
 
 def _written(
-    experiment: Experiment, outcome: Outcome, found: dict[str, Any], out: Path | None, report: Path | None
+    experiment: Experiment,
+    outcome: Outcome,
+    found: dict[str, Any],
+    out: Path | None,
+    report: Path | None,
+    log: Path | None,
 ) -> list[Path]:
     """Write what was asked for, and return the files."""
     from armgpi.config import dump
     from armgpi.config import experiment as experiments
-    from armgpi.loop.log import pack
+    from armgpi.loop.log import pack, write
 
     paths: list[Path] = []
+    if log is not None and outcome.log is not None:
+        paths.append(write(outcome.log, log))
     if out is not None:
         files: dict[str, str | bytes] = {"loop.json": json.dumps(found, indent=2) + "\n"}
         if outcome.log is not None:
@@ -204,6 +226,8 @@ def _stretch(text: str | None, option: str) -> tuple[float, float] | None:
 
 def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
     """Print how the two kept up."""
+    from armgpi.control.supervisor.reasons import remedy
+
     say(
         f"{label}: {found['samples']} samples, {found['missed']} without a torque in time, "
         f"{found['filled']} filled"
@@ -220,11 +244,12 @@ def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
             say(f"{name} [us]: " + ", ".join(f"{key} {value:g}" for key, value in times.items()))
     if found["lateness_us"] is not None:
         _print_histogram(found["histogram"])
-    for name, ratio in found["error_ratio"].items():
+    for name, ratio in found.get("error_ratio", {}).items():
         times_simulated = "" if ratio is None else f", {ratio:.3f} of the simulated"
         say(f"{name} error {found['error'][name]:.4g}{times_simulated}")
     if found["supervisor"] is not None:
-        say(f"supervisor: {found['supervisor']['status']}, fault: {found['supervisor']['reason']}")
+        status, reason = found["supervisor"]["status"], found["supervisor"]["reason"]
+        say(f"supervisor: {status}, fault: {reason} {remedy(reason)}".rstrip())
     watchdog = found["watchdog"]
     if watchdog["fired"]:
         dt = outcome.rollout["time"].values[1]

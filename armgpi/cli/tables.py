@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +25,7 @@ from armgpi.config import Experiment
 from armgpi.control.advice import COUNT_SHARE
 from armgpi.control.geared import is_known
 from armgpi.control.gpi import GPI
+from armgpi.control.supervisor.reasons import remedy
 from armgpi.escape import shown
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
@@ -60,6 +62,8 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
         measured = describe_measurement(record["measurement"], record["knows"])
         console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
+        if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
+            console.print(shown(remedy(stopped[1])))
         controller = experiment.controllers.get(record["label"])
         if isinstance(controller, GPI):
             console.print(_loop(controller, experiment))

@@ -21,6 +21,7 @@ from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import COUNTED, Reason, State, Supervised, Supervisor
+from armgpi.control.supervisor.reasons import REASONS
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.law import Law, Routine, Table, trace_controller
 from armgpi.export.layout import block, elementary, listed, members, rows
@@ -49,21 +50,6 @@ _STATES = {
     State.STOPPING: "the law follows a reference that decelerates",
     State.HOLD: "that reference has stopped and the arm rests; the law holds it there",
     State.FAULT: "open loop: engage the brakes",
-}
-_REASONS = {
-    Reason.NONE: "there is no fault",
-    Reason.BEFORE_INIT: "step came before init",
-    Reason.LATE: "more samples were missed than may be",
-    Reason.SATURATED: "a torque was at its limit for too long",
-    Reason.FOLLOWING: "a position is too far from the reference",
-    Reason.REFERENCE: "the reference is not finite, or jumps",
-    Reason.POSITION: "a position is beyond its limits",
-    Reason.FROZEN: "a position should have changed, and did not",
-    Reason.JUMP: "a position moved faster than its joint can",
-    Reason.NOT_FINITE: "a measurement, or the law's torque, is not finite",
-    Reason.RESPONSE: "a joint answers its torque the wrong way",
-    Reason.SPEED: "a joint is too fast",
-    Reason.CAP: "a torque is as far from what holds the model as it may be",
 }
 _ACTIONS = {
     "brake": "the model's along the reference that decelerates, then its weight there",
@@ -407,7 +393,7 @@ class _Writer:
             "abi": str(ABI),
             "layout": f"0x{self.layout:08X}U",
             "statuses": _numbered("STATUS", State, _STATES),
-            "reasons": _numbered("REASON", Reason, _REASONS),
+            "reasons": _numbered("REASON", Reason, {each: cause.when for each, cause in REASONS.items()}),
             "missed": str(law.controller.supervisor.missed),
             "fields": members(fields),
             "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),

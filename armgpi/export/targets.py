@@ -193,6 +193,7 @@ def _move(controller: Supervised, suffix: str) -> dict[str, str]:
     lower, upper, velocity, _ = robot.limits
     most = np.where(velocity > 0.0, velocity, _MOVE_UNLIMITED)
     speed = _MOVE_VELOCITY * np.where(np.isfinite(most), most, _MOVE_UNLIMITED)
+    speed = np.minimum(speed, _MOVE_VELOCITY * bounds.speed / dt)
     # What all the torque of a joint, and what its rate, gives at least.
     able = least_acceleration(controller.law)
     effort = np.minimum(controller.effort, FARTHEST)

@@ -14,11 +14,13 @@ from armgpi.loop.log import INPUTS, Event, LogWriter
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.plant import Plant
 from armgpi.realtime.datagram import SAMPLE, TORQUE, Datagram
-from armgpi.references.reference import Reference
+from armgpi.references.reference import Reference, Target
 from armgpi.robot.robot import Robot
 
 #: What the arm's watchdog does.
 REACTIONS = ("damping", "gravity", "hold", "zero")
+#: How fast an arm in a dry run follows who moves it [rad/s].
+_GUIDED = 10.0
 #: Time for which samples may be missed [s], and their number, at least and at most.
 _SILENCE, _FEWEST_MISSED, _MOST_MISSED = 0.04, 20, 1000
 
@@ -64,12 +66,22 @@ class ArmEnd:
         fired: samples at which the watchdog began to act.
         latched: whether it does not listen any more.
         applied: torque of the last sample [N m or N], (n,).
+        guide: in a dry run, where the arm is moved by hand, or by itself; None where the controller moves it.
     """
 
     def __init__(
-        self, plant: Plant, model: Robot, dt: float, watchdog: Watchdog, q: Array, v: Array, velocity: bool
+        self,
+        plant: Plant,
+        model: Robot,
+        dt: float,
+        watchdog: Watchdog,
+        q: Array,
+        v: Array,
+        velocity: bool,
+        guide: Reference | None = None,
     ) -> None:
         """Begin at q and v; `velocity` says whether velocities are sent as well."""
+        self.guide = guide
         self.plant, self.model, self.dt, self.watchdog = plant, model, dt, watchdog
         self.velocity = velocity
         self.k, self.answered, self.silent = 0, -1, 0
@@ -99,10 +111,18 @@ class ArmEnd:
         if self.silent == self.watchdog.samples:
             self.fired.append(self.k)
         tau = self._alone() if self.silent >= self.watchdog.samples else self.command
+        if self.guide is not None:
+            tau = self._guided(self.guide)
         self.state = self.plant.step(tau, self.state, self.dt)
         self.applied = np.asarray(tau)
         self.k += 1
         return tau
+
+    def _guided(self, guide: Reference) -> Array:
+        """Return the torque of who moves the arm in a dry run: what was answered is not sent."""
+        truth, wanted = self.plant.true_state(self.state), guide.at(self.k * self.dt)
+        a = wanted.a + 2.0 * _GUIDED * (wanted.v - truth.v) + _GUIDED**2 * (wanted.q - truth.q)
+        return np.asarray(self.plant.robot.dynamics.inverse(truth.q, truth.v, a))
 
     def _alone(self) -> Array:
         """Return the watchdog's torque."""
@@ -137,13 +157,18 @@ class ControllerEnd:
         number: of the last sample.
         filled: how many samples it has missed.
         writer: the log of what it was given and what it answered.
+        dry: whether nothing is sent: its reference is where the arm is moved to.
     """
 
     def __init__(
-        self, controller: Supervised | ExportedController, reference: Reference, samples: int = 0
+        self,
+        controller: Supervised | ExportedController,
+        reference: Reference,
+        samples: int = 0,
+        dry: bool = False,
     ) -> None:
         """Keep the two, with room for a log of so many samples."""
-        self.controller, self.reference = controller, reference
+        self.controller, self.reference, self.dry = controller, reference, dry
         robot: Any = controller.robot
         inputs = tuple(x for x in INPUTS if x != "v_measured" or controller.measurement_type is FullState)
         self.writer = LogWriter(robot.joint_names, controller.dt, inputs, samples + 1, robot=robot.name)
@@ -159,7 +184,7 @@ class ControllerEnd:
         if sample.number < self.number:
             return None
         measured = self._measured(sample.values)
-        target = self.reference.at(sample.number * self.controller.dt)
+        target = self._target(sample.number, measured.q)
         if self.state is None:
             self.state = self.controller.init(measured, target)
             self.number = sample.number - 1
@@ -183,6 +208,12 @@ class ControllerEnd:
         )
         self._answer = Datagram(TORQUE, sample.number, sample.time, np.asarray(tau))
         return self._answer
+
+    def _target(self, number: int, q: Array) -> Target:
+        """Return the reference; in a dry run where the arm is, so that nothing is integrated."""
+        if self.dry:
+            return Target(q, np.zeros_like(q), np.zeros_like(q))
+        return self.reference.at(number * self.controller.dt)
 
     @property
     def fault(self) -> FaultReport | None:

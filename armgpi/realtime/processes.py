@@ -65,7 +65,8 @@ def wall(
 
     Args:
         arm: makes the arm's end.
-        control: controller, reference, supervisor, whether it runs as exported C, and where the arm is.
+        control: controller, reference, supervisor, whether it runs as exported C, where the arm is, and
+            whether it is a dry run.
         schedule: what goes wrong.
         policy: how they are scheduled.
         watch: is told some times a second.
@@ -292,6 +293,7 @@ def _controller_process(
     supervisor: Any,
     exported: bool,
     q: Array,
+    dry: bool,
     policy: str,
     samples: int,
 ) -> None:
@@ -305,7 +307,7 @@ def _controller_process(
         state = controller.init(measured, reference.at(0.0))
         for _ in range(3):
             state = controller.step(measured, reference.at(0.0), state).state
-        end = ControllerEnd(controller, reference, samples)
+        end = ControllerEnd(controller, reference, samples, dry)
         wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         wire.bind(("127.0.0.1", 0))
         granted = _real_time(policy, _CONTROLLER)

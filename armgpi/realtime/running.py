@@ -40,6 +40,7 @@ def run(
     policy: str = "auto",
     exported: bool = False,
     supervisor: Supervisor | None = None,
+    dry_run: bool = False,
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> Outcome:
     """Run a loop over UDP between two processes, the arm in wall-clock time, and return what came out.
@@ -58,6 +59,8 @@ def run(
         exported: run the controller as exported C.
         supervisor: what the controller takes for a fault, see :mod:`armgpi.control.supervisor`; when not
             given its defaults, but that 40 ms of samples may be missed.
+        dry_run: send nothing. Who moves the arm, by hand or by its own controller, follows the reference; law
+            and supervisor get what is measured, and take where the arm is for their reference.
         watch: is given what happens some times a second, as plain data; by the wall clock alone.
 
     Raises:
@@ -69,7 +72,8 @@ def run(
         raise ParameterError("plant", plant, "a plant, controller, reference and start of a single rollout")
     check_choice(clock, "clock", CLOCKS)
     check_choice(policy, "policy", processes.POLICIES)
-    check_type(exported, "exported", bool, "True or False")
+    for name, flag in (("exported", exported), ("dry_run", dry_run)):
+        check_type(flag, name, bool, "True or False")
     check_type(supervisor, "supervisor", Supervisor | None, "a Supervisor")
     injected, watchdog = injected or Injected(), watchdog or Watchdog()
     check_type(injected, "injected", Injected, "an Injected")
@@ -79,15 +83,16 @@ def run(
         raise ParameterError("model", model, "a Robot")
     steps = whole_steps(t_final, loop.dt)
     velocity = controller.measurement_type is FullState
-    arm = partial(ArmEnd, plant, model, loop.dt, watchdog, truth.q, truth.v, velocity)
+    guide = reference if dry_run else None
+    arm = partial(ArmEnd, plant, model, loop.dt, watchdog, truth.q, truth.v, velocity, guide)
     schedule = injected.prepare(steps, loop.dt)
     if clock == "wall":
-        control = (controller, reference, supervisor, exported, truth.q)
+        control = (controller, reference, supervisor, exported, truth.q, dry_run)
         taken = processes.wall(arm, control, schedule, policy, watch)
     else:
-        end = ControllerEnd(supervised(controller, supervisor, exported), reference, steps)
+        end = ControllerEnd(supervised(controller, supervisor, exported), reference, steps, dry_run)
         taken = _simulated(arm(), end, schedule)
-    made_from = {"clock": clock, "injected": injected.describe(), "exported": exported}
+    made_from = {"clock": clock, "injected": injected.describe(), "exported": exported, "dry_run": dry_run}
     described = {**loop.describe(), "t_final": steps * loop.dt, "backend": f"two ends, {clock} clock"}
     rollout = collect(taken.samples, plant, reference, loop.dt, described | made_from)
     count = taken.samples.count

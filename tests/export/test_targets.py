@@ -68,6 +68,12 @@ int main() {
     if (t > 0.1) r.q[3] = NAN;
     return r;
   });
+  armgpi_controller::Fci looker;
+  for (unsigned k = 0; k < 20; ++k) {
+    robot.time = franka::Duration{k};
+    looker.look(robot);
+  }
+  if (looker.controller().status() != ARMGPI_STATUS_RUN) return 4;
   std::function<franka::Torques(const franka::RobotState&, franka::Duration)> callback = mine;
   for (std::uint64_t k = 0; k < 900; ++k) {
     if (k < 200) robot.q[0] += 2e-5;
@@ -259,6 +265,54 @@ def figures(said: str) -> dict[str, float]:
 
 
 PARTS = ("controller", "move", "log")
+
+#: A dry run beside stubs whose arm is moved by hand: there is nothing that a torque could be sent by.
+LOOK = """
+import runpy, sys
+from types import SimpleNamespace as Made
+
+count, start = 0, [float(x) for x in sys.argv[2].split(",")]
+
+
+def moved(gain):
+    global count
+    count += 1
+    if count > 300:
+        raise KeyboardInterrupt
+    return [q + gain * count for q in start]
+
+
+class Arm:
+    def __init__(self, *given): pass
+    def read_once(self):
+        return Made(q=moved(1e-4), tau_J=[1.0] * 7, time=Made(to_sec=lambda: 0.001 * count))
+    def getActualQ(self): return moved(2e-4)
+    def getTimestamp(self): return 0.002 * count
+    def getTargetMoment(self): return [1.0] * 6
+
+
+sys.modules["pylibfranka"], sys.modules["rtde_receive"] = Made(Robot=Arm), Made(RTDEReceiveInterface=Arm)
+kind = sys.argv[1]
+sys.argv = [kind, "127.0.0.1", "--dry-run"]
+try:
+    runpy.run_path(kind + ".py", run_name="__main__")
+except KeyboardInterrupt:
+    pass
+"""
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(target: str, tmp_path: Path) -> None:
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
+    (tmp_path / "look.py").write_text(LOOK)
+    run(sys.executable, "look.py", target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
+    log = logs.read(tmp_path / "motion.armlog")
+    assert len(log.samples) == 299
+    assert (log.samples["applied"] == 1.0).all()
+    assert log.fault is None
 
 
 @compiled

@@ -157,7 +157,7 @@ class Supervisor(Parametrised):
         least=0.0,
     )
     speed_cap: PerJoint = parameter(
-        "SPEED: highest velocity, whatever the limit is; of a stage of `armgpi bringup`",
+        "SPEED: highest velocity, whatever the limit is; beyond it is FAULT; of a stage of `armgpi bringup`",
         unit="rad/s or m/s",
         default=None,
         none="no cap",

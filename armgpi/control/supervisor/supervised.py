@@ -78,7 +78,9 @@ class Supervised(Controller):
         self.knows = law.knows  # type: ignore[misc]
         self.bounds = bounds = bounds_of(law, supervisor)
         self.batch = next((len(x) for x in bounds if x.ndim == 2), law.batch)
-        rated, self._capped = (getattr(supervisor, x) is not None for x in ("torque_rate", "torque_cap"))
+        rated, self._capped, self._slow = (
+            getattr(supervisor, x) is not None for x in ("torque_rate", "torque_cap", "speed_cap")
+        )
         self._bounded = rated or self._capped
         self._smoothing = smoothing(self.dt, SMOOTHING)
         self.finite = checks.NotFinite(law)
@@ -399,7 +401,10 @@ class Supervised(Controller):
         ):
             code = np.where(wrong, float(reason), code)
         bad = np.where(good, 0.0, watch.bad + 1.0)
-        dead = any_joint(frozen | turned | (bad > float(self.supervisor.missed)))
+        dead = frozen | turned | (bad > float(self.supervisor.missed))
+        for fast in self.speed.fails(watch) if self._slow else ():
+            dead = dead | fast
+        dead = any_joint(dead)
         worst, joint = worst_joint(code)
         return Sample(
             q, bad, any_joint(~good), dead, any_joint(failing), worst, joint, unchanged_samples, e, distrusted

@@ -73,6 +73,32 @@ class Fci {
     return ends ? franka::MotionFinished(torques) : torques;
   }
 
+  // Dry run, for franka::Robot::read: law and supervisor look on while the arm is moved by hand, and nothing is sent. The
+  // log has the torque that the joints measure. Stop reading by a callback that returns false.
+  void look(const franka::RobotState& robot) {
+    Shared& own = *shared_;
+    const double now = robot.time.toSec();
+    const long passed = std::lround((now - own.time) / Controller::dt);
+    Vector q{};
+    Vector tau{};
+    Vector measured{};
+    for (std::size_t i = 0; i < q.size(); ++i) {
+      q[i] = static_cast<armgpi_real_t>(robot.q[i]);
+      measured[i] = static_cast<armgpi_real_t>(robot.tau_J[i]);
+    }
+    const Reference to{q, Vector{}, Vector{}};
+    if (!own.looks) {
+      own.controller.init($wired);
+      own.log.start(own.controller, $wired);
+    } else if (passed > 0) {
+      const auto elapsed = static_cast<std::uint32_t>(passed);
+      own.controller.step_late(elapsed, $wired, tau);
+      own.log.take(own.controller, elapsed, $wired, tau, &measured);
+    }
+    own.looks = true;
+    own.time = now;
+  }
+
   [[nodiscard]] const Controller& controller() const noexcept { return shared_->controller; }
   [[nodiscard]] const Log& log() const noexcept { return shared_->log; }
 
@@ -84,6 +110,7 @@ class Fci {
     Rest rest{};
     Log log{$log_seconds};
     double time{0.0};
+    bool looks{false};
     std::atomic<bool> finish{false};
   };
   std::shared_ptr<Shared> shared_{std::make_shared<Shared>()};

@@ -47,19 +47,22 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     // A file for the log of what it was given and what it answered, written when it is deactivated; "" for none.
     auto_declare<std::string>("log", "");
     auto_declare<double>("log_seconds", $log_seconds);
+    // Dry run: it claims no effort and sends nothing; law and supervisor look on beside the controller that moves the arm.
+    auto_declare<bool>("dry_run", false);
     return CallbackReturn::SUCCESS;
   }
 
   controller_interface::InterfaceConfiguration command_interface_configuration() const override {
-    return interfaces("effort");
+    return dry_ ? interfaces("effort", 0U) : interfaces("effort", q_.size());
   }
 
   controller_interface::InterfaceConfiguration state_interface_configuration() const override {
-    return interfaces("position");
+    return interfaces("position", q_.size());
   }
 
   CallbackReturn on_configure(const rclcpp_lifecycle::State&) override {
     prefix_ = get_node()->get_parameter("prefix").as_string();
+    dry_ = get_node()->get_parameter("dry_run").as_bool();
     const double share = get_node()->get_parameter("share").as_double();
     log_path_ = get_node()->get_parameter("log").as_string();
     log_ = std::make_unique<Log>(log_path_.empty() ? 0.0 : get_node()->get_parameter("log_seconds").as_double());
@@ -196,7 +199,7 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
 
   armgpi_status_t step(std::uint32_t elapsed) noexcept {
     const Vector& q = q_;
-    Reference to = to_;
+    Reference to = dry_ ? Reference{q_, Vector{}, Vector{}} : to_;
     if (stop_) {
       to.q.fill(std::numeric_limits<armgpi_real_t>::quiet_NaN());
     }
@@ -242,10 +245,10 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     return elapsed < 1 ? 1U : static_cast<std::uint32_t>(elapsed);
   }
 
-  controller_interface::InterfaceConfiguration interfaces(const std::string& kind) const {
+  controller_interface::InterfaceConfiguration interfaces(const std::string& kind, std::size_t count) const {
     controller_interface::InterfaceConfiguration found;
     found.type = controller_interface::interface_configuration_type::INDIVIDUAL;
-    for (std::size_t i = 0; i < q_.size(); ++i) {
+    for (std::size_t i = 0; i < count; ++i) {
       found.names.push_back(prefix_ + armgpi_info.joints[i] + "/" + kind);
     }
     return found;
@@ -264,13 +267,14 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
 
   bool command() {
     bool all = true;
-    for (std::size_t i = 0; i < tau_.size(); ++i) {
+    for (std::size_t i = 0; i < tau_.size() && !dry_; ++i) {
       all = command_interfaces_[i].set_value(static_cast<double>(tau_[i])) && all;
     }
     return all;
   }
 
   std::string prefix_;
+  bool dry_{false};
   Vector q_{};
   Moves moves_{};
   Reference to_{};

@@ -38,6 +38,7 @@ struct Parameter {
   std::string name;
   std::string as_string() const { return stubs::texts[name]; }
   double as_double() const { return stubs::numbers[name]; }
+  bool as_bool() const { return stubs::numbers[name] != 0.0; }
 };
 struct Logger {};
 template <typename Message>

@@ -5,6 +5,7 @@ namespace franka {
 // from franka/duration.h
 class Duration {
  public:
+  Duration() noexcept = default;
   explicit Duration(uint64_t milliseconds) noexcept
 // end
       : milliseconds_(milliseconds) {}
@@ -12,6 +13,6 @@ class Duration {
   double toSec() const noexcept { return 0.001 * static_cast<double>(milliseconds_); }
 // end
  private:
-  uint64_t milliseconds_;
+  uint64_t milliseconds_{0};
 };
 }  // namespace franka

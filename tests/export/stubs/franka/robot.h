@@ -22,9 +22,11 @@ inline Torques MotionFinished(Torques command) noexcept {
 }
 // from franka/robot_state.h
 struct RobotState {
+  std::array<double, 7> tau_J{};
   std::array<double, 7> tau_J_d{};
   std::array<double, 7> q{};
   std::array<double, 7> dq{};
+  Duration time{};
 };
 // from franka/lowpass_filter.h
 constexpr double kMaxCutoffFrequency = 1000.0;

@@ -1,0 +1,121 @@
+"""The command that writes the stages of a bring-up, and judges their logs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
+from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.realtime.judge import Verdict
+    from armgpi.realtime.stages import Folder
+
+_What = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="FILE | check LOG...",
+        help="Experiment file of the arm; or 'check' and logs of stages, which have the stages' names.",
+        show_default=False,
+    ),
+]
+_Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the stages go.")]
+_Floor = Annotated[
+    float | None,
+    typer.Option(metavar="METRES", help="Height that all links stay above while the arm is excited."),
+]
+
+
+@stoppable
+def bringup(
+    what: _What, out: _Out = Path("bringup"), floor: _Floor = None, as_json: opt.Json = False
+) -> None:
+    """Write the stages from a dry run to full speed, each with its caps, or judge their logs.
+
+    \b
+    armgpi bringup my_arm.yaml -o bringup
+    armgpi loop bringup/10-dry.yaml --dry-run --log bringup/10-dry.armlog
+    armgpi bringup check bringup/*.armlog
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.realtime import judge, stages
+
+    if what[0] == "check":
+        logs = [Path(each) for each in what[1:]]
+        if not logs or len({log.parent for log in logs}) > 1:
+            raise refusal("check", "expected logs of one folder, such as bringup/*.armlog")
+        folder = stages.read(logs[0].parent)
+        verdict = judge.judge(folder, logs)
+        say(json.dumps(_plain(verdict))) if as_json else _print(verdict, folder)
+        sys.exit(FAILED if verdict.findings else OK)
+    from armgpi import config
+
+    if len(what) > 1:
+        raise refusal("", f"expected one experiment file, or check and logs, got {what[1]!r} as well")
+    loaded = config.read(Path(what[0]))
+    folder = stages.write(loaded, config.build(*loaded), out, floor)
+    say(f"{len(folder.stages)} stages in {out}; a hand on the emergency stop, nobody in reach of the arm")
+    _say_next(folder, 0)
+
+
+def _say_next(folder: Folder, place: int) -> None:
+    """Print how a stage is run."""
+    stage = folder.stages[place]
+    file = folder.path / stage.name
+    say(f"next: {stage.name}: {_does(stage)}")
+    dry = " --dry-run" if stage.kind == "dry" else ""
+    say(f"  armgpi loop {file}.yaml{dry} --log {file}.armlog        (a simulated arm)")
+    say(f"  armgpi export --config {file}.yaml --target ... -o {file}   (its README: how to run it)")
+    say(f"  armgpi bringup check {folder.path}/*.armlog")
+
+
+def _does(stage: object) -> str:
+    """Return what a stage does, in a sentence."""
+    kind, joints, way = (getattr(stage, name) for name in ("kind", "joints", "way"))
+    if kind == "dry":
+        ways = ", ".join(f"{joint} {x:+.2g}" for joint, x in zip(joints, way, strict=True))
+        return f"nothing is sent; move by hand, one after another, and back each time: {ways}"
+    if kind in ("pulse", "joint"):
+        return f"{joints[0]} goes {way[0]:+.2g} rad or m and back, the others stand"
+    return {
+        "excite": "the whole arm, slowly, to identify it",
+        "slow": "its own motion, four times as slow",
+        "full": "its own motion; no caps but the limits",
+    }[kind]
+
+
+def _plain(verdict: Verdict) -> dict[str, object]:
+    """Return a verdict as plain data."""
+    return {
+        "findings": [each._asdict() for each in verdict.findings],
+        "passed": {key: list(joints) for key, joints in verdict.passed.items()},
+        "not_tested": {key: list(joints) for key, joints in verdict.untested.items()},
+        "next": None if verdict.following is None else verdict.following.name,
+    }
+
+
+def _print(verdict: Verdict, folder: Folder) -> None:
+    """Print a verdict: what is wrong or fine, what was tested, what was not, and what comes next."""
+    from armgpi.realtime.judge import QUESTIONS
+
+    if verdict.findings:
+        say("STOP: go no further before this is mended", fg="red")
+        for each in verdict.findings:
+            say(f"  {each}")
+    else:
+        say("nothing is wrong in what was tested", fg="green")
+    count = len(folder.stages[0].joints)
+    for title, found in (("tested", verdict.passed), ("not tested", verdict.untested)):
+        for question, joints in found.items():
+            if joints:
+                of = "" if joints == ("",) or len(joints) == count else f": {', '.join(joints)}"
+                say(f"  {title:11} {QUESTIONS[question]}{of}")
+    if verdict.following is not None:
+        _say_next(folder, folder.stages.index(verdict.following))
+    elif not verdict.findings:
+        say("all stages are done")
