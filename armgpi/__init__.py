@@ -96,6 +96,7 @@ if TYPE_CHECKING:
     from armgpi.robot.kinematics import TrackingInverse as TrackingInverse
     from armgpi.robot.kinematics import inverse_kinematics as inverse_kinematics
     from armgpi.robot.robot import Robot as Robot
+    from armgpi.robot.rotors import believe_drives as believe_drives
     from armgpi.validation.check import validate as validate
     from armgpi.validation.derivation import Derivation as Derivation
     from armgpi.validation.derivation import derive as derive
@@ -151,6 +152,7 @@ _NAMES = {
     "robot.batch": ("RobotBatch",),
     "robot.equations": ("Friction",),
     "robot.robot": ("Robot",),
+    "robot.rotors": ("believe_drives",),
     "loop.rollout": ("Status", "load", "save"),
     "loop.closed_loop": ("ClosedLoop",),
     "loop.prepared": ("PreparedLoop", "prepare"),

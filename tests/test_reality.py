@@ -167,7 +167,7 @@ def test_what_is_known_of_an_arm_that_somebody_has() -> None:
             assert source == ("told" if kind == "elastic" else "believed")
             side = [gears_of(draw).side if kind == "elastic" else ""] * 6
             assert draw.model.drives.value("encoder_side").tolist() == side
-            assert np.isnan(draw.model.drives.value("stiffness")).all()
+            assert set(draw.model.drives.sources("stiffness")) == {"believed"}
         assert gears_of(draws["owned"]).side == "motor"
         # As geared ones, but for what is theirs alone.
         geared = Reality("geared", 4).draw(arm, index)
@@ -196,9 +196,27 @@ def test_an_arm_is_held_where_a_law_with_the_truth_has_little_sensitivity() -> N
     assert health.held(Reality("geared", 1, **slow).draw(ARM, 0))
 
 
+def test_what_dies_out_or_returns_once_is_no_swinging() -> None:
+    time, band = np.arange(2000) * 1e-3, np.full(2, 5e-4)
+
+    def seen(motion: np.ndarray) -> bool:
+        return health.swings(np.stack([np.zeros_like(motion), motion], axis=1), band)
+
+    for frequency in (1.5, 3.0, 30.0):
+        wave = np.sin(2.0 * math.pi * frequency * time)
+        assert seen(1e-3 * wave)
+        assert seen(1e-3 * np.exp(0.5 * time) * wave)
+        assert not seen(1e-3 * np.exp(-1.0 * time) * wave)  # half of a mode of 5 Hz with 3 % of damping
+        assert not seen(1e-4 * wave)  # too small
+    assert not seen(0.05 * np.exp(-1.5 * time))  # a slow return
+    assert not seen(0.01 * (time - 1.0) ** 2)  # one that turns
+
+
 def test_a_law_that_believes_gears_has_the_same_draws() -> None:
     reality = Reality("owned", 3)
-    for one, other in zip(*(health.draws(reality, "ur5", 3, soft) for soft in (False, True)), strict=True):
+    for one, other in zip(
+        *(health.draws(reality, "ur5", 3, drives) for drives in ("believed", None)), strict=True
+    ):
         for name in ("armature", "limits"):
             np.testing.assert_array_equal(getattr(one.arm, name), getattr(other.arm, name))
         np.testing.assert_array_equal(one.gears.stiffness, other.gears.stiffness)

@@ -11,9 +11,10 @@ import pytest
 
 from armgpi import GPI, Hold, RigidBodyPlant, Robot, config, simulate
 from armgpi.control import two_mass
-from armgpi.errors import ArmgpiWarning
+from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.rotors import believe_drives
 
 #: Rotor inertia of the drives [kg m^2], and stiffness of the gears [N m/rad], assumed, of typical size.
 PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
@@ -69,25 +70,60 @@ def test_limits_that_no_motor_has_say_nothing(effort: float) -> None:
 def test_a_law_from_the_bare_file_holds_the_arm_with_its_rotors(arm: Robot) -> None:
     gears = two_mass.Gears(np.array(ROTORS[arm]))
     held = {}
-    for name, model in (("silent", arm), ("told none", rotors.without_rotors(arm))):
-        with pytest.warns(ArmgpiWarning) if name == "told none" else nullcontext():
-            law = GPI.untuned(model, 1e-3, delay=1e-3, bits=16)
+    for name in (None, "believed", "rigid"):
+        with pytest.warns(ArmgpiWarning) if name == "rigid" else nullcontext():
+            law = GPI.untuned(arm, 1e-3, delay=1e-3, bits=16, drives=name)
         held[name] = sum(
             two_mass.ArmLoop(arm, q, gears, 1e-3, 1).growth(two_mass.law(law, q)) < 1.0
             for q in random_configurations(arm, 8, seed=0)
         )
-    assert held == {"silent": 8, "told none": 0}
+    assert held == {None: 8, "believed": 8, "rigid": 0}
 
 
 def test_a_stiff_gear_is_no_gear() -> None:
     q, rotor = UR5.middle(), np.array(ROTORS[UR5])
-    law = two_mass.law(GPI.untuned(UR5, 1e-3, delay=1e-3, bits=16), q)
+    law = two_mass.law(GPI.untuned(UR5, 1e-3, delay=1e-3, bits=16, drives="believed"), q)
     rigid = two_mass.ArmLoop(UR5, q, two_mass.Gears(rotor), 1e-3, 1).growth(law)
     off = []
     for factor in (1e3, 1e4):
         stiff = two_mass.Gears(rotor, factor * np.array(GEARS[UR5]))
         off.append(abs(two_mass.ArmLoop(UR5, q, stiff, 1e-3, 1).growth(law) - rigid))
     assert off[1] < 0.15 * off[0] < 1e-4
+
+
+def test_what_is_believed_is_a_word_and_is_believed_once() -> None:
+    soft = believe_drives(UR5)
+    assert set(soft.drives.sources("stiffness")) == {"believed"}
+    assert believe_drives(soft) is soft
+    stiff = believe_drives(UR5, "believed")
+    assert believe_drives(stiff) is stiff  # of which somebody decided that its gears are stiff
+    assert not stiff.drives.data.get("stiffness")
+    assert not believe_drives(UR5, "rigid").armature.any()
+    told = UR5.with_armature(0.2)  # rotors alone say nothing of gears
+    assert set(believe_drives(told).drives.sources("stiffness")) == {"believed"}
+    assert believe_drives(told, "believed") is told
+    paper = Robot.load("anthropomorphic3")  # no rotor, no gear
+    assert believe_drives(paper) is paper
+    with pytest.raises(ParameterError, match="soft, believed, rigid"):
+        believe_drives(UR5, "stiff")
+
+
+@pytest.mark.parametrize("drives", [None, "soft", "believed", "rigid"])
+@pytest.mark.parametrize("inertia", [None, 0.3], ids=["silent", "told"])
+@pytest.mark.filterwarnings("ignore:.*told to have no rotor")
+def test_what_an_experiment_writes_is_what_it_had(drives: str | None, inertia: float | None) -> None:
+    robot = {"name": "ur5", "drives": drives, "rotor_inertia": inertia}
+    data = {"robot": robot, "controllers": [{"type": "untuned"}], "t_final": 1.0}
+    made = config.build(config.check(data, config.Origin()))
+    again = config.build(config.check(made.config.model_dump(exclude_unset=True), config.Origin()))
+    assert again.robot.drives.data == made.robot.drives.data
+    assert type(again.plant) is type(made.plant)
+    assert again.config.controllers == made.config.controllers
+    direct = GPI.untuned(UR5 if inertia is None else UR5.with_armature(inertia), 1e-3, drives=drives)
+    laws: list[Any] = [direct, made.controllers["untuned"], again.controllers["untuned"]]
+    for law in laws[1:]:
+        np.testing.assert_array_equal(law.gains.nominal(), laws[0].gains.nominal())
+        assert (law.rotor_factor, law.rolloff) == (laws[0].rotor_factor, laws[0].rolloff)
 
 
 def test_an_experiment_with_the_rule_simulates_what_it_believes_and_writes_it_down() -> None:

@@ -4,7 +4,7 @@ Usage:
     python tools/alarms.py --seed 1 --realities mild wide late slow
     python tools/alarms.py --seed 1 --arms held-out --laws untuned computed_torque --out alarms.json
     python tools/alarms.py --seed 1 --speed 0.5   with SPEED, which is no default
-    python tools/alarms.py --seed 1 --realities elastic undriven --drives soft   as gears of arms twist
+    python tools/alarms.py --seed 1 --realities elastic undriven     as gears of arms twist
 
 Each draw of a reality runs twice, without and with a supervisor. It is healthy where the motors can follow
 the reference, and the arm, without one, was not lost (armgpi.health.reality) and kept within its position
@@ -82,9 +82,9 @@ class Run(NamedTuple):
 
 
 def runs(
-    reality: str, seed: int, name: str, law: str, count: int, supervisor: Supervisor, soft: bool
+    reality: str, seed: int, name: str, law: str, count: int, supervisor: Supervisor, drives: str | None
 ) -> list[Run]:
-    """Return what came of draws of an arm, whose law believes that gears twist where it is soft.
+    """Return what came of draws of an arm; see :func:`health.draws` for what the law believes.
 
     Raises:
         ArmgpiError: when the arm or the law cannot be had.
@@ -92,7 +92,7 @@ def runs(
     section = yaml.safe_load(law)
     section = section if isinstance(section, dict) else {"type": section}
     drawn = Reality(seed=seed, block=BLOCK, sample_time=SAMPLE_TIMES, **REALITIES[reality])
-    draws, found = health.draws(drawn, name, count, soft), []
+    draws, found = health.draws(drawn, name, count, drives), []
     both = (health.rollouts(draws, section, supervisor=each) for each in (None, supervisor))
     for (group, free), (_, watched) in zip(*both, strict=True):
         for row, draw in enumerate(group):
@@ -173,9 +173,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--realities", nargs="+", default=["wide"], choices=tuple(REALITIES))
     parser.add_argument("--arms", nargs="+", default=["fit"], help="fit, held-out, or names of arms")
     parser.add_argument("--laws", nargs="+", default=["untuned"], help="types of controllers, or sections")
-    parser.add_argument(
-        "--drives", default="believed", choices=("believed", "soft"), help="what laws believe"
-    )
+    parser.add_argument("--drives", choices=("believed", "soft"), help="what laws believe")
     parser.add_argument("--speed", type=float, help="share for SPEED; no check when not given")
     parser.add_argument("--out", type=Path, help="write all runs as JSON")
     given = parser.parse_args(arguments)
@@ -187,9 +185,7 @@ def main(arguments: list[str] | None = None) -> int:
         for law in given.laws:
             for name in names:
                 try:
-                    found += runs(
-                        reality, given.seed, name, law, given.per_arm, supervisor, given.drives == "soft"
-                    )
+                    found += runs(reality, given.seed, name, law, given.per_arm, supervisor, given.drives)
                 except ArmgpiError as error:
                     failed[f"{name}, {law}"] = str(error)
             print(f"{reality}, {law}: {time.process_time():.0f} s of CPU", file=sys.stderr, flush=True)

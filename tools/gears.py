@@ -170,7 +170,7 @@ def rule(seed: int) -> None:
         bare = arm(name)
         robot = bare.with_armature(rotor)
         for known, told in (("rotors told", robot), ("rotors believed", bare)):
-            law = untuned(rotors.believe_gears(told))
+            law = untuned(told)
             omega = law.gains.nominal().omega_c
             seen = judge(law, robot, np.array(rotor), np.array(stiffness), seed)
             print(f"{name}, {known}: {omega.min():.1f} to {omega.max():.1f} rad/s: {seen}", flush=True)
@@ -194,7 +194,7 @@ def held_out(seed: int) -> None:
         rotor, stiffness = drawn(bare, rng)
         robot = bare.with_armature(rotor)
         for known, told in (("told", robot), ("believed", bare)):
-            seen = judge(untuned(rotors.believe_gears(told)), robot, rotor, stiffness, seed, (1.0,))
+            seen = judge(untuned(told), robot, rotor, stiffness, seed, (1.0,))
             print(f"{name} {i}, rotors {known}: {seen}", flush=True)
 
 
@@ -234,7 +234,7 @@ def draws(seed: int) -> None:
     """Print in how many draws of rotors a law for the bare file is stable at all configurations."""
     for name, (_, stiffness) in ARMS.items():
         bare, rng, rigid, soft = arm(name), np.random.default_rng(200 + seed), 0, 0
-        law = untuned(rotors.believe_gears(bare))
+        law = untuned(bare)
         for _ in range(20):
             rotor = np.exp(rng.uniform(np.log(0.1), np.log(1.2), bare.n))
             robot = bare.with_armature(rotor)
@@ -263,7 +263,7 @@ def stops(seed: int) -> None:
     """Print how laws for rigid gears are stopped on the elastic plant: reason, travel, later speed."""
     for name, (rotor, stiffness) in ARMS.items():
         robot = arm(name).with_armature(rotor)
-        law, start = untuned(robot), robot.middle()
+        law, start = untuned(robot, drives="believed"), robot.middle()
         given = Supervisor(resolution=robot.encoder_count(BITS), response=0.012 + LATE * DT)
         for side, factor in itertools.product(("motor", "link"), TIMES):
             plant = Saturated(elastic(robot, factor * np.array(stiffness), side))
@@ -288,9 +288,9 @@ def rollouts(seed: int) -> None:
         robot = bare.with_armature(rotor)
         start = robot.middle()
         laws = {
-            "fast, rotors told": untuned(robot),
-            "soft, rotors told": untuned(rotors.believe_gears(robot)),
-            "soft, bare file": untuned(rotors.believe_gears(bare)),
+            "fast, rotors told": untuned(robot, drives="believed"),
+            "soft, rotors told": untuned(robot),
+            "soft, bare file": untuned(bare),
         }
         for which, law in laws.items():
             peaks, swings, steps = [], [], []
@@ -327,9 +327,9 @@ def picture(seed: int) -> None:
     bare = arm("ur5")
     robot = bare.with_armature(rotor)
     laws = {
-        "rotors told not to be": untuned(rotors.without_rotors(bare)),
-        "rotors believed": untuned(bare),
-        "rotors and gears believed": untuned(rotors.believe_gears(bare)),
+        "rotors told not to be": untuned(bare, drives="rigid"),
+        "rotors believed": untuned(bare, drives="believed"),
+        "rotors and gears believed": untuned(bare),
     }
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(11.0, 3.4), layout="constrained")
     elastic = ElasticPlant(robot, gear_stiffness=stiffness, current_bandwidth=500.0)

@@ -131,7 +131,7 @@ def record(
     plant = TorqueNoise(plant, std=noise * size.effort, seed=seed)
     plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), delay)
     nominal = robot.with_armature(rotors)
-    controller = armgpi.GPI.untuned(nominal, DT, delay=delay * DT, bits=16)
+    controller = armgpi.GPI.untuned(nominal, DT, delay=delay * DT, bits=16, drives="believed")
     run = armgpi.simulate(plant, controller, reference, seconds, progress=False, backend="compiled")
     q, tau = run["q_measured"].values, run["tau_command"].values
     logs = []

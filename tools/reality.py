@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--laws", nargs="+", default=[], help="controllers beside gpi: types, or sections")
     parser.add_argument("--only", action="store_true", help="those laws alone, without gpi")
     parser.add_argument("--reality", default="geared", choices=KINDS)
-    parser.add_argument("--drives", nargs="+", default=["believed"], choices=("believed", "soft"))
+    parser.add_argument("--drives", nargs="+", default=[None], choices=("believed", "soft"))
     parser.add_argument("--block", type=int, help="draws in a row that share sample time and delay")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--backend", default="compiled", choices=("numpy", "compiled", "auto"))

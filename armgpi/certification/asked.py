@@ -18,7 +18,6 @@ from armgpi.control.gpi import GPI
 from armgpi.control.network import BSplineNetwork
 from armgpi.errors import ParameterError
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import without_rotors
 
 #: Nothing disturbs.
 NOTHING = dict.fromkeys(("torque", "shift", "count", "reference", "zone", "spread"), "0")
@@ -131,7 +130,7 @@ def _untuned(
         warnings.catch_warnings()
     ):  # the certificate is of the arm as given, without rotors that are believed
         warnings.filterwarnings("ignore", message=".*told to have no rotor")
-        law = GPI.untuned(without_rotors(robot), dt, delay=delay, bits=bits, **given)
+        law = GPI.untuned(robot, dt, delay=delay, bits=bits, drives="rigid", **given)
     if law.payload is not None and law.payload.lightest > 0.0:
         expected = "a lightest load of 0: the feedforward of the untuned law knows of no load"
         raise ParameterError("payload", payload, expected)

@@ -172,7 +172,7 @@ def note_differences(experiment: Experiment) -> None:
     """Say what MuJoCo does otherwise than armgpi's own plant, and how far gears let the tool sag."""
     from armgpi.plants.plant import inside
 
-    for plant, _ in experiment.runs.values():
+    for plant in experiment.plants.values():
         inner = inside(plant)
         if sag := getattr(inner, "sag", ""):
             say(sag, err=True)

@@ -181,34 +181,15 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
 
     experiment = configuration.build(*settings(options, compare=False))
     fingers = moving_gripper(experiment.robot)
-    again = bool(fingers) and target in COMPENSATING
-    if again:
+    if fingers and target in COMPENSATING:
         options["lock"] = [*(options["lock"] or []), *fingers]
         say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
-    if target in COMPENSATING and _takes_gears_as_rigid(options, experiment):
-        options["drives"], again = Path("soft"), True
-        say(
-            f"note: nothing tells how stiff the gears are, and a robot of {target} has some: the law is one "
-            "for gears that twist (--drives soft); --drives believed is the faster one for stiff gears",
-            err=True,
-        )
-    if again:
         return configuration.build(*settings(options, compare=False))
     if fingers:
         lock = " ".join(f"--lock {name}" for name in fingers)
         said = f"{', '.join(fingers)} of a gripper gets torque with the arm; {lock} leaves it out"
         say(f"warning: {said}", err=True, fg="yellow")
     return experiment
-
-
-def _takes_gears_as_rigid(options: dict[str, Any], experiment: Experiment) -> bool:
-    """Tell whether the rule chose a law for rigid gears because nobody told anything of them."""
-    from armgpi.config.building import has_rule
-    from armgpi.control.geared import is_known
-    from armgpi.robot.rotors import told_none
-
-    said = options["config"] is not None or options["drives"] is not None or told_none(experiment.robot)
-    return not said and has_rule(experiment.config) and not is_known(experiment.robot)
 
 
 def _target(options: dict[str, Any]) -> str:

@@ -192,9 +192,9 @@ Drives = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known; "
-        "'believed': rotors that nothing tells are believed, 'soft': so are gears that twist, 'rigid': there "
-        "are none.",
+        help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known. Or "
+        "what is believed where nothing tells: 'soft', rotors and gears that twist, the default of type "
+        "untuned; 'believed', rotors of stiff gears; 'rigid', no rotors.",
     ),
 ]
 PlantEngine = Annotated[

@@ -80,7 +80,7 @@ _CALLS = (
     (r"(mimic|repair)='([^']*)'", r"--\1 \2"),
     (r"robot\.with_limits\(effort=\{'([^']*)': ([^}]*)\}\)", r"--effort \1=\2"),
     (r"robot\.with_gravity\(\(0, 0, 0\)\)", "--gravity robot"),
-    (r"simulate armgpi\.robot\.rotors\.believe\(robot\)", "--drives believed"),
+    (r"make both of armgpi\.believe_drives\(robot\)", "--drives soft"),
     (r"robot\.with_armature\(\.\.\.\)", "--rotor-inertia JOINT=NUMBER"),
 )
 

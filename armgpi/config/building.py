@@ -249,30 +249,32 @@ class Parts:
 
 
 def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig, Robot]:
-    """Return the arm of an experiment, and the experiment with what is believed of its rotors filled in.
+    """Return the arm of an experiment, and the experiment with what is believed of its drives filled in.
 
-    They are believed where the file asks for it, and where it says nothing and has the rule for untuned arms.
-    What is simulated then has them as well. A reality says itself what rotors there are. With "soft" the
-    stiffness of gears is believed too, and the plant is elastic unless another one is asked for.
+    It is believed where the file asks for it, and where it does not and has the rule for untuned arms. Then
+    what is simulated has the same drives: the plant is elastic where gears twist, unless another one is
+    asked for. A reality says itself what drives there are.
     """
     section = config.robot
     robot = _robot(section, top.at("robot"))
-    if section.drives == "rigid":
-        return config, rotors.without_rotors(robot)
-    soft = section.drives == "soft"
-    if soft or section.drives == "believed" or (has_rule(config) and config.reality is None):
-        robot = rotors.believe_gears(robot) if soft else rotors.believe(robot)
+    word = section.drives if isinstance(section.drives, str) else None
+    if word is None and (config.reality is not None or not has_rule(config)):
+        return config, robot
+    robot = rotors.believe_drives(robot, word)
+    if word != "rigid":
         given = section.drives if isinstance(section.drives, dict) else {}
         known = {joint: dict(own) for joint, own in given.items()}
         for quantity, data in robot.drives.data.items():
             for joint, datum in data.items():
                 if datum.source == "believed":
                     known.setdefault(joint, {})[quantity] = datum.plain()
-        section = section.model_copy(update={"drives": known or None})
+        # Where there was nothing to believe, the word still says that there is not.
+        section = section.model_copy(update={"drives": known or section.drives})
         config = config.model_copy(update={"robot": section})
-        if soft and "engine" not in config.plant.model_fields_set and config.reality is None:
-            plant = config.plant.model_copy(update={"engine": "elastic"})
-            config = config.model_copy(update={"plant": plant})
+    twists = np.isfinite(robot.drives.value("stiffness")).all() and robot.armature.all()
+    if twists and "engine" not in config.plant.model_fields_set and config.reality is None:
+        plant = config.plant.model_copy(update={"engine": "elastic"})
+        config = config.model_copy(update={"plant": plant})
     return config, robot
 
 

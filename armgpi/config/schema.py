@@ -324,9 +324,9 @@ class RobotSection(Section):
         rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
         friction: joint friction that replaces the URDF's.
         drives: joint -> what is known of its drive (:mod:`armgpi.robot.drives`); the keys above come on top.
-            Or "believed": rotors of which the file says nothing are believed (:mod:`armgpi.robot.rotors`), as
-            they are where a controller has the rule for untuned arms; or "soft": so is the stiffness of
-            gears, and the plant is elastic where nothing says otherwise; or "rigid": there are none.
+            Or what is believed of drives of which the file says nothing (:func:`armgpi.believe_drives`):
+            "soft", rotors and gears that twist, as where a controller has the rule for untuned arms, and the
+            plant is elastic where nothing says otherwise; "believed", rotors of stiff gears; "rigid", none.
         gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
             itself; then plant and nominal models have no gravity.
     """

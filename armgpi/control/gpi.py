@@ -51,6 +51,7 @@ class GPI(Controller):
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.control.family`) have more or fewer integrators, and a roll-off.
     What the nominal model knows of the way ahead can be added: ``tau = D(q) v + feedforward(q*, v*, a*)``.
+    ``GPI(robot, dt)`` is the law as printed; for an arm that nobody tuned there is :meth:`untuned`.
 
     Attributes:
         robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
@@ -267,22 +268,31 @@ class GPI(Controller):
 
     @classmethod
     def untuned(
-        cls, robot: AnyRobot, dt: float, *, delay: float = 0.0, bits: Any = None, **given: Any
+        cls,
+        robot: AnyRobot,
+        dt: float,
+        *,
+        delay: float = 0.0,
+        bits: Any = None,
+        drives: str | None = None,
+        **given: Any,
     ) -> GPI:
         """Return a controller for an arm that nobody tuned, by the rule of `armgpi.control.untuned`.
 
         Args:
-            robot: nominal model; rotors of which nothing is known are believed (:mod:`armgpi.robot.rotors`).
+            robot: nominal model.
             dt: sample time [s].
             delay: transport delay in the loop [s].
             bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); None
                 for exact positions.
+            drives: what is believed of drives that nothing tells: "soft", rotors and gears that twist;
+                "believed", rotors of stiff gears; "rigid", no rotors; see :func:`armgpi.believe_drives`.
             **given: parameters of the controller that are not to be chosen.
 
         Raises:
             ArmgpiError: as the constructor, and for encoders that cannot be.
         """
-        made = cls(**untuned.arguments(robot, dt, delay, bits, given))
+        made = cls(**untuned.arguments(robot, dt, delay, bits, drives, given))
         advice.warn(advice.coarse_counts(made, bits), 1)
         return made
 

@@ -41,7 +41,7 @@ from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot, with_heavier_rotors
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe
+from armgpi.robot.rotors import believe_drives
 
 #: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
 #: lateness limits the loop, which then has no count noise to spare it.
@@ -117,19 +117,20 @@ def untuned(
 
 
 def arguments(
-    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+    robot: AnyRobot, dt: float, delay: float, bits: Any, drives: str | None, given: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what the constructor of :class:`armgpi.GPI` takes for an arm that nobody tuned.
 
     Args:
-        robot: nominal model; rotors of which nothing is known are believed.
+        robot: nominal model.
         dt: sample time [s].
         delay: transport delay in the loop [s].
         bits: resolution of the encoders; see :func:`untuned`.
+        drives: what is believed of drives that nothing tells; see :func:`armgpi.believe_drives`.
         given: arguments that are not to be chosen.
     """
     check_robot(robot)
-    robot = believe(robot) if isinstance(robot, Robot) else robot
+    robot = believe_drives(robot, drives) if isinstance(robot, Robot) else robot
     given = {name: value for name, value in given.items() if name != "gains" or value is not None}
     if isinstance(loads := given.get("payload"), tuple | list):
         given["payload"] = load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import check_choice, check_number, check_path, check_type, check_whole
+from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.control import untuned
 from armgpi.control.advice import light_model
 from armgpi.control.gpi import GPI
@@ -101,8 +101,8 @@ def inspect(
         encoder_bits: resolution of the position sensors.
         repair: names of repairs that may be made in the file.
         rotor_inertia: seen at the joints [kg m^2 or kg].
-        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or "rigid": there are no
-            rotors where nothing is told of them, which are believed otherwise.
+        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or a word for what is believed
+            where nothing is; see :func:`armgpi.believe_drives`.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
@@ -137,12 +137,11 @@ def inspect(
         robot = robot.with_drives(drives)
     if rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
-    if isinstance(drives, str):
-        check_choice(drives, "drives", ("believed", "soft", "rigid"))
-        robot = rotors.without_rotors(robot) if drives == "rigid" else robot
-        robot = rotors.believe_gears(robot) if drives == "soft" else robot
+    word = drives if isinstance(drives, str) else None
+    if word is not None:
+        robot = rotors.believe_drives(robot, word)
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
-    return HealthReport(robot, _facts(subject)).with_findings(findings.find(subject))
+    return HealthReport(robot, _facts(subject, word)).with_findings(findings.find(subject))
 
 
 def with_payload(report: HealthReport, mass: float) -> HealthReport:
@@ -188,9 +187,10 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
     return report.with_findings(found, payload=facts)
 
 
-def _facts(subject: Subject) -> dict[str, Any]:
-    """Return what the model is and what a controller will do with it."""
+def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
+    """Return what the model is and what a controller will do with it, some drives believed."""
     document, robot = subject.document, subject.robot
+    known = rotors.believe_drives(robot, drives)
     return {
         "name": robot.name,
         "source": document.source,
@@ -205,9 +205,9 @@ def _facts(subject: Subject) -> dict[str, Any]:
         "locked": dict(subject.locked),
         "mimic": robot.provenance.get("mimic", "lock"),
         "repairs": list(robot.provenance.get("repairs", ())),
-        "rotors": rotors.describe(rotors.believe(robot)),
-        "gears": rotors.describe_gears(robot),
-        "sag": sag(robot),
+        "rotors": rotors.describe(known),
+        "gears": rotors.describe_gears(known),
+        "sag": sag(known),
         "joints": _joints(subject),
         "least_eigenvalue": float(subject.eigenvalues[:, 0].min()),
         "condition": float((subject.eigenvalues[:, -1] / subject.eigenvalues[:, 0]).max()),
@@ -218,20 +218,20 @@ def _facts(subject: Subject) -> dict[str, Any]:
             "encoder_bits": subject.encoder_bits,
             "omega_c": subject.omega,
         },
-        "untuned": _untuned(subject),
+        "untuned": _untuned(subject, known, drives),
     }
 
 
-def _untuned(subject: Subject) -> dict[str, Any] | None:
-    """Return what GPI takes for the arm when nobody tunes it, and what its loops tolerate."""
+def _untuned(subject: Subject, known: Robot, drives: str | None) -> dict[str, Any] | None:
+    """Return what GPI takes for the arm as it is known when nobody tunes it, and what its loops tolerate."""
     dt, bits = subject.dt, subject.encoder_bits
     if not (subject.robot.limits.effort > 0.0).all():
         return None  # the check of the effort reports it
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
-        law = GPI.untuned(subject.robot, dt, delay=subject.delay * dt, bits=bits)
+        law = GPI.untuned(known, dt, delay=subject.delay * dt, bits=bits, drives=drives)
     margins, torque = law.margins(), law.count_torque(bits)
-    said = untuned.verdict(law, rotors.believe(subject.robot), bits)
+    said = untuned.verdict(law, known, bits)
     return {
         "integrators": law.integrators,
         "rolloff": law.rolloff,

@@ -268,13 +268,14 @@ class Reality(Parametrised):
     """What arms, drives and sensors are like: distributions to draw experiments from.
 
     A "geared" reality has rotor inertia at every joint and friction; a "bare" one has neither, as in a URDF
-    that says nothing of the drives. There is no friction without rotor inertia: gears have both.
+    that says nothing of the drives. There is no friction without rotor inertia: gears have both. Their gears
+    are stiff, and known to be.
 
     Three have rotors with the scatter of published drives (:mod:`armgpi.robot.rotors`), ripple, and current
-    loops. "undriven" has rigid gears and a controller that has the bare file, whose rotors it believes.
-    "elastic" has gears that twist, and a controller that knows the rotors and where the encoders sit.
-    "owned" has all at once, as an arm that somebody has: a bare file, and gears that twist behind encoders at
-    the motors.
+    loops. "undriven" has rigid gears and a controller that has the bare file, whose drives it believes.
+    "elastic" has gears that twist, and a controller that knows the rotors and where the encoders sit, and
+    believes the stiffness. "owned" has all at once, as an arm that somebody has: a bare file, and gears that
+    twist behind encoders at the motors.
 
     Ranges are uniform. Coulomb friction, torque steps and efforts are in shares of the arm's own gravity
     torque and effort (:func:`scales`), rotor inertia in shares of its inertia.
@@ -517,8 +518,8 @@ class Reality(Parametrised):
         return np.asarray(self.rotor_share * scale.inertia + self.rotor_least * scale.inertia.max())
 
     def _known(self, robot: Robot, drawn: Numbers) -> Robot:
-        """Return an arm with what is known of it in every draw: believed rotors, and the encoders' side."""
-        robot = rotors.believe(robot)
+        """Return an arm with what is known of it in every draw: believed drives, and the encoders' side."""
+        robot = rotors.believe_drives(robot)
         if self.name != "elastic":
             return robot
         sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))

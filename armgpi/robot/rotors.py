@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_choice
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -89,6 +89,9 @@ SCATTER = 2.5
 #: K1 of sizes 14 to 32, as cited from their catalogues, not looked up again; 31 kN m/rad at 100:1 in
 #: CompliantJointToolbox, from a data sheet); links, bearings and torque sensors add to it.
 TWIST, TWIST_SCATTER = 8e-3, 2.0
+#: Median ITAE of a law that believes gears over that of one for stiff gears, on arms with stiff gears
+#: (docs/drives.md, `undriven`).
+SOFT_COST = 15.0
 #: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s].
 _NO_EFFORT, _NO_VELOCITY = 1000.0, 100.0
 #: Most that an arm's strongest joint may have over its largest gravity torque: limits above are no motors'.
@@ -96,6 +99,8 @@ _MOST_GRAVITY = 20.0
 #: Where nothing tells the torque or speed of a motor: so many times the joint's largest gravity torque,
 #: which is at least a share of the arm's; and that speed [rad/s or m/s].
 _GRAVITIES, _LEAST_SHARE, _SPEED = 3.0, 0.1, 3.0
+#: What may be taken where nothing is known of drives; see :func:`believe_drives`.
+BELIEFS = ("soft", "believed", "rigid")
 
 
 def silent(robot: Robot) -> tuple[str, ...]:
@@ -123,6 +128,24 @@ def motor_torque(robot: Robot) -> Array:
         effort = effort * _MOST_GRAVITY * largest / strongest
     guessed = _GRAVITIES * np.maximum(gravity, _LEAST_SHARE * largest)
     return np.where(told, effort, guessed)
+
+
+def believe_drives(robot: Robot, drives: str | None = None) -> Robot:
+    """Return the arm with what is believed of its drives where nothing is known of them.
+
+    Args:
+        robot: the arm.
+        drives: "soft" for rotors, and gears that twist; "believed" for rotors of stiff gears; "rigid" for no
+            rotors. None is "soft", and leaves an arm alone of which something is believed already.
+
+    Raises:
+        ParameterError: for another word.
+    """
+    if drives is None:
+        sources = {datum.source for own in robot.drives.data.values() for datum in own.values()}
+        return robot if "believed" in sources else believe_gears(robot)
+    check_choice(drives, "drives", BELIEFS)
+    return {"soft": believe_gears, "believed": believe, "rigid": without_rotors}[drives](robot)
 
 
 def believe(robot: Robot) -> Robot:
@@ -178,7 +201,7 @@ def unlike(nominal: Robot, arm: Robot) -> str:
     names = ", ".join(name for name in arm.joint_names if name in both)
     return names and (
         f"the controller believes rotors in {names}, and the simulated arm has none, which such a law may "
-        "lose: simulate armgpi.robot.rotors.believe(robot), or tell both by robot.with_armature(...)"
+        "lose: make both of armgpi.believe_drives(robot), or tell both by robot.with_armature(...)"
     )
 
 
@@ -199,8 +222,9 @@ def describe_gears(robot: Robot) -> str:
     """Return in a line what is believed of the stiffness of an arm's gears; or nothing."""
     rows = _believed_rows(robot, "stiffness")
     return rows and (
-        f"gears believed to twist [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: {rows}; tell "
-        "them by --drives FILE"
+        f"gears believed to twist [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: {rows}; where they "
+        f"are stiff, the law that --drives believed makes has 1/{SOFT_COST:g} of the error (ITAE), and where "
+        "not, it loses most arms; tell stiffness by --drives FILE"
     )
 
 

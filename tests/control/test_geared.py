@@ -25,8 +25,8 @@ GEARS = {PANDA: [14e3] * 4 + [8e3] * 3, UR5: [20e3, 20e3, 15e3, 5e3, 5e3, 5e3]}
 DT = 1e-3
 
 
-def rule(robot: Robot) -> GPI:
-    return GPI.untuned(robot, DT, delay=DT, bits=16)
+def rule(robot: Robot, drives: str | None = None) -> GPI:
+    return GPI.untuned(robot, DT, delay=DT, bits=16, drives=drives)
 
 
 def told(robot: Robot, factor: float, side: str) -> Robot:
@@ -39,7 +39,7 @@ def told(robot: Robot, factor: float, side: str) -> Robot:
 @pytest.mark.parametrize("arm", [PANDA, UR5], ids=["panda", "ur5"])
 def test_believed_gears_make_a_law_that_bears_what_gears_usually_are(arm: Robot, known: bool) -> None:
     rotor, stiffness = np.array(ROTORS[arm]), np.array(GEARS[arm])
-    law = rule(rotors.believe_gears(arm.with_armature(rotor) if known else arm))
+    law = rule(arm.with_armature(rotor) if known else arm)
     held = 0
     for q in random_configurations(arm, 8, seed=0):
         linear = two_mass.law(law, q)
@@ -51,7 +51,7 @@ def test_believed_gears_make_a_law_that_bears_what_gears_usually_are(arm: Robot,
 
 @pytest.mark.parametrize("arm", [PANDA, UR5], ids=["panda", "ur5"])
 def test_it_bears_rotors_that_nobody_guessed(arm: Robot) -> None:
-    law, rng, held = rule(rotors.believe_gears(arm)), np.random.default_rng(200), 0
+    law, rng, held = rule(arm), np.random.default_rng(200), 0
     linear = [(q, two_mass.law(law, q)) for q in random_configurations(arm, 8, seed=0)]
     for _ in range(20):
         gears = Gears(np.exp(rng.uniform(math.log(0.1), math.log(1.2), arm.n)))
@@ -94,7 +94,7 @@ def test_behind_encoders_at_the_link_believed_gears_may_be_as_soft_as_any() -> N
 
 
 def test_gears_told_stiff_change_nothing() -> None:
-    stiff, rigid = rule(told(UR5, 1e3, "motor")), rule(UR5.with_armature(ROTORS[UR5]))
+    stiff, rigid = rule(told(UR5, 1e3, "motor")), rule(UR5.with_armature(ROTORS[UR5]), "believed")
     assert stiff.values()["rolloff_ratio"] == rigid.values()["rolloff_ratio"]
     assert (stiff.feedforward, stiff.rotor_factor) == (rigid.feedforward, 1.0)
     np.testing.assert_array_equal(stiff.gains.nominal(), rigid.gains.nominal())
@@ -194,7 +194,7 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
     assert soft.limits[1:] == ("gears",) * 5
     assert soft.limits[0] == "noise"
     assert "limited by gears and noise" in soft.describe()
-    stiff = untuned.verdict(rule(UR5), rotors.believe(UR5), 16)
+    stiff = untuned.verdict(rule(UR5, "believed"), rotors.believe(UR5), 16)
     assert not math.isfinite(stiff.resonance)
     assert "taken as rigid: below" in stiff.describe()
     arm = rotors.believe_gears(UR5)
@@ -202,9 +202,9 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
     for times, bears in ((factor, True), (0.7 * factor, False)):
         gears = Gears(arm.armature, times * arm.drives.value("stiffness"), geared.DAMPINGS[0], geared.CURRENT)
         peaks = [
-            ArmLoop(arm, case.q, gears, DT, 1).sensitivity(two_mass.law(rule(UR5), case.q))
+            ArmLoop(arm, case.q, gears, DT, 1).sensitivity(two_mass.law(rule(UR5, "believed"), case.q))
             for case in geared.rigid_cases(arm, DT, 1)
         ]
         assert (max(peaks) <= geared.RIGID_SENSITIVITY) == bears
-    late = untuned.verdict(GPI.untuned(UR5, 4e-3, delay=12e-3), rotors.believe(UR5))
+    late = untuned.verdict(GPI.untuned(UR5, 4e-3, delay=12e-3, drives="believed"), rotors.believe(UR5))
     assert set(late.limits) <= {"delay", "load"}

@@ -197,7 +197,7 @@ def test_a_panda_behind_16_bits_and_a_sample_of_delay_moves_quietly_and_well(ine
     panda = rotors.believe(file) if told is None else file.with_armature(told)
     q0 = panda.middle()
     real = RigidBodyPlant(panda.with_payload("panda_hand", 0.25))
-    law = GPI.untuned(panda, 1e-3, delay=1e-3, bits=16)
+    law = GPI.untuned(panda, 1e-3, delay=1e-3, bits=16, drives="believed")
     plant = Delayed(Encoder(real, 16), 1)
     rollout = simulate(plant, law, Bezier(q0, q0 + 0.5, 3.0), 8.0, progress=False, backend="compiled")
     # [N m] per ms, what libfranka takes; 4.0 for the printed law
