@@ -125,7 +125,7 @@ examples: $(FOR_ALL) ## Run every example, with no screen
 wheel: $(FOR_ALL) ## Build the wheel, and try it and README's commands in fresh environments
 	$(BIN)/python tools/check_wheel.py
 
-commands: $(FOR_ALL) ## Run every fenced command of README and the pages in fresh environments
+commands: $(FOR_ALL) ## Run the fenced commands of every page and notebook in fresh environments
 	$(BIN)/python tools/commands.py
 
 bench: $(FOR_ALL) ## Run every benchmark, into build/benchmarks

@@ -45,6 +45,26 @@ def command(*arguments: object, **options: Any) -> subprocess.Popen[str]:
 # Help.
 
 
+def test_options_of_one_name_are_one_option_in_every_command() -> None:
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    taken: dict[str, dict[str, Any]] = {"--json": {}, "--report": {}, "--html": {}, "--out": {}}
+    for name, command in commands.items():
+        for option in command.params:
+            assert not {"--output", "--page"} & set(option.opts), name
+            for flag in set(option.opts) & set(taken):
+                taken[flag][name] = option
+    for flag in ("--json", "--report", "--html"):
+        assert len({(tuple(o.opts), o.metavar, o.default, o.help) for o in taken[flag].values()}) == 1
+    for option in taken["--out"].values():
+        assert (option.opts, option.required) == (["--out", "-o"], False)
+        assert option.metavar in ("FILE", "FOLDER")
+        if option.default is not None:
+            assert (option.metavar == "FILE") == bool(option.default.suffix)
+    silent = {"play", "view", "report", "new", "excite", "derive", "scenarios", "reproduce"}
+    assert set(commands) - set(taken["--json"]) == silent
+    assert set(taken["--json"]) - set(taken["--report"]) == {"robots", "doctor", "log", "export"}
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"], ["run", "--bogus"]])
 def test_help_waits_for_no_heavy_import(arguments: list[str]) -> None:
     code = (

@@ -61,7 +61,9 @@ MISTAKES = {
     "report file.txt -o r.html": "a rollout that armgpi wrote",
     "certify arm.urdf --payload 3": "such as '0:3'",
     "identify log.csv --robot arm.urdf": "known: time, q",
-    "validate nothing.py --robot arm.urdf": "no such file",
+    "validate nothing.py --robot arm.urdf": "in that folder there is dynamics.py",
+    "run weak.urdf": "(--lock q1)",
+    "sweep weak.yaml": "robot.effort: {q1: 10",  # it has no --effort
     "new arm.urdf --target uur": "bare, fci, ur, ros2_control",
     "sweep exp.yaml --rollouts many --out x": "a whole number from 1",
 }
@@ -76,6 +78,8 @@ FILES = {
     "name.yaml": "robot: anthropomorphic\n",
     "exp.yaml": "robot: arm.urdf\n",
     "log.csv": "time,q\n0,1\n",
+    "dynamics.py": "",
+    "weak.yaml": "robot: weak.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",
 }
 
 
@@ -85,7 +89,8 @@ def test_a_mistake_gets_one_line_that_names_the_way_out(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     urdf = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
-    for name, text in {**FILES, "arm.urdf": urdf, "broken.urdf": urdf[:900]}.items():
+    weak = re.sub('effort="[^"]*"', 'effort="0"', urdf)
+    for name, text in {**FILES, "arm.urdf": urdf, "broken.urdf": urdf[:900], "weak.urdf": weak}.items():
         Path(name).write_text(text, encoding="utf-8")
     answer = cli(*typed.split())
     assert answer.code == 2, answer.out

@@ -22,6 +22,9 @@ _REACH = 2.2
 _DRAWN, _PARTS = 3000, 24
 _BLUE, _GREEN, _PURPLE, _ORANGE = (style.PALETTE[place] for place in (0, 2, 3, 4))
 _COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e": _PURPLE}
+#: How each is drawn, for who cannot tell colours.
+_DASHES = {"delta_high": ("", "solid"), "sigma": ("7 3", "dashed"), "kappa_v": ("2 2", "dotted")}
+_DASHES["kappa_e"] = ("7 2 2 2", "dash-dotted")
 #: Share of an effort below which bearing a disturbance says little: a tenth of what one encoder count may
 #: move a torque before an arm shakes (COUNT_SHARE).
 _USEFUL = 0.1 * COUNT_SHARE
@@ -100,7 +103,9 @@ def _numbers(made: Certificate) -> str:
         largest = max(map(float, value)) if isinstance(value, list) else float(value)
         if name in numbers and largest:
             rows.append((name, f"{largest:.4g}", unit, status[name], what))
-    return page.table(("number", "value", "unit", "", "what it is"), rows, label="numbers", words=(2, 3, 4))
+    return page.table(
+        ("number", "value", "unit", "status", "what it is"), rows, label="numbers", words=(2, 3, 4)
+    )
 
 
 def _nyquist(made: Certificate) -> str:
@@ -124,7 +129,7 @@ def _nyquist(made: Certificate) -> str:
         path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
         parts.append(drawing.line(path, _BLUE))
     for x, text in ((-1.0 / low, f"-1/{low:.3g}"), (-1.0 / high, f"-1/{high:.3g}")):
-        parts.append(drawing.text(x + (0.12 if x > -1.0 / low else -0.12), -0.1, text, colour=LINE))
+        parts.append(drawing.text(x + (0.2 if x > -1.0 / low else -0.2), -0.1, text, colour=LINE))
     said = (
         f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
         "A curve that stays out of it is necessary while the arm moves at the stated speed; sampling, delay, "
@@ -156,11 +161,16 @@ def _box(asked: Asked, made: Certificate) -> str:
         parts = [drawing.line([(ends[0], y), (ends[1], y)], _QUIET) for y in (0.0, 0.5, 1.0)]
         for name, colour in _COLOURS.items():
             largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
-            parts.append(drawing.line(list(zip(middles, largest, strict=True)), colour))
+            parts.append(
+                drawing.line(list(zip(middles, largest, strict=True)), colour, dash=_DASHES[name][0])
+            )
         unit = POSITION.symbol(asked.robot.prismatic[j])
         said = f"{joint}: {ends[0]:.3g} to {ends[1]:.3g} {unit}"
         figures.append(figure(drawing.svg(parts, said), said))
-    legend = ", ".join(f"<b><font color='{colour}'>{name}</font></b>" for name, colour in _COLOURS.items())
+    legend = ", ".join(
+        f"<b><font color='{colour}'>{name}</font></b> ({_DASHES[name][1]})"
+        for name, colour in _COLOURS.items()
+    )
     said = (
         f"<p>Largest share of {legend} at configurations with this joint there; 1 is what the certificate "
         "takes, so what is left below it is the margin. A smaller box helps where curves are low.</p>"

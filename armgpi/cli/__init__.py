@@ -143,9 +143,14 @@ def main() -> None:
 
     _collect_late()
 
+    told: set[str] = set()
+
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        text = f"warning: {in_options(str(message))}" if issubclass(category, ArmgpiWarning) else str(message)
-        say(text, err=True, fg="yellow")
+        text = in_options(str(message)) if issubclass(category, ArmgpiWarning) else str(message)
+        what = text.partition(": ")[2]  # of a copy of the file it is told no second time
+        if what not in told:
+            say(f"warning: {text}" if issubclass(category, ArmgpiWarning) else text, err=True, fg="yellow")
+        told.update(filter(None, [what]))
 
     if sys.stdout is None:  # closed by whoever called
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115

@@ -19,9 +19,6 @@ from armgpi.escape import json_data
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
 
-_Robot = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
-]
 _Payload = Annotated[
     str | None,
     typer.Option(metavar="KG:KG", help="Lightest and heaviest load at the tip, as '0:3'; none by default."),
@@ -123,7 +120,7 @@ _Samples = Annotated[
 
 @stoppable
 def certify(
-    robot: _Robot,
+    robot: opt.Arm,
     speed: _Speed = "0.2",
     payload: _Payload = None,
     box: _Box = None,
@@ -156,7 +153,7 @@ def certify(
     prove: _Prove = False,
     budget: _Budget = 30.0,
     out: _Out = None,
-    report: opt.ReportPage = None,
+    report: opt.Report = None,
     refute: _Refute = None,
     as_json: opt.Json = False,
 ) -> None:

@@ -41,7 +41,7 @@ def contend(
         bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
     ] = False,
     accept_code: opt.AcceptCode = False,
-    report: opt.ReportPage = None,
+    report: opt.Report = None,
     as_json: opt.Json = False,
 ) -> None:
     """Tune every law alike, for several budgets of torque variation, and judge them on what none has seen.

@@ -19,10 +19,7 @@ if TYPE_CHECKING:
     from armgpi.export.files import Export
     from armgpi.loop.log import ArmLog
 
-Folder = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="DIR", help="Where to put it.", show_default=False),
-]
+Folder = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to put it.")]
 Real = Annotated[
     str,
     typer.Option(metavar="TYPE", help="Number type in C: double (default) or float.", show_default=False),
@@ -93,7 +90,7 @@ _JUST_BELOW = 1.0 - 1e-6
 def export(
     context: typer.Context,
     robot: opt.RobotName = None,
-    out: Folder = None,
+    out: Folder = Path("exported"),
     real: Real = "double",
     name: Prefix = None,
     on_fault: OnFault = None,
@@ -123,8 +120,6 @@ def _export(options: dict[str, Any]) -> int:
     from armgpi.config import experiment as experiments
     from armgpi.errors import ParameterError
 
-    if options["out"] is None:
-        raise refusal("--out", "name a folder for the C: -o DIR")
     if options["real"] not in ("double", "float"):
         raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
     try:

@@ -24,9 +24,6 @@ _Logs = Annotated[
 _Robot = Annotated[
     str, typer.Option("--robot", metavar="ROBOT", help="The arm as its file has it: URDF or name.")
 ]
-_Name = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="Name of a robot (see `armgpi robots`) or path of a URDF file.")
-]
 _Validate = Annotated[
     Path | None, typer.Option(metavar="LOG", help="Another log, on which the model is judged.")
 ]
@@ -73,12 +70,14 @@ def identify(
     repair: opt.Repair = None,
     package_dir: opt.PackageDir = None,
     out: _Out = Path("identified"),
+    report: opt.Report = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Identify an arm from logs of measured positions and commanded torques.
 
     \b
-    armgpi identify log.csv --robot my.urdf --validate other.csv
-    armgpi run identified/my.urdf --drives identified/drives.yaml
+    armgpi identify log.csv --robot my_arm.urdf --validate other.csv
+    armgpi run identified/my_arm.urdf --drives identified/drives.yaml
     """  # noqa: D301 (\b keeps the lines apart)
     from rich.table import Table
 
@@ -90,19 +89,25 @@ def identify(
     found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway)
     validation = None if validate is None else found.validate(validate)
     written = write_identified(found, out, validation)
-    say(lines(found, validation), lines=True)
-    head, rows = tabulate(found, validation)
-    table = Table(*head)
-    for row in rows:
-        table.add_row(*row)
-    screen = console(None)
-    console(max(screen.width, natural_width(screen, table))).print(table)
+    texts = {path.name: path.read_text(encoding="utf-8") for path in written}
+    if report is not None:
+        files.write(report, texts["report.html"])
+    if as_json:
+        say(texts["identification.json"], lines=True)
+    else:
+        say(lines(found, validation), lines=True)
+        head, rows = tabulate(found, validation)
+        table = Table(*head)
+        for row in rows:
+            table.add_row(*row)
+        screen = console(None)
+        console(max(screen.width, natural_width(screen, table))).print(table)
     say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)
 
 
 @stoppable
 def excite(
-    robot: _Name,
+    robot: opt.Arm,
     seconds: _Seconds = 20.0,
     share: _Share = None,
     first: _First = False,
@@ -119,8 +124,8 @@ def excite(
     """Write a motion from which an arm can be identified, and the experiment that runs it.
 
     \b
-    armgpi excite my.urdf --first
-    armgpi run --config excite/experiment.yaml
+    armgpi excite my_arm.urdf --first
+    armgpi run excite/experiment.yaml
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.identification.excitation import FIRST_SHARE
     from armgpi.identification.excitation import excite as excited

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.parsing import FAILED, as_option, locks, per_joint, split
+from armgpi.cli.parsing import FAILED, OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say
 from armgpi.escape import shown
@@ -25,14 +25,6 @@ if TYPE_CHECKING:
 #: Length to which names of joints may be folded in the table.
 _FOLDED = 10
 
-_Robot = Annotated[
-    str,
-    typer.Argument(
-        metavar="ROBOT",
-        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
-        autocompletion=opt.robot_names,
-    ),
-]
 _CrossCheck = Annotated[
     bool,
     typer.Option(
@@ -40,12 +32,13 @@ _CrossCheck = Annotated[
     ),
 ]
 _Payload = Annotated[
-    float, typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is shown.")
+    float | None,
+    typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is shown; 0.5 by default."),
 ]
 
 
 def inspect(
-    robot: _Robot,
+    robot: opt.Arm,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
     mimic: opt.Mimic = None,
@@ -57,9 +50,9 @@ def inspect(
     encoder_bits: opt.Bits = None,
     delay: opt.Delay = None,
     dt: opt.SampleTime = None,
-    payload: _Payload = 0.5,
+    payload: _Payload = None,
     cross_check: _CrossCheck = False,
-    page: opt.ReportPage = None,
+    page: opt.Report = None,
     as_json: opt.Json = False,
 ) -> None:
     """Report what a robot's model is, what will bite, and what a controller will do with it.
@@ -68,26 +61,30 @@ def inspect(
     armgpi inspect ur5
     armgpi inspect my_arm.urdf --lock gripper --cross-check
     """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi import config
     from armgpi.certification.quantities import motion
     from armgpi.cli.pictures import check_file
     from armgpi.health import report as health
 
     if page is not None:
         check_file(page, "--report")
+    arm: dict[str, Any] = {"name": robot}
+    loop: dict[str, Any] = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits}
+    if is_experiment(robot):
+        said = config.read(Path(robot)).config
+        arm, plant = said.robot.model_dump(exclude_unset=True), said.plant.model_dump(exclude_none=True)
+        usual = {"dt": said.sample_time, **plant}
+        loop = {key: usual.get(key) if value is None else value for key, value in loop.items()}
+        payload = plant.get("payload", {}).get("mass") if payload is None else payload
+    how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
+    arm |= opt.robot_given(how, rotor_inertia, drives)
     report = health.inspect(
-        robot,
-        locks(lock or []),  # type: ignore[arg-type]  # a joint without a value is locked as by name alone
-        None if not keep else split(keep),
-        "lock" if mimic is None else mimic,  # type: ignore[arg-type]  # anything else is refused there
-        None if not effort else per_joint(",".join(effort), "--effort"),
-        package_dir or [],
-        1e-3 if dt is None else dt,
-        0 if delay is None else delay,
-        16 if encoder_bits is None else encoder_bits,
-        split(repair or []),
-        **opt.drives_given(rotor_inertia, drives),
+        arm.pop("name"),
+        package_dirs=package_dir or [],
+        **{key: value for key, value in arm.items() if key not in ("gravity", "friction")},
+        **{key: value for key, value in loop.items() if value is not None},
     )
-    report = health.with_payload(report, payload)
+    report = health.with_payload(report, 0.5 if payload is None else payload)
     report = report.with_findings([], motion=motion(report.robot))
     if cross_check:
         from armgpi.health.crosscheck import with_cross_check
@@ -242,7 +239,8 @@ def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
     styles = {"error": "red", "warning": "yellow", "info": ""}
     for finding in findings:
         option = _option(finding)
-        remedy = f"{'; ' if finding.repair else ' -> '}{option}" if option else ""
+        with_run = "" if option.split(" ")[0] in OFFERED else "run with "
+        remedy = f"{'; ' if finding.repair else ' -> '}{with_run}{option}" if option else ""
         console.print(f"{finding.level}: {shown(f'{finding}{remedy}')}", style=styles[finding.level])
     console.print(_counted(findings))
 

@@ -6,6 +6,8 @@ from typing import Any
 
 from typer.core import TyperCommand
 
+from armgpi.cli.parsing import OFFERED
+
 #: Group -> its options, of whatever command. Declared parameters bring a group of their own.
 _OPTIONS = {
     "Robot": (
@@ -20,7 +22,7 @@ _OPTIONS = {
         "--reaction",
     ),
     "Output": (
-        *("--out", "--output", "--force", "--json", "--table", "--plot", "--view", "--html", "--report"),
+        *("--out", "--force", "--json", "--table", "--plot", "--view", "--html", "--report"),
         "--interactive",
         *("--title", "--frame", "--port", "--open", "--backend"),
     ),
@@ -55,6 +57,12 @@ class Command(TyperCommand):
         settings = options.pop("context_settings", None) or {}
         settings.setdefault("max_content_width", WIDEST)
         super().__init__(*arguments, context_settings=settings, **options)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; messages propose its options."""
+        OFFERED.clear()
+        OFFERED.update(flag for each in self.get_params(ctx) for flag in each.opts)
+        return super().invoke(ctx)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments, then a section for every group of options."""

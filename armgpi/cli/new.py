@@ -131,7 +131,7 @@ def _file(
         section["gravity"] = "robot"
     return [
         f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
-        f"#   armgpi run {path}; compare, sweep, tune, play, certify, excite and export take it likewise,",
+        f"#   armgpi run {path}; compare, inspect, sweep, tune, play, certify, excite and export likewise,",
         f"#   armgpi identify log.armlog --robot {path}, armgpi export {path} --target {target}",
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
@@ -143,6 +143,7 @@ def _file(
         f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg{load_note}",
         "controllers:",
         "  - type: untuned  # the rule for arms that nobody tuned; the others: armgpi run --help",
+        "  - type: pid  # armgpi compare puts it beside the first, which the other commands take",
         f"sample_time: {step:g}  # s{step_note}",
         "vary:  # what armgpi sweep draws",
         f"  plant.payload.mass: {{uniform: [0, {load:.3g}]}}",

@@ -21,15 +21,14 @@ def robot_names(begun: str) -> list[str]:
     return [name for name in names() if name.startswith(begun)]
 
 
-RobotName = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="ROBOT",
-        help="Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
-        show_default=False,
-        autocompletion=robot_names,
-    ),
-]
+_ROBOT = typer.Argument(
+    metavar="ROBOT",
+    help="Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
+    show_default=False,
+    autocompletion=robot_names,
+)
+RobotName = Annotated[str | None, _ROBOT]
+Arm = Annotated[str, _ROBOT]
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
@@ -299,13 +298,7 @@ Html = Annotated[
 ]
 Report = Annotated[
     Path | None,
-    typer.Option(
-        "--report", metavar="FILE", help="Write tables, plots, animation and data as one HTML file."
-    ),
-]
-ReportPage = Annotated[
-    Path | None,
-    typer.Option("--report", metavar="FILE", help="Write it as one HTML file.", show_default=False),
+    typer.Option("--report", metavar="FILE", help="Write what is found as one HTML file for any browser."),
 ]
 Interactive = Annotated[
     bool,

@@ -37,6 +37,15 @@ OPTIONS = {
     "time_limit": ("--time-limit", "SECONDS"),
 }
 
+#: The options of the command that runs.
+OFFERED: set[str] = set()
+#: Options that are keys of an experiment file as well, of which a command may offer the file alone.
+_KEYS = {
+    **{f"--{key}": f"robot.{key}" for key in ("lock", "keep", "mimic", "repair", "effort")},
+    **{"--rotor-inertia": "robot.rotor_inertia", "--drives": "robot.drives", "--gravity": "robot.gravity"},
+    **{"--friction": "plant.friction", "--omega": "controllers.0.omega"},
+}
+
 
 def stoppable(command: _Command) -> _Command:
     """Make a command say so and exit with 130 on Ctrl-C, which Typer would take for an abort of its own."""
@@ -67,9 +76,8 @@ def with_options(error: BaseException) -> str:
     while cause is not None and not getattr(cause, "remedies", ()):
         cause = cause.__cause__
     text = in_options(str(error))
-    options = [
-        option for remedy in getattr(cause, "remedies", ()) if (option := as_option(remedy)) not in text
-    ]
+    options = [in_options(as_option(remedy)) for remedy in getattr(cause, "remedies", ())]
+    options = [option for option in options if re.split(r"(?:=|: )[\d.]+", option)[0] not in text]
     return f"{text} ({' or '.join(options)})" if options else text
 
 
@@ -89,7 +97,19 @@ def in_options(text: str) -> str:
     """Return a message with options in the place of calls in Python."""
     for call, option in _CALLS:
         text = re.sub(call, option, text)
-    return text
+    return re.sub(r"(--[a-z-]+)(?: ([\w=.,+-]*[\w=]))?", _as_key, text)
+
+
+def _as_key(proposed: re.Match[str]) -> str:
+    """Return an option that is proposed, or the key of the experiment file where the command has none."""
+    option, value = proposed.groups()
+    if not OFFERED or option in OFFERED or option not in _KEYS:
+        return proposed[0]
+    if value and "=" in value:
+        value = f"{{{value.replace('=', ': ').replace(',', ', ')}}}"
+    elif option in ("--lock", "--keep", "--repair"):
+        value = f"[{(value or 'NAME').replace(',', ', ')}]"
+    return f"{_KEYS[option]}: {value or '...'} in the experiment file"
 
 
 def refusal(option: str, message: str) -> ConfigError:

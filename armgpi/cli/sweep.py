@@ -36,7 +36,7 @@ def sweep(
     out: Annotated[
         Path,
         typer.Option("--out", "-o", metavar="FOLDER", help="Where chunks and results go; one study each."),
-    ],
+    ] = Path("swept"),
     rollouts: Annotated[str, typer.Option(metavar="NUMBER", help="How many rollouts, such as 1e6.")] = "1000",
     sampling: Annotated[
         str, typer.Option(help="random, or sobol: points that fill the space evenly.")
@@ -54,14 +54,7 @@ def sweep(
             metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.", show_default=False
         ),
     ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Write one page with distributions, failure maps and the worst rollout.",
-            show_default=False,
-        ),
-    ] = None,
+    report: opt.Report = None,
     accept_code: opt.AcceptCode = False,
     as_json: opt.Json = False,
 ) -> None:

@@ -28,7 +28,7 @@ def tune(
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the study and its result go.")
-    ],
+    ] = Path("tuned"),
     resume: Annotated[
         bool, typer.Option("--resume", metavar=opt.FLAG, help="Go on where the study in the folder stopped.")
     ] = False,
@@ -38,7 +38,7 @@ def tune(
     seed: Annotated[int | None, typer.Option(metavar="NUMBER", help="Of the search; the file's.")] = None,
     backend: Annotated[str, typer.Option(metavar="NAME", help="numpy, compiled or auto.")] = "compiled",
     accept_code: opt.AcceptCode = False,
-    report: opt.ReportPage = None,
+    report: opt.Report = None,
     as_json: opt.Json = False,
 ) -> None:
     """Search for the numbers of a controller, and validate what is found on scenarios that it never saw.

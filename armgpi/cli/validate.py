@@ -51,9 +51,6 @@ TimeLimit = Annotated[
         help="How long one call of the model may take [s]; reading it, twelve times that.",
     ),
 ]
-Html = Annotated[
-    Path | None, typer.Option("--report", "--html", metavar="FILE", help="Write the report as one HTML file.")
-]
 Suggest = Annotated[
     Path | None,
     typer.Option("--suggest-urdf", metavar="FILE", help="Write a URDF whose parameters fit the model best."),
@@ -95,7 +92,7 @@ def validate(
     from_vertical: FromVertical = None,
     rotor_inertia: opt.RotorInertia = None,
     names: Names = None,
-    html: Html = None,
+    page: opt.Report = None,
     markdown: Markdown = None,
     latex: Latex = None,
     suggest_urdf: Suggest = None,
@@ -136,7 +133,7 @@ def validate(
             names=dict(item.split("=") for item in names or ()),
         )
         say(report.to_json() if as_json else str(report), lines=True)
-        _write(report, {"html": html, "markdown": markdown, "latex": latex})
+        _write(report, {"html": page, "markdown": markdown, "latex": latex})
         if suggest_urdf is not None:
             from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
 

@@ -38,7 +38,7 @@ _Files = Annotated[
 _Output = Annotated[
     Path,
     typer.Option(
-        *("--out", "-o", "--output"),
+        *("--out", "-o"),
         metavar="FILE",
         help="The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd (Rerun).",
     ),

@@ -25,7 +25,7 @@ def zoo(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table to a Markdown file.")
     ] = None,
-    report: opt.ReportPage = None,
+    report: opt.Report = None,
     as_json: opt.Json = False,
     reality: Annotated[
         str | None,

@@ -32,8 +32,9 @@ _RADIUS, _REACH = 0.03, 0.1
 _LEAST_MASS = 0.01
 #: Standard deviation of the lag [s].
 _LAG = 0.02
-#: Torque that is none [N m or N].
-_LEAST_TORQUE = 1e-9
+#: Torque that is none [N m or N], and residual that is none as a share of a joint's torque: less is rounding,
+#: and weights by it would hide the prior behind a rounding of their own.
+_LEAST_TORQUE, _EXACT = 1e-9, 1e-5
 #: Reweightings of the joints, and torque over residual that the first one begins with.
 _REWEIGHTINGS, _TRUST = 4, 1e3
 #: Test functions over which moments are correlated besides what overlaps: misfit lasts longer than noise.
@@ -158,8 +159,13 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     counts = np.maximum(sum(b.valid.sum(axis=0) for b in blocks), 1)
     grams = sum(np.einsum("kip,kiq->ipq", Z, Z, optimize=True) for Z in scaled)
     rights = sum(np.einsum("kip,ki->ip", Z, r) for Z, r in zip(scaled, rests, strict=True))
+
+    def size(each: Sequence[Array]) -> Array:
+        return np.asarray(np.sqrt(sum((r**2).sum(axis=0) for r in each) / counts))
+
+    least = np.maximum(_EXACT * size([np.where(b.valid, b.torque, 0.0) for b in blocks]), _LEAST_TORQUE)
     # At first as if all torque were explained: from the other side, what the prior left would stay.
-    weights = _TRUST / np.maximum(np.sqrt(sum((r**2).sum(axis=0) for r in rests) / counts), _LEAST_TORQUE)
+    weights = 1.0 / np.maximum(size(rests) / _TRUST, least)
     for _ in range(_REWEIGHTINGS):
         information = np.tensordot(weights**2, grams, 1) + np.eye(p)
         try:
@@ -169,8 +175,7 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
             raise ParameterError("logs", "one motion", wanted) from None
         free = linalg.cho_solve(factor, weights**2 @ rights)
         residuals = [r - Z @ free for Z, r in zip(scaled, rests, strict=True)]
-        squares = np.sqrt(sum((r**2).sum(axis=0) for r in residuals) / counts)
-        weights = 1.0 / np.maximum(squares, 1e-12 / np.maximum(weights, 1e-300))
+        weights = 1.0 / np.maximum(size(residuals), least)
     inverse = linalg.cho_solve(factor, np.eye(p))
     learned = 1.0 - np.diag(inverse)
     spread: Any = sum(

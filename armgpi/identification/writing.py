@@ -68,7 +68,7 @@ def write_identified(
     data = plain(found, edited.emptied, validation)
     drives = yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True)
     contents: Mapping[str, str | bytes] = {
-        f"{Path(found.robot.name).stem}.urdf": edited.content,
+        f"{_stem(found.robot)}.urdf": edited.content,
         "drives.yaml": drives,
         "identification.json": json.dumps(data, indent=1, allow_nan=False) + "\n",
         "report.html": write_page(found, edited.emptied, validation),
@@ -99,6 +99,12 @@ def edit_urdf(robot: Robot) -> Edited:
             emptied += list(others)
         bodies[link] = rest
     return Edited(_with_inertials(content, bodies, emptied), tuple(emptied))
+
+
+def _stem(robot: Robot) -> str:
+    """Return the name of a robot's own file, or its own where it has none."""
+    source = Path(str(robot.provenance["source"]))
+    return source.stem if source.suffix.lower() == ".urdf" else Path(robot.name).stem
 
 
 def _source(robot: Robot) -> bytes:

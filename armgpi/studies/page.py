@@ -88,7 +88,7 @@ def _figures(pictures: Iterable[tuple[str, str]]) -> str:
 def _heading(name: str) -> str:
     """Return what a metric is called, with its unit."""
     metric = metrics.ALL[name]
-    return f"{metric.heading} [{metric.unit.symbol(False)}]"
+    return f"{metric.heading} [{metric.unit.symbol(False) or '-'}]"
 
 
 def _histogram(values: Array) -> str:
@@ -100,8 +100,8 @@ def _histogram(values: Array) -> str:
     counts, edges = np.histogram(np.log10(finite) if log else finite, bins=_BARS)
     low, high = (metrics.short(float(10.0**x if log else x), 3) for x in (edges[0], edges[-1]))
     lost = f"; {len(values) - len(finite)} infinite" if len(finite) < len(values) else ""
-    texts = (low, f"{'log' if log else 'linear'}{lost}", high)
-    return _bars(counts / counts.max(), texts, _BAR, top=f"{counts.max()} of {len(values)} rollouts")
+    said = f"{'log scale, ' if log else ''}bars up to {counts.max()} of {len(values)}{lost}"
+    return _bars(counts / counts.max(), (low, said, high), _BAR)
 
 
 def _map(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -120,9 +120,8 @@ def _bars(
     texts: Sequence[str],
     colour: str,
     intervals: Sequence[tuple[float, float]] = (),
-    top: str = "",
 ) -> str:
-    """Return bars side by side, 1 the highest, with intervals, an axis, words below and at the top."""
+    """Return bars side by side, 1 the highest, with intervals, an axis, and words below."""
     n = len(heights)
     drawing = Drawing((0.0, n), (0.0, 1.0), _WIDTH, _HEIGHT, _BELOW)
     parts = [drawing.bar((k, k + 1), (0.0, height), colour) for k, height in enumerate(heights)]
@@ -130,7 +129,7 @@ def _bars(
     parts += [drawing.line([(0.0, 1.0), (0.0, 0.0), (n, 0.0)], LINE)]
     for x, anchor, text in zip((0.0, 0.5 * n, n), ("start", "middle", "end"), texts, strict=True):
         parts.append(drawing.text(x, -0.15, text, anchor))
-    return drawing.svg([*parts, drawing.text(0.01 * n, 0.9, top, "start")])
+    return drawing.svg(parts)
 
 
 def _square(parts: Sequence[Mapping[str, Any]]) -> str:

@@ -268,7 +268,8 @@ def _load(text: str, source: str | None) -> tuple[ModuleType, str]:
         if path.is_dir():
             raise Unusable("this is a folder; give a Python file, a module or 'paper'")
         if not path.exists():
-            raise Unusable("there is no such file")
+            near = ", ".join(sorted(each.name for each in path.parent.glob("*.py"))[:3])
+            raise Unusable(f"there is no such file; in that folder there is {near or 'no Python file'}")
         if path.suffix not in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
             raise Unusable(
                 "expected a Python file (.py), a notebook (.ipynb) or a file of SymPy expressions (.sympy), "

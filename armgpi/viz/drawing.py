@@ -35,10 +35,13 @@ class Drawing:
         up = (y - self.y[0]) / (self.y[1] - self.y[0])
         return self.width * across, self.height * (1.0 - up)
 
-    def line(self, path: Sequence[tuple[float, float]] | Array, colour: str, fill: str = "none") -> str:
-        """Return a line."""
+    def line(
+        self, path: Sequence[tuple[float, float]] | Array, colour: str, fill: str = "none", dash: str = ""
+    ) -> str:
+        """Return a line; `dash` is of pixels, drawn and left out."""
         places = " ".join("{:.1f},{:.1f}".format(*self._place(*each)) for each in path)
-        return f'<polyline points="{places}" fill="{fill}" stroke="{colour}" stroke-width="1.5"/>'
+        stroke = f'stroke="{colour}" stroke-width="1.5"' + (f' stroke-dasharray="{dash}"' if dash else "")
+        return f'<polyline points="{places}" fill="{fill}" {stroke}/>'
 
     def bar(
         self,

@@ -181,31 +181,30 @@ def moved(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangl
     return Triangles(points, normals, part.colors, faces)
 
 
-def simplified(part: Triangles, most: int, sharp: bool = True) -> Triangles:
-    """Return about `most` triangles at most, by making the corners within a small cube one.
+def simplified(part: Triangles, most: int) -> Triangles:
+    """Return about `most` triangles at most, by putting the corners within a small cube at one place.
 
-    Args:
-        part: the triangles.
-        most: how many may be left.
-        sharp: whether corners that face different ways stay apart, which keeps edges but opens small gaps.
+    Corners that face different ways stay apart, at that place: edges are kept, and the surface does not tear.
+    Surfaces of different colours are simplified each by itself.
     """
+    color = np.unique(np.nan_to_num(part.colors, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
     cells = 256.0
     while len(part.faces) > most and cells > 4.0:
         low = part.points.min(axis=0)
         size = max(float(np.ptp(part.points, axis=0).max()), 1e-9) / cells
         place = np.floor((part.points - low) / size).astype(np.int64)
-        key = (place[:, 0] * 1024 + place[:, 1]) * 1024 + place[:, 2]
-        if sharp:
-            facing = np.abs(part.normals).argmax(axis=1)
-            ahead = np.take_along_axis(part.normals, facing[:, None], axis=1)[:, 0] > 0.0
-            key = key * 8 + 2 * facing + ahead
-        _, first, group = np.unique(key, return_index=True, return_inverse=True)
+        key = ((color * 1024 + place[:, 0]) * 1024 + place[:, 1]) * 1024 + place[:, 2]
+        _, corner, cube = np.unique(key, return_index=True, return_inverse=True)
+        facing = np.abs(part.normals).argmax(axis=1)
+        ahead = np.take_along_axis(part.normals, facing[:, None], axis=1)[:, 0] > 0.0
+        _, first, group = np.unique(key * 8 + 2 * facing + ahead, return_index=True, return_inverse=True)
         normals = np.zeros((len(first), 3))
         np.add.at(normals, group, part.normals)
-        faces = group[part.faces]
-        whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-        faces = np.unique(faces[whole], axis=0)
-        part = Triangles(part.points[first], _unit_rows(normals), part.colors[first], faces)
+        cubes = cube[part.faces]
+        whole = (cubes[:, 0] != cubes[:, 1]) & (cubes[:, 1] != cubes[:, 2]) & (cubes[:, 2] != cubes[:, 0])
+        faces = np.unique(group[part.faces[whole]], axis=0)
+        part = Triangles(part.points[corner[cube[first]]], _unit_rows(normals), part.colors[first], faces)
+        color = color[first]
         cells *= 0.7
     return part
 

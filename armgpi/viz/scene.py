@@ -30,7 +30,7 @@ from armgpi.viz import meshes, tracks
 from armgpi.viz.meshes import MeshError, Triangles
 
 #: Triangles of an arm that is drawn; larger meshes are simplified. And of its coarse version.
-TRIANGLES, COARSE = 150_000, 4_000
+TRIANGLES, COARSE = 150_000, 20_000
 #: Frames a second that playing in real time can show, and memory that all frames may take [B].
 FRAME_RATE, FRAME_BYTES = 100.0, 6_000_000
 #: More rollouts than this at once is a crowd.
@@ -169,7 +169,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         _stick(model, index, tool, size) if part is None else part
         for index, part in enumerate(_simplified(merged, TRIANGLES))
     ]
-    coarse = _simplified(fine, COARSE, sharp=False)
+    coarse = _simplified(fine, COARSE)
     bodies = [_body(robot, model, index, links[index], fine, coarse, size) for index in range(model.njoints)]
     return Scene(
         robot=robot,
@@ -402,14 +402,14 @@ def _lengths(text: str, count: int) -> Array:
     return numbers
 
 
-def _simplified(parts: list[_T], most: int, sharp: bool = True) -> list[_T]:
+def _simplified(parts: list[_T], most: int) -> list[_T]:
     """Return bodies simplified, each by the same share, where together they are too many triangles."""
     total = sum(len(part.faces) for part in parts if part is not None)
     if total <= most:
         return parts
     share = most / total
     return [
-        None if part is None else meshes.simplified(part, max(100, int(share * len(part.faces))), sharp)
+        None if part is None else meshes.simplified(part, max(100, int(share * len(part.faces))))
         for part in parts
     ]
 

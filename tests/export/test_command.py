@@ -109,7 +109,6 @@ def test_a_controller_that_loses_the_arm_is_told(export: Callable[..., Answer], 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((ARM,), "--out: name a folder"),
         (("-o", "new"), "name a robot"),
         (("pandas", "-o", "new"), "no robot named 'pandas'; did you mean 'panda'"),
         ((ARM, "-o", "file"), "file: cannot be written to"),

@@ -80,6 +80,15 @@ def test_every_arm_that_is_found_or_drawn_is_physical() -> None:
     assert 0.9 < low <= 1.0 <= high < 1.1
 
 
+def test_a_log_without_noise_of_the_arm_of_the_file_is_no_log_of_one_that_rests() -> None:
+    dt, motion = 2e-3, excite(file(), 12.0, 0.6, seed=3).reference
+    t = np.arange(0.0, 12.0, dt)
+    z, between = motion.at(t), motion.at(t + 0.5 * dt)
+    same = identify(Log(t, z.q, file().inverse_dynamics(between.q, between.v, between.a)), file())
+    own, true = (each.inverse_dynamics(z.q, z.v, z.a) for each in (same.robot, file()))
+    assert np.abs(own - true).max() < 1e-3 * np.abs(true).max()
+
+
 def test_without_data_the_file_stays() -> None:
     prior = Prior(np.array([1.0, 2.0]), np.array([0.5, 0.5]), (), ())
     nothing = Block(np.zeros((3, 1, 2)), np.zeros((3, 1)), np.ones((3, 1), dtype=bool), np.arange(3))

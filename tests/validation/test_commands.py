@@ -21,7 +21,7 @@ def run(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
 def test_a_derived_module_agrees_and_a_changed_one_differs(tmp_path: Path) -> None:
     derived = run("derive", ARM, "-o", "arm.py", folder=tmp_path)
     assert (derived.returncode, derived.stdout, derived.stderr) == (0, "", "wrote arm.py\n")
-    good = run("validate", "arm.py", "--robot", ARM, "--json", "--html", "a.html", folder=tmp_path)
+    good = run("validate", "arm.py", "--robot", ARM, "--json", "--report", "a.html", folder=tmp_path)
     assert good.returncode == 0
     assert json.loads(good.stdout)["agrees"] is True
     assert (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")

@@ -697,7 +697,8 @@ const Armgpi = (() => {
       );
       body.append(row);
     }
-    box.append(element("table", { class: "gauges" }, element("thead", {}, head), body));
+    const many = scene.clip.actors.length > 2 ? " many" : "";
+    box.append(element("table", { class: `gauges${many}` }, element("thead", {}, head), body));
     const update = () => {
       const { frame } = scene.place(scene.time);
       scene.clip.actors.forEach((actor, i) => {
