@@ -62,7 +62,7 @@ def test_options_of_one_name_are_one_option_in_every_command() -> None:
             assert (option.metavar == "FILE") == bool(option.default.suffix)
     silent = {"play", "view", "report", "new", "excite", "derive", "scenarios", "reproduce"}
     assert set(commands) - set(taken["--json"]) == silent
-    assert set(taken["--json"]) - set(taken["--report"]) == {"robots", "doctor", "log", "export"}
+    assert set(taken["--json"]) - set(taken["--report"]) == {"robots", "doctor", "log", "export", "bringup"}
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"], ["run", "--bogus"]])

@@ -13,7 +13,6 @@ from commands import Answer
 
 from armgpi import ArmgpiWarning, Robot, config, robots
 from armgpi.cli import pictures
-from armgpi.cli.commands import ENTRIES
 from armgpi.health import checks_urdf
 from armgpi.identification import arm as identification
 from armgpi.robot import chains, urdf
@@ -30,7 +29,8 @@ TAKERS = {
     "identify": ("identify", "log.csv", "--robot", "{}"),
     "export": ("export", "{}", "-o", "exported"),
     "inspect": ("inspect", "{}"),
-} | ({"bringup": ("bringup", "{}")} if "bringup" in ENTRIES else {})
+    "bringup": ("bringup", "{}"),
+}
 
 
 def humanoid() -> Path:

@@ -131,7 +131,7 @@ def _file(
         section["gravity"] = "robot"
     return [
         f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
-        f"#   armgpi run {path}; compare, inspect, sweep, tune, play, certify, excite and export likewise,",
+        f"#   armgpi run {path}; compare, inspect, sweep, tune, play, certify, excite, export, bringup too,",
         f"#   armgpi identify log.armlog --robot {path}, armgpi export {path} --target {target}",
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),

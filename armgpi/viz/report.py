@@ -237,7 +237,10 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     first, last = float(time[0]), float(time[-1])
     return {
         "joints": joints,
-        "runs": [{"label": labels[i], "color": trace.look.color} for i, trace in enumerate(traces)],
+        "runs": [
+            {"label": labels[i], "color": trace.look.color, "dash": canvas_dashes(trace.look)}
+            for i, trace in enumerate(traces)
+        ],
         "span": [first, last if last > first else first + 1.0],
         "quantities": quantities,
     }

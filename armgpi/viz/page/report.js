@@ -67,20 +67,26 @@
     }
   }
 
+  /** Return a piece of a rollout's line: its colour and its dashes. */
+  function sample({ color, dash }) {
+    let at = 0;
+    const parts = (dash.length ? dash : [1, 0]).map((length, i) => `${i % 2 ? "transparent" : color} ${at}px ${(at += length)}px`);
+    return element("span", { class: "sample", style: `background:repeating-linear-gradient(90deg,${parts})` });
+  }
+
   function choices(plots, box) {
-    const group = (title, names, chosen, color) => {
+    const group = (title, names, chosen, runs) => {
       const boxes = names.map((name, i) => {
         const input = element("input", {
           type: "checkbox", checked: true,
           onchange: () => { if (input.checked) chosen.add(i); else chosen.delete(i); plots.layout(); },
         });
-        const dot = color ? [element("span", { class: "dot", style: `background:${color[i]}` }), " "] : [];
-        return element("label", { title: name }, input, " ", ...dot, shortened(name, 36));
+        return element("label", { title: name }, input, " ", ...(runs ? [sample(runs[i]), " "] : []), shortened(name, 36));
       });
       box.append(element("fieldset", {}, element("legend", {}, title), ...boxes));
     };
     if (plots.meta.plots.runs.length > 1) {
-      group("rollouts", plots.meta.plots.runs.map((r) => r.label), plots.runs, plots.meta.plots.runs.map((r) => r.color));
+      group("rollouts", plots.meta.plots.runs.map((r) => r.label), plots.runs, plots.meta.plots.runs);
     }
     group("joints", plots.meta.plots.joints, plots.joints, null);
   }
