@@ -1,8 +1,8 @@
 """The fault matrix, on three arms, and all bounds: docs/faults.md (`make faults`).
 
 Each fault happens in the middle of a move of all joints, at 0.75 rad/s for the fastest, with 18-bit encoders.
-Everything after it is simulated for a second, without brakes and without friction. The arm's watchdog is that
-of `armgpi loop`.
+Everything after it is simulated for a second, without brakes and without friction. The arms have the rotors
+that the law believes, and stiff gears. The arm's watchdog is that of `armgpi loop`.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from armgpi import (
     RigidBodyPlant,
     Robot,
     Saturated,
+    believe_drives,
     simulate,
 )
 from armgpi.control.supervisor import FaultReport, Supervisor
@@ -152,8 +153,8 @@ def exported(name: str, gravity: str, given: tuple[tuple[str, Any], ...]) -> Exp
 
 @cache
 def robot_of(name: str, gravity: str) -> Robot:
-    """Return an arm, without gravity where the robot compensates it."""
-    robot = Robot.load(name, lock=list(ARMS[name]))
+    """Return an arm with rotors of stiff gears, as its law believes, without gravity if the robot has it."""
+    robot = believe_drives(Robot.load(name, lock=list(ARMS[name])), "believed")
     return robot.with_gravity((0.0, 0.0, 0.0)) if gravity == "robot" else robot
 
 
