@@ -172,6 +172,16 @@ ERRORS = SHAPE.flatmap(
 FACTORS = st.floats(0.125, 2.0)
 
 
+def test_metrics_do_not_depend_on_when_the_clock_starts() -> None:
+    e, tau = np.random.default_rng(0).normal(size=(2, len(TIME), 2))
+    run = rollout(0.1 * e, tau)
+    run["q_ref"] = 0.0 * run["q_ref"]  # at rest, where hunting counts
+    later = run.assign_coords(time=TIME + 100.0)
+    for name in metrics.ALL.keys() - {"itae"}:  # whose weight is the clock's time
+        values = (getattr(metrics, name)(each) for each in (later, run))
+        np.testing.assert_allclose(*values, rtol=1e-8, err_msg=name)
+
+
 def with_signals(e: np.ndarray, tau: np.ndarray) -> xr.Dataset:
     # A grid that is not even, and a reference at rest: e is q itself, so that it scales exactly.
     time = np.cumsum(1.0 + 0.5 * np.sin(np.arange(len(e)))) * 1e-2

@@ -22,6 +22,7 @@ from armgpi.plants.reality import Draw, Gears, Numbers, batches, scales, togethe
 from armgpi.robot import rotors
 
 ARM = Robot.load("anthropomorphic3")
+TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "reality.py"))
 #: Draws for tests of distributions, and the level of significance: some twenty are made.
 MANY, LEVEL = 3000, 1e-4
 KINDS = parameters(Reality)["name"].choices
@@ -448,7 +449,7 @@ def test_every_arm_is_either_for_fitting_or_held_out_and_families_stay_together(
 
 
 def test_experiments_say_which_arms_they_could_not_run() -> None:
-    done = health.experiments(
+    done = TOOL["experiments"](
         Reality.geared(t_final=3.0, sample_time=[0.004]),
         ["anthropomorphic3", "no such robot"],
         {"gpi": {"type": "gpi"}},
@@ -467,7 +468,7 @@ def test_experiments_say_which_arms_they_could_not_run() -> None:
 def test_what_is_said_of_a_draw_beforehand_is_torque_that_is_known_to_lack_and_what_the_law_warns_of() -> (
     None
 ):
-    said_of = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "reality.py"))["said_of"]
+    said_of = TOOL["said_of"]
     law = {"type": "untuned"}
     calm = Reality.bare(0, encoder_bits=(20, 20), sample_time=[1e-3], effort_share=0.0, speed=(4.0, 4.0))
     coarse = calm.with_values(encoder_bits=(10, 10))

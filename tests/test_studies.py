@@ -100,6 +100,12 @@ def test_what_differs_is_said(asked: Path, tmp_path: Path, change: tuple[str, st
         Sweep.of(*read(asked)).enter(tmp_path / "out")
 
 
+def test_three_differences_are_said_and_more_are_hinted_at() -> None:
+    there: dict[str, Any] = dict.fromkeys("abcd", 1)
+    assert study._differences(there, {**there, "a": 2, "b": 2, "c": 2})[-1] == "c: 1 there, 2 here"
+    assert study._differences(there, dict.fromkeys("abcd", 2))[3:] == ["..."]
+
+
 def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
     asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -332,6 +333,29 @@ def test_maps_by_two_numbers_count_every_rollout_once() -> None:
         inside = [low >= bound for low, bound in zip(part["from"], (0.49, 0.74), strict=True)]
         assert all(inside) == (part["value"] > 0.9)
     assert [part["from"][1] for part in results.failure_map(found, ["a", "c"])[:2]] == [0.0, 1.0]
+
+
+def test_the_parts_of_a_map_follow_one_another_from_the_least_to_the_largest() -> None:
+    drawn, chosen = np.random.default_rng(0).uniform(size=800), np.arange(800) % 3.0
+    found = xr.Dataset({"drawn.a": ("rollout", drawn), "drawn.b": ("rollout", chosen)})
+    found = found.assign(failed=("rollout", drawn > 0.9))
+    parts = results.failure_map(found, ["a"])
+    assert [part["to"] for part in parts[:-1]] == [part["from"] for part in parts[1:]]
+    assert (parts[0]["from"], parts[-1]["to"]) == (drawn.min(), drawn.max())
+    assert [part["to"] for part in results.failure_map(found, ["b"])] == [0.0, 1.0, 2.0]
+
+
+def test_the_plain_check_counts_the_points_at_the_bound_as_the_levels_do() -> None:
+    levels = [np.column_stack([np.zeros((100, 2)), np.repeat([0.5, 0.25, 0.0], (5, 15, 80))])]
+    levels += [np.column_stack([np.zeros((100, 2)), np.repeat([1.5, 0.5], (20, 80))])]
+    found = rare.estimate(levels)
+    assert (found.bounds, found.shares) == ([0.25, 1.0], [0.2, 0.2])
+    stub: Any = SimpleNamespace(digest="", label="", failure={}, drawn=[], drawn_at=lambda u: u[:, :0])
+    check = np.column_stack([np.zeros((100, 2)), np.repeat([2.0, 1.0, 0.0], (3, 7, 90))])
+    said = rare.summary(stub, found, levels[-1], check)["plain check"]
+    assert (said["value"], said["by the levels"]) == (0.03, pytest.approx(0.04))
+    one = rare.summary(stub, found._replace(bounds=[0.25], shares=[0.2]), levels[-1], levels[0])
+    assert one["plain check"]["value"] == one["plain check"]["by the levels"] == 0.2
 
 
 def test_a_chunk_is_a_function_of_study_and_number() -> None:

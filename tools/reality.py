@@ -17,7 +17,7 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,6 +26,7 @@ import numpy as np
 import yaml
 
 from armgpi import ArmgpiWarning, Reality, Robot, config
+from armgpi.errors import ArmgpiError
 from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
@@ -33,6 +34,62 @@ from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw
 
 KINDS = parameters(Reality)["name"].choices
+
+
+class Experiments(NamedTuple):
+    """What laws came to.
+
+    Attributes:
+        found: law -> outcomes.
+        failed: arms that could not be run, name -> reason.
+    """
+
+    found: dict[str, list[health.Outcome]]
+    failed: dict[str, str]
+
+
+def experiments(
+    reality: Reality,
+    names: Sequence[str],
+    laws: Mapping[str, Mapping[str, Any]],
+    count: int,
+    told: Callable[[str], None] = lambda name: None,
+    backend: str = "compiled",
+    drives: Sequence[str | None] = (None,),
+) -> Experiments:
+    """Run laws on the same draws, shared out evenly over arms.
+
+    Args:
+        reality: what is drawn from.
+        names: of the arms.
+        laws: label -> section of an experiment file.
+        count: number of draws in all; every arm gets the same, at least one.
+        told: is given each arm's name before it is run.
+        backend: as for :func:`armgpi.simulate`.
+        drives: what each law believes where nothing is told; see :func:`armgpi.health.reality.draws`.
+    """
+    every = -(-count // max(len(names), 1))
+    each = {
+        label if len(drives) == 1 else f"{label}, {own}": (law, own)
+        for label, law in laws.items()
+        for own in drives
+    }
+    result = Experiments({label: [] for label in each}, {})
+    for name in names:
+        told(name)
+        try:
+            found = {own: health.draws(reality, name, every, own) for own in drives}
+            holds = {draw.index: health.held(draw) for draw in found[drives[0]]}
+            rows = {
+                label: health.outcomes(found[own], name, law, backend, holds)
+                for label, (law, own) in each.items()
+            }
+        except ArmgpiError as error:
+            result.failed[name] = str(error)
+            continue
+        for label, row in rows.items():
+            result.found[label] += row
+    return result
 
 
 class Warned(NamedTuple):
@@ -106,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
         laws[text] = section if isinstance(section, dict) else {"type": section}
     block = {} if given.block is None else {"block": given.block}
     drawn = Reality(given.reality, given.seed, **block)
-    done = health.experiments(
+    done = experiments(
         drawn,
         names,
         laws,

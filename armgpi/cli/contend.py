@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +10,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, split, stoppable
 from armgpi.cli.terminal import say
-from armgpi.cli.tune import page
+from armgpi.cli.tune import show
 from armgpi.escape import json_data
 
 
@@ -69,14 +67,6 @@ def contend(
     entries = contests.run(study, names, chosen, setting, lambda text: say(text, err=True))
     text = f"{contests.markdown(entries)}\n{contests.verdict(entries)}"
     paths = [files.write(out / "contest.md", text)]
-    picture = b""
-    if find_spec("matplotlib") is not None:
-        from armgpi.studies.pictures import contest_picture
-
-        picture = contest_picture(entries)
-        paths.append(files.write(out / "contest.png", picture))
-    say(json.dumps(json_data([entry._asdict() for entry in entries])) if as_json else text, lines=True)
-    if report is not None:
-        paths.append(files.write(report, page("Contest of the laws", text, picture)))
-    for path in paths:
-        say(f"wrote {path}", err=True)
+    data = json_data([entry._asdict() for entry in entries]) if as_json else None
+    picture = out / "contest.png", lambda pictures: pictures.contest_picture(entries)
+    show(*picture, "Contest of the laws", text, data, paths, report)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -62,32 +63,52 @@ def tune(
     search.run(lambda search: _progress(search, time.monotonic() - begun), study.part)
     found, default = search.validated(), search.given()
     paths = results.finish(out, wanted, search, found, default)
-    picture = b""
-    if find_spec("matplotlib") is not None:
-        from armgpi.studies.pictures import study_picture
-
-        picture = study_picture(search, found, default)
-        paths.append(files.write(out / "study.png", picture))
-    else:
-        say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
     text = results.report(search, found, default)
-    say(json.dumps(json_data(results.as_data(search, found, default))) if as_json else text, lines=True)
-    if report is not None:
-        paths.append(files.write(report, page(f"Search on {file.name}", text, picture)))
-    for path in paths:
-        say(f"wrote {path}", err=True)
+    data = json_data(results.as_data(search, found, default)) if as_json else None
+    picture = out / "study.png", lambda pictures: pictures.study_picture(search, found, default)
+    show(*picture, f"Search on {file.name}", text, data, paths, report)
     if not found:
         sys.exit(FAILED)
 
 
-def page(title: str, markdown: str, picture: bytes) -> str:
-    """Return tables and a picture, if there is one, as a page."""
-    from armgpi.viz import page
+def show(
+    place: Path,
+    draw: Callable[[Any], bytes],
+    title: str,
+    text: str,
+    data: Any,
+    paths: list[Path],
+    report: Path | None,
+) -> None:
+    """Write a picture, and a page where one is asked for; print tables, or data in their place.
 
-    sections = {"Result": page.from_markdown(markdown, "what was found")}
-    if picture:
-        sections["Pictures"] = page.picture(picture, title)
-    return page.document(title, "", sections)
+    Args:
+        place: of the picture.
+        draw: returns it, given :mod:`armgpi.studies.pictures`.
+        title: of the page.
+        text: the tables, as Markdown.
+        data: printed as JSON in place of them, where there are some.
+        paths: what was written before.
+        report: of the page.
+    """
+    picture = b""
+    if find_spec("matplotlib") is not None:
+        from armgpi.studies import pictures
+
+        picture = draw(pictures)
+        paths = [*paths, files.write(place, picture)]
+    else:
+        say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
+    say(text if data is None else json.dumps(data), lines=True)
+    if report is not None:
+        from armgpi.viz import page
+
+        sections = {"Result": page.from_markdown(text, "what was found")}
+        if picture:
+            sections["Pictures"] = page.picture(picture, title)
+        paths = [*paths, files.write(report, page.document(title, "", sections))]
+    for path in paths:
+        say(f"wrote {path}", err=True)
 
 
 def _progress(search: Search, spent: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -106,48 +107,50 @@ def _nominal(names: list[str]) -> _Shown:
     """Return the rows of arms as their URDFs have them."""
     from armgpi.health.zoo import markdown, run
 
-    rows = []
+    rows, _ = _each(names, run)
+    return _Shown(rows, markdown(rows), [], any(row.end.startswith("diverged") for row in rows))
+
+
+def _each(names: list[str], run: Callable[[str], list[Any]]) -> tuple[list[Any], list[str]]:
+    """Return the rows of arms, one after the other, and which arms could not be run."""
+    from armgpi.errors import ArmgpiError, BackendError
+
+    rows, remarks = [], []
     for name in names:
         say(name, err=True)
-        rows += run(name)
-    return _Shown(rows, markdown(rows), [], any(row.end.startswith("diverged") for row in rows))
+        try:
+            rows += run(name)
+        except BackendError:  # none can be run
+            raise
+        except ArmgpiError as error:
+            remarks.append(f"{name} was not run: {error}")
+    return rows, remarks
 
 
 def _drawn(names: list[str], reality: str, seed: int, count: int) -> _Shown:
     """Return what comes of draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
     from armgpi.errors import ParameterError
-    from armgpi.health.reality import experiments, markdown
+    from armgpi.health.reality import draws, markdown, outcomes
     from armgpi.plants.reality import Reality
 
     try:
         drawn = Reality(reality, seed)
     except ParameterError as error:
         raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
-    law = {"untuned": {"type": "untuned"}}
-    done = experiments(drawn, names, law, count * len(names), lambda name: say(name, err=True))
-    found = done.found["untuned"]
+    law = {"type": "untuned"}
+    found, remarks = _each(names, lambda name: outcomes(draws(drawn, name, count), name, law))
     by_arm = {name: [each for each in found if each.arm == name] for name in names}
     table = markdown({**{name: each for name, each in by_arm.items() if each}, "all": found}, "robot")
-    remarks = [f"{name} was not run: {reason}" for name, reason in done.failed.items()]
     return _Shown(found, table, remarks, not found)
 
 
 def _tuned(names: list[str], evaluations: int, seed: int, count: int) -> _Shown:
     """Tune arms and return them beside the rule."""
-    from armgpi.errors import ArmgpiError, BackendError
     from armgpi.studies.zoo import MOST, markdown, run
 
     if seed < 0:
         raise refusal("--seed", f"expected 0 or more, got {seed}")
     if count > MOST:
         raise refusal("--count", f"expected at most {MOST} held-out draws, got {count}")
-    rows, remarks = [], []
-    for name in names:
-        say(name, err=True)
-        try:
-            rows.append(run(name, evaluations, count, seed))
-        except BackendError:  # none can be tuned
-            raise
-        except ArmgpiError as error:
-            remarks.append(f"{name} was not run: {error}")
+    rows, remarks = _each(names, lambda name: [run(name, evaluations, count, seed)])
     return _Shown(rows, markdown(rows), remarks, not rows)

@@ -30,7 +30,7 @@ from armgpi.control.controller import Controller
 from armgpi.control.family import Member
 from armgpi.control.gpi import KNOWS
 from armgpi.control.supervisor import Supervisor, suited
-from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
+from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
@@ -343,61 +343,6 @@ def _linear(draw: Draw, q: Array) -> two_mass.Gears:
 def rest_band(draw: Draw) -> Array:
     """Return how far a joint may move at rest [rad or m]."""
     return np.maximum(HUNTING_COUNTS * draw.arm.encoder_count(draw.encoder_bits), HUNTING)
-
-
-class Experiments(NamedTuple):
-    """What laws came to.
-
-    Attributes:
-        found: law -> outcomes.
-        failed: arms that could not be run, name -> reason.
-    """
-
-    found: dict[str, list[Outcome]]
-    failed: dict[str, str]
-
-
-def experiments(
-    reality: Reality,
-    names: Sequence[str],
-    laws: Mapping[str, Mapping[str, Any]],
-    count: int,
-    told: Callable[[str], None] = lambda name: None,
-    backend: str = "compiled",
-    drives: Sequence[str | None] = (None,),
-) -> Experiments:
-    """Run laws on the same draws, shared out evenly over arms.
-
-    Args:
-        reality: what is drawn from.
-        names: of the arms.
-        laws: label -> section of an experiment file.
-        count: number of draws in all; every arm gets the same, at least one.
-        told: is given each arm's name before it is run.
-        backend: as for :func:`armgpi.simulate`.
-        drives: what each law believes where nothing is told; see :func:`draws`.
-    """
-    every = -(-count // max(len(names), 1))
-    each = {
-        label if len(drives) == 1 else f"{label}, {own}": (law, own)
-        for label, law in laws.items()
-        for own in drives
-    }
-    result = Experiments({label: [] for label in each}, {})
-    for name in names:
-        told(name)
-        try:
-            found = {own: draws(reality, name, every, own) for own in drives}
-            holds = {draw.index: held(draw) for draw in found[drives[0]]}
-            rows = {
-                label: outcomes(found[own], name, law, backend, holds) for label, (law, own) in each.items()
-            }
-        except ArmgpiError as error:
-            result.failed[name] = str(error)
-            continue
-        for label, row in rows.items():
-            result.found[label] += row
-    return result
 
 
 def known(law: Mapping[str, Any]) -> str:

@@ -169,52 +169,40 @@ class Search:
         Raises:
             RolloutError: when those that were kept are not those asked for.
         """
-        places, names = np.concatenate(asked), self.problem.names
+        places = np.concatenate(asked)
         which = np.repeat(np.arange(len(asked)), [len(each) for each in asked])
-        shape = (len(places), 3 + len(names) + self.problem.width)
+        shape = (len(places), 3 + len(self.problem.names) + self.problem.width)
         table = part(f"generations/{generation:06d}", shape, partial(self._ran, places))
-        if not np.array_equal(table[:, 3 + len(names) :], places):
+        if not np.array_equal(table[:, -self.problem.width :], places):
             raise RolloutError(
                 "the folder's generations are not those of this search: another version of armgpi or of its "
                 "optimiser wrote them; choose another folder"
             )
-        found = []
-        for search, x, (objective, failed, violation, *means) in zip(
-            which.tolist(), places, table.tolist(), strict=True
-        ):
-            by_name = dict(zip(names, means, strict=False))
-            found.append(Row(generation, search, x, objective, failed, violation, by_name))
-        return found
+        return [
+            self._row(each, generation, search) for each, search in zip(table, which.tolist(), strict=True)
+        ]
 
     def _ran(self, places: Array) -> Array:
-        """Run candidates and return their numbers, their places last."""
+        """Run candidates to search on and return their numbers."""
         self.fresh += len(places)
-        rows, names = self.judged(self.problem.search, places), self.problem.names
-        return np.array(
-            [
-                [row.objective, row.failed, row.violation, *(row.means[name] for name in names), *row.x]
-                for row in rows
-            ]
-        )
+        return self._numbers(self.problem.search, places)
+
+    def _numbers(self, evaluator: Evaluator, places: Array) -> Array:
+        """Return what candidates are on some scenarios: worth, means of metrics, and their places last."""
+        space = self.problem.space
+        found = evaluator(space.section, [space.keys(x) for x in places])
+        means = [found.values[name].mean(axis=1) for name in self.problem.names]
+        return np.column_stack([*self.problem.objective.judge(found.values, found.failed), *means, places])
+
+    def _row(self, numbers: Array, generation: int = 0, search: int = 0) -> Row:
+        """Return a candidate from its numbers."""
+        objective, failed, violation, *means = numbers[: -self.problem.width].tolist()
+        by_name = dict(zip(self.problem.names, means, strict=True))
+        return Row(generation, search, numbers[-self.problem.width :], objective, failed, violation, by_name)
 
     def judged(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
         """Return what candidates are on some scenarios."""
-        space, objective = self.problem.space, self.problem.objective
-        found = evaluator(space.section, [space.keys(x) for x in places])
-        judged = objective.judge(found.values, found.failed)
-        means = {name: values.mean(axis=1) for name, values in found.values.items()}
-        return [
-            Row(
-                0,
-                0,
-                np.asarray(x),
-                float(judged.objective[i]),
-                float(judged.failed[i]),
-                float(judged.violation[i]),
-                {name: float(mean[i]) for name, mean in means.items()},
-            )
-            for i, x in enumerate(places)
-        ]
+        return [self._row(each) for each in self._numbers(evaluator, np.array(places))]
 
     def _tell(self, new: list[Row], counts: Sequence[int]) -> None:
         """Tell each search what its candidates are worth, and the best one that another has found."""

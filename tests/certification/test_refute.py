@@ -75,6 +75,25 @@ def test_sizes_below_their_shares_and_limits_of_another_arm_are_refused(
             refute(armgpi.Certificate(data), robot, count=1)
 
 
+def test_loads_that_are_drawn_are_between_the_ends(
+    robot: armgpi.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded = armgpi.certify(robot, payload=(0.2, 0.25), speed=0.2, start="held")
+    masses: list[float] = []
+    with_payload = armgpi.Robot.with_payload
+
+    def noting(self: armgpi.Robot, frame: str, mass: float, com: object) -> armgpi.Robot:
+        masses.append(mass)
+        return with_payload(self, frame, mass, com)
+
+    monkeypatch.setattr(armgpi.Robot, "with_payload", noting)
+    for seed in range(8):
+        refute(loaded, robot, count=1, seed=seed)
+    drawn = set(masses) - {0.2, 0.25, 1.0}  # the ends, and a kilogram to measure with
+    assert len(drawn) == 8
+    assert 0.2 < min(drawn) < max(drawn) < 0.25
+
+
 def test_it_says_how_far_it_is(robot: armgpi.Robot, made: armgpi.Certificate) -> None:
     said: list[str] = []
     refute(made, robot, count=501, progress=said.append)
