@@ -23,10 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi import ExportedController, RigidBodyPlant, Saturated, Supervised, config
+from armgpi.export.targets import compensated
 from armgpi.loop import log as logs
 from armgpi.realtime import judge, stages
 from armgpi.realtime.datagram import Datagram
-from armgpi.realtime.ends import ArmEnd, ControllerEnd, Watchdog
+from armgpi.realtime.ends import UPRIGHT, ArmEnd, ControllerEnd, Watchdog
 
 DOCS = Path(__file__).parents[1] / "docs" / "bringup.md"
 FRICTION, BRAKES, BITS = 0.02, 0.05, 18
@@ -149,8 +150,8 @@ class WrongArm(ArmEnd):
     def __init__(self, experiment: Any, mistake: Mistake, target: str, dry: bool) -> None:
         """Put the arm where the stage begins."""
         model = experiment.robot
-        own = model if judge._weighs(model) else model.with_gravity(stages.GRAVITY)
-        self.adding = 0.0 if judge._weighs(model) else 1.0
+        own = model.with_gravity(UPRIGHT) if compensated(model) else model
+        self.adding = float(compensated(model))
         if mistake.adds is not None:
             self.adding = 1.0 - self.adding
         true = mistake.arm(own).with_friction(
@@ -223,7 +224,7 @@ def drive(end: ControllerEnd, arm: WrongArm, experiment: Any) -> float:
     while arm.k * arm.dt < experiment.t_final:
         arm.advance(end.receive(arm.sample()))
         wanted = experiment.reference.at(arm.k * arm.dt).q
-        if end.fault is not None and end.fault.reason != "none" and stopped is None:
+        if arm.guide is None and stopped is None and end.fault is not None and end.fault.reason != "none":
             stopped, since = arm.q, arm.k
         away = np.abs(arm.q - wanted).max()
         travel = max(travel, float(away if stopped is None else min(away, np.abs(arm.q - stopped).max())))

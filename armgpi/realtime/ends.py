@@ -10,6 +10,7 @@ from armgpi.arrays import Array
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.supervisor import FaultReport, Reason, State, Supervised, Supervisor
 from armgpi.export.controller import ExportedController
+from armgpi.export.targets import compensated
 from armgpi.loop.log import INPUTS, Event, LogWriter
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.plant import Plant
@@ -19,6 +20,8 @@ from armgpi.robot.robot import Robot
 
 #: What the arm's watchdog does.
 REACTIONS = ("damping", "gravity", "hold", "zero")
+#: Gravity of an arm that stands upright [m/s^2].
+UPRIGHT = (0.0, 0.0, -9.81)
 #: How fast an arm in a dry run follows who moves it [rad/s].
 _GUIDED = 10.0
 #: Time for which samples may be missed [s], and their number, at least and at most.
@@ -82,6 +85,9 @@ class ArmEnd:
     ) -> None:
         """Begin at q and v; `velocity` says whether velocities are sent as well."""
         self.guide = guide
+        # A robot that carries its weight by itself reports that all the same.
+        reports = guide is not None and compensated(plant.robot)
+        self._weight = plant.robot.with_gravity(UPRIGHT) if reports else None
         self.plant, self.model, self.dt, self.watchdog = plant, model, dt, watchdog
         self.velocity = velocity
         self.k, self.answered, self.silent = 0, -1, 0
@@ -115,6 +121,8 @@ class ArmEnd:
             tau = self._guided(self.guide)
         self.state = self.plant.step(tau, self.state, self.dt)
         self.applied = np.asarray(tau)
+        if self._weight is not None:
+            self.applied = self.applied + self._weight.gravity(self.plant.true_state(self.state).q)
         self.k += 1
         return tau
 

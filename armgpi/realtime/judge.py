@@ -11,9 +11,11 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.control.supervisor import Reason
 from armgpi.errors import ArmgpiError, MissingPackage, ParameterError, RolloutError, UnfitLog
+from armgpi.export.targets import compensated
 from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
-from armgpi.realtime.stages import CAPS, GRAVITY, Folder, Stage, moving_torque
+from armgpi.realtime.ends import UPRIGHT
+from armgpi.realtime.stages import CAPS, Folder, Stage, moving_torque
 
 #: What a bring-up has to answer, in the order in which it can: key -> question.
 QUESTIONS = {
@@ -138,7 +140,7 @@ def _judge_stage(
     """Return what is wrong in the log of a stage, and what it has tested: question -> joints."""
     experiment = folder.experiment(stage)
     robot: Any = experiment.robot
-    upright = robot if _weighs(robot) else robot.with_gravity(GRAVITY)
+    upright = robot.with_gravity(UPRIGHT) if compensated(robot) else robot
     seen = _arrays(log, robot)
     tested: dict[str, tuple[str, ...]] = {}
     findings = list(_of_samples(log, stage))
@@ -148,6 +150,8 @@ def _judge_stage(
         findings += _of_hand(seen, stage, experiment.reference.at(0.0).q, tested)
         if not findings:
             findings += _of_weight(seen, upright, tested)
+        if seen.reason and not findings:
+            findings.append(_stopped(seen))
     elif stage.kind in CAPS:
         findings += _of_echo(seen, robot, tested)
         findings += _of_stage(seen, stage, robot, upright, tested) if not findings else []
@@ -158,11 +162,6 @@ def _judge_stage(
     if stage.kind in ("slow", "full") and not findings:
         tested["whole arm"] = ("",)
     return findings, tested
-
-
-def _weighs(robot: Any) -> bool:
-    """Tell whether a model has gravity."""
-    return bool(np.abs(robot.gravity(robot.middle() + 0.1 * np.arange(1, robot.n + 1))).max() > 0.0)
 
 
 def _arrays(log: ArmLog, robot: Any) -> _Seen:
@@ -321,7 +320,7 @@ def _of_stage(
     tested["carried"] = seen.names
     for question in ("command order", "command sign"):
         tested[question] = stage.joints
-    if _weighs(robot):  # its torque carries the arm
+    if not compensated(robot):  # its torque carries the arm
         heavy = np.abs(np.median(seen.tau[end], axis=0)) > 2.0 * allowed
         tested["command unit"] = tuple(name for name, known in zip(seen.names, heavy, strict=True) if known)
     elif np.isfinite(seen.applied).all():
@@ -366,7 +365,7 @@ def _of_identification(
     """Find what the identified arm tells: lag, and torque over what the file expects."""
     from armgpi.identification.arm import identify
 
-    weighs = _weighs(robot)
+    weighs = not compensated(robot)
     try:
         found = identify([log], robot, gravity=weighs)
     except UnfitLog as error:

@@ -21,6 +21,7 @@ from armgpi.control.gpi import GPI
 from armgpi.control.untuned import usual_effort
 from armgpi.errors import ConfigError
 from armgpi.identification.excitation import FIRST_SHARE, excite
+from armgpi.realtime.ends import UPRIGHT
 from armgpi.references.bezier import minimum_duration
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
@@ -235,10 +236,6 @@ def _file(
     return data
 
 
-#: Gravity of an arm that stands upright [m/s^2].
-GRAVITY = (0.0, 0.0, -9.81)
-
-
 def moving_torque(robot: Any, q: Array) -> Array:
     """Return the torque that a joint is moved with [N m or N], (n,): five times gravity, or 30 rad/s^2 alone.
 
@@ -246,7 +243,7 @@ def moving_torque(robot: Any, q: Array) -> Array:
     """
     brisk = _BRISK * np.diagonal(robot.mass_matrix(q))
     return np.asarray(
-        np.minimum(robot.limits.effort, np.maximum(usual_effort(robot.with_gravity(GRAVITY)), brisk))
+        np.minimum(robot.limits.effort, np.maximum(usual_effort(robot.with_gravity(UPRIGHT)), brisk))
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from armgpi import MotorFault, Supervised, config
+from armgpi import GPI, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config
 from armgpi.cli import app
 from armgpi.errors import ConfigError
 from armgpi.loop import log as logs
@@ -78,6 +78,19 @@ def test_a_dry_run_tells_positions_and_never_what_only_a_torque_tells(folder: Fo
     assert all(verdict.untested[key] == names for key in torques)
     assert verdict.following == folder.stages[1]
     assert set(QUESTIONS) == set(verdict.passed)
+
+
+def test_a_simulated_robot_that_carries_its_weight_reports_it_in_a_dry_run(folder: Folder) -> None:
+    robot = Robot.load("anthropomorphic3")
+    there = np.array([0.1, 0.4, -0.5])
+    free, seconds = robot.with_gravity((0.0, 0.0, 0.0)), 0.05
+    given: Any = {"clock": "simulated", "dry_run": True}
+    for arm in (robot, free):
+        log = run(RigidBodyPlant(arm), GPI(arm, 1e-3), Hold(there), seconds, **given).log
+        assert log is not None
+        np.testing.assert_allclose(
+            log.samples["applied"][1:], robot.gravity(there) + np.zeros((49, 3)), atol=1e-9
+        )
 
 
 @pytest.mark.parametrize(
