@@ -3,7 +3,7 @@
 Usage:
     python tools/bringup.py [--target NAME] [--only TEXT] [--last STAGE]
 
-It prints; with neither option it also writes the table in docs/bringup.md. Each mistake is planted into a
+Each mistake is planted into a
 robot as libfranka's (1 kHz, 1000 N m/s, gravity by the robot, which echoes torques), one as UR's (500 Hz, two
 samples late, gravity by the robot), and one behind ros2_control (1 kHz, gravity by the controller, which is
 told no torque). All have friction of 2 % of the torque that their joints are moved with. Stages are run one
@@ -14,7 +14,6 @@ after a stop, from where it was stopped if that is less; brakes grip 50 ms after
 from __future__ import annotations
 
 import argparse
-import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +28,6 @@ from armgpi.realtime import judge, stages
 from armgpi.realtime.datagram import Datagram
 from armgpi.realtime.ends import UPRIGHT, ArmEnd, ControllerEnd, Watchdog
 
-DOCS = Path(__file__).parents[1] / "docs" / "bringup.md"
 FRICTION, BRAKES, BITS = 0.02, 0.05, 18
 TARGETS: dict[str, dict[str, Any]] = {
     "fci": {
@@ -287,7 +285,7 @@ class Bench:
 
 
 def cell(came: Came) -> str:
-    """Return what the table says of a mistake."""
+    """Return stage, question and travel."""
     if not came.stage:
         return f"not found, {came.travel:.3f}"
     kind = came.stage.split("-")[1]
@@ -302,7 +300,6 @@ def main() -> None:
     parser.add_argument("--last", default="slow")
     given = parser.parse_args()
     targets = [given.target] if given.target else list(TARGETS)
-    rows: dict[str, list[str]] = {}
     for target in targets:
         with tempfile.TemporaryDirectory() as folder:
             bench = Bench(target, Path(folder))
@@ -310,16 +307,8 @@ def main() -> None:
                 if given.only not in mistake.name:
                     continue
                 came = bench.bring_up(mistake, given.last)
-                rows.setdefault(mistake.name, []).append(cell(came))
                 first = came.verdict.findings[0] if came.verdict.findings else ""
                 print(f"{target}: {mistake.name}: {cell(came)}: {first}", flush=True)
-    if not given.target and not given.only:
-        head = ["| mistake | " + " | ".join(targets) + " |", "|---|" + "---|" * len(targets)]
-        table = "\n".join([*head, *(f"| {name} | {' | '.join(cells)} |" for name, cells in rows.items())])
-        text = DOCS.read_text(encoding="utf-8")
-        DOCS.write_text(
-            re.sub(r"\| mistake \|.*?\n\n", lambda _: table + "\n\n", text, flags=re.S), encoding="utf-8"
-        )
 
 
 if __name__ == "__main__":

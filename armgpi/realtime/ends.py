@@ -86,8 +86,9 @@ class ArmEnd:
         """Begin at q and v; `velocity` says whether velocities are sent as well."""
         self.guide = guide
         # A robot that carries its weight by itself reports that all the same.
-        reports = guide is not None and compensated(plant.robot)
-        self._weight = plant.robot.with_gravity(UPRIGHT) if reports else None
+        arm: Any = plant.robot
+        reports = guide is not None and compensated(arm)
+        self._weight = arm.with_gravity(UPRIGHT) if reports else None
         self.plant, self.model, self.dt, self.watchdog = plant, model, dt, watchdog
         self.velocity = velocity
         self.k, self.answered, self.silent = 0, -1, 0
