@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from armgpi import health as health
     from armgpi.certification.certificate import Certificate as Certificate
     from armgpi.certification.certificate import certify as certify
+    from armgpi.certification.path import PathBound as PathBound
+    from armgpi.certification.path import bound_path as bound_path
     from armgpi.control.adrc import ADRC as ADRC
     from armgpi.control.controller import Controller as Controller
     from armgpi.control.controller import ControlStep as ControlStep
@@ -113,6 +115,7 @@ _MODULES = {
 }
 _NAMES = {
     "certification.certificate": ("Certificate", "certify"),
+    "certification.path": ("PathBound", "bound_path"),
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),
     "control.pid_positions": ("PIDPositions",),

@@ -344,7 +344,7 @@ def _deltas(setting: Setting, arm: Robot, at: Points) -> Array:
     return np.asarray(np.linalg.eigvalsh(_in_metric(arm, at.q, setting.nominal.mass_matrix(at.q))))
 
 
-def _christoffel(slope: Array, v: Array) -> Array:
+def christoffel(slope: Array, v: Array) -> Array:
     """Return C(q, v) [.., k, c, n, n] of derivatives (k, n, n, n) of D and velocities (k, c, n) or (c, n)."""
     v = np.broadcast_to(v, (len(slope), *v.shape[-2:]))
     along = np.einsum("kiab,kci->kcab", slope, v)
@@ -382,7 +382,7 @@ def _kappa_error(setting: Setting, arm: Robot, at: Points) -> Array:
 
     C(q, a) b = C(q, b) a, so each of its components is a symmetric form, and largest where a is b.
     """
-    C = _christoffel(slopes(arm.mass_matrix, at.q), roots(arm.mass_matrix(at.q)))
+    C = christoffel(slopes(arm.mass_matrix, at.q), roots(arm.mass_matrix(at.q)))
     return _over_velocities(_in_metric(arm, at.q, C).swapaxes(1, 2))
 
 
@@ -394,7 +394,7 @@ def _sigma(setting: Setting, arm: Robot, at: Points) -> Array:
 
 def _coriolis(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of Christoffel's C(q, v), at a corner of the speeds."""
-    C = _christoffel(slopes(arm.mass_matrix, at.q), corners(setting.speed))
+    C = christoffel(slopes(arm.mass_matrix, at.q), corners(setting.speed))
     return np.asarray(norms(_in_metric(arm, at.q, C)).max(axis=1))
 
 

@@ -173,21 +173,21 @@ def certify(
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     if refute is not None:
         _refuted(refute, arm)
-    _note_believed(arm)
+    note_believed(arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
-    vectors = {key: _numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
+    vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
     named = {**law, "feedforward": feedforward, "controller": controller}
     stated = {"bits": encoder_bits, "friction": friction, "jump": jump, "start": start}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
-    proof |= {"payload": _loads(payload), "box": None if box is None else read_box(box)}
+    proof |= {"payload": load_ends(payload), "box": None if box is None else read_box(box)}
     options = {**vectors, **_chosen(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)
     sys.exit(_told(found, arm, out, report, as_json))
 
 
-def _note_believed(arm: Any) -> None:
+def note_believed(arm: Any) -> None:
     """Refuse an arm with believed rotors, and say of a file without them what a certificate is worth."""
     import math
 
@@ -318,7 +318,7 @@ def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None)
     return None
 
 
-def _numbers(arm: Any, text: str, option: str) -> Any:
+def joint_numbers(arm: Any, text: str, option: str) -> Any:
     """Return one number or one for each joint."""
     value = per_joint(text, option)
     if isinstance(value, dict):
@@ -336,7 +336,7 @@ def _number(text: str, option: str) -> float:
         raise refusal(option, f"expected a number, got {text!r}") from None
 
 
-def _loads(text: str | None) -> tuple[float, float] | None:
+def load_ends(text: str | None) -> tuple[float, float] | None:
     """Return the two loads of a range."""
     if text is None:
         return None

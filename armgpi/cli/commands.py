@@ -106,6 +106,11 @@ ENTRIES = {
         "certify",
         "Bound the whole arm's error under GPI, so that another program can check it exactly.",
     ),
+    "bound": Entry(
+        "Certificates",
+        "bound",
+        "Bound the error along the reference of an experiment, in millimetres at the tool.",
+    ),
     "excite": Entry(
         "Hardware",
         "identify",

@@ -366,10 +366,12 @@ class GPI(Controller):
         if self.feedforward != "none":
             known, q = self._bias, self._where(measured, wanted)
             ahead = known.gravity(q) if self.feedforward == "gravity" else known.inverse(q, v, a)
-        if self.friction_feedforward:
-            # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
-            ahead = ahead + self._viscous * v + self._coulomb * (v / np.sqrt(v * v + _SMOOTH * _SMOOTH))
-        return ahead
+        return self.add_friction(ahead, v) if self.friction_feedforward else ahead
+
+    def add_friction(self, torque: Array, v: Array) -> Array:
+        """Return a torque with the nominal model's friction at a reference velocity [N m or N]."""
+        # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
+        return torque + self._viscous * v + self._coulomb * (v / np.sqrt(v * v + _SMOOTH * _SMOOTH))
 
     def _resting(self, e: Array, target: Target) -> tuple[Resting, ...]:
         """Return what the integrators are given where the reference rests; nothing for the error."""

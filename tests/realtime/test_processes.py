@@ -8,10 +8,12 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import Answer
 
 from armgpi import GPI, Bezier, Encoder, RigidBodyPlant, Robot
 from armgpi.control.controller import ControlStep
@@ -87,10 +89,10 @@ def test_the_command_prints_a_report() -> None:
         (("--plant", "both"), "--plant"),
     ],
 )
-def test_bad_options_are_named(options: tuple[str, ...], message: str) -> None:
-    done = loop(*options)
-    assert done.returncode == 2
-    assert message in done.stderr
+def test_bad_options_are_named(options: tuple[str, ...], message: str, cli: Callable[..., Answer]) -> None:
+    done = cli("loop", "anthropomorphic3", "--t-final", "0.3", *options)
+    assert done.code == 2
+    assert message in done.err
 
 
 @pytest.mark.parametrize("injected", [("--kill", "0.05"), ("--stall", "0.05,0.2")])

@@ -1,0 +1,723 @@
+"""A bound on the error along one trajectory, joint by joint, and in millimetres at the tool.
+
+Along the arm's own motion each joint's error obeys ``e'' = g u + z``: what the law asks for, with a constant
+gain, and a rest that is known by its size alone. What a joint's sampled loop makes of it is a sum
+(:mod:`armgpi.certification.channels`). How large it is is a table of numbers of the arm along the path, and
+of the errors (:func:`numbers_along`). The least solution of both is the tube. docs/path.md derives it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, check_choice, check_number, check_type, check_whole, not_negative, quantity
+from armgpi.certification.channels import channel
+from armgpi.certification.quantities import MARGIN, christoffel, slopes
+from armgpi.control.gains import FixedGains
+from armgpi.control.gpi import GPI
+from armgpi.errors import ParameterError
+from armgpi.loop.units import POSITION, TORQUE
+from armgpi.references.reference import Reference, Target
+from armgpi.robot.batch import RobotBatch
+from armgpi.robot.robot import Robot
+
+#: Times along the path at which the numbers are taken, each with another arm and configuration around it.
+_TIMES = 400
+#: Arms between the lightest and the heaviest load, both of them counted.
+_LOADS = 3
+#: By how much a bound is raised, far more than rounding does to it.
+_RAISED = 1e-6
+#: Steps to the least solution at most, and the change at which it is found.
+_STEPS, _SETTLED = 20_000, 1e-10
+#: Least width of a tube [rad or m], and the error beyond which none is looked for.
+_THIN, _WIDEST = 1e-4, 1.0
+#: Widths of the tubes that are tried, over the error that a thin one leads to.
+_ROOM = (1.1, 1.3, 1.7, 2.5, 4.0, 8.0, 16.0, 40.0)
+#: Positions that an encoder may show at first, beside the true one.
+_HIDDEN = 16
+#: Halvings in the search for what the arm bears.
+_HALVINGS = 40
+#: Motion below which a path is at rest [rad or m; rad/s or m/s].
+_AT_REST = 1e-6
+#: Share of an error below which its part is not told.
+_TOLD = 0.05
+_LESS = "less that disturbs, a slower path, or feedforward would do"
+#: How a run may start: see :data:`armgpi.certification.asked.STARTS`.
+STARTS = ("wrong-load", "held")
+
+
+class Along(NamedTuple):
+    """Numbers of an arm along a path, each the largest found and :data:`MARGIN` more; rows are joints.
+
+    Attributes:
+        gain: the loop's gain g that is taken for each joint [-], (n,).
+        mismatch: of D^-1 D^ - g, element by element [-], (n, n).
+        stiffness: of gravity beside what holds the arm at the reference [1/s^2], (n, n).
+        turning: how D^ v* changes with the position [1/s^2], (n, n).
+        rate: of Coriolis and viscous torques per speed of the error [1/s], (n, n).
+        square: of Coriolis torques per product of two speeds of the error, (n, n, n).
+        torque: what the stated torques accelerate [rad/s^2 or m/s^2], (n,).
+        spread: what 1 N m or N on all joints at once accelerates, (n,).
+        force: what a force of 1 N at the tool accelerates, (n,).
+        motion: what the reference's motion leaves beside the feedforward [rad/s^2 or m/s^2], (n,).
+        shift: by how much what holds the arm changes in a sample [rad/s^2 or m/s^2], (n,).
+        start: by how much the first torque is wrong [rad/s^2 or m/s^2], (n,).
+        speed: of the reference [rad/s or m/s], (n,).
+        hold: torque that is asked for beside u [N m or N], (n,).
+        reach: torque per unit of u, (n, n).
+        jacobian: of the tool's position, (3, n).
+    """
+
+    gain: Array
+    mismatch: Array
+    stiffness: Array
+    turning: Array
+    rate: Array
+    square: Array
+    torque: Array
+    spread: Array
+    force: Array
+    motion: Array
+    shift: Array
+    start: Array
+    speed: Array
+    hold: Array
+    reach: Array
+    jacobian: Array
+
+
+class Solution(NamedTuple):
+    """Bounds at all times; each of shape (n,).
+
+    Attributes:
+        error: of the joints [rad or m].
+        speed: of the error [rad/s or m/s].
+        asked: what the law asks for beside what holds the arm [rad/s^2 or m/s^2].
+        rest: the acceleration that nobody knows but by its size.
+        parts: where that comes from -> its part, (n,).
+    """
+
+    error: Array
+    speed: Array
+    asked: Array
+    rest: Array
+    parts: Mapping[str, Array]
+
+
+class Wish(NamedTuple):
+    """What a tube is asked for.
+
+    Attributes:
+        controller: a GPI with fixed gains.
+        arms: what the true arm may be.
+        reference: the trajectory.
+        t_final: until when [s].
+        torque: disturbance of any course on each joint [N m or N], (n,).
+        force: at the tool, of any direction and course [N].
+        friction: whether the arms have their friction.
+        hidden: what an encoder hides at most [rad or m], (n,).
+        delay: samples by which measurements are late.
+        start: one of :data:`STARTS`.
+        seed: of what is drawn.
+    """
+
+    controller: GPI
+    arms: tuple[Robot, ...]
+    reference: Reference
+    t_final: float
+    torque: Array
+    force: float
+    friction: bool
+    hidden: Array
+    delay: int
+    start: str
+    seed: int
+
+    @property
+    def samples(self) -> Array:
+        """Times of the samples [s], (samples,)."""
+        h = self.controller.dt
+        return np.asarray(h * np.arange(round(self.t_final / h) + 1.0))
+
+    @property
+    def zone(self) -> Array:
+        """Error that is not integrated [rad or m], (n,)."""
+        return np.broadcast_to(self.controller.rest_dead_zone, (self.controller.robot.n,))
+
+
+class PathBound(NamedTuple):
+    """A tube around a trajectory, or why there is none.
+
+    Attributes:
+        wish: what was asked for.
+        error: bound on each joint's error [rad or m], (n,); NaN where there is none.
+        tool: bound on the tool's distance from where it should be [m].
+        torque: bound on each joint's torque [N m or N], (n,).
+        parts: what makes the error -> its share for each joint, (n,).
+        bears: torque on all joints at once that could act as well [N m or N].
+        bears_force: force at the tool that could act instead [N].
+        reasons: why there is no tube, a sentence each; empty where there is one.
+    """
+
+    wish: Wish
+    error: Array
+    tool: float
+    torque: Array
+    parts: dict[str, Array]
+    bears: float
+    bears_force: float
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is a tube."""
+        return not self.reasons
+
+    def weaker_than_friction(self) -> list[str]:
+        """Return the joints whose Coulomb friction is not stated, and more than what it bears."""
+        arms, names = self.wish.arms, self.wish.controller.robot.joint_names
+        coulomb = np.max([np.broadcast_to(arm.friction.coulomb, (arm.n,)) for arm in arms], axis=0)
+        over = (not self.wish.friction) & (coulomb > self.wish.torque + self.bears)
+        return [name for name, is_over in zip(names, over, strict=True) if is_over]
+
+    def plain(self) -> dict[str, Any]:
+        """Return it as plain data: SI units, joints by name; NaN where there is no bound."""
+        names = self.wish.controller.robot.joint_names
+        each = {"error": self.error, "torque": self.torque}
+        return {
+            "holds": self.holds,
+            "numbers": "searched",
+            "tool": self.tool,
+            "bears": self.bears,
+            "bears_force": self.bears_force,
+            **{key: dict(zip(names, x.tolist(), strict=True)) for key, x in each.items()},
+            "parts": {what: dict(zip(names, x.tolist(), strict=True)) for what, x in self.parts.items()},
+            "reasons": list(self.reasons),
+        }
+
+    def __str__(self) -> str:
+        """Return it in words, the verdict first."""
+        return "\n".join(describe(self))
+
+
+def bound_path(
+    controller: GPI,
+    reference: Reference,
+    t_final: float,
+    *,
+    arms: Robot | Sequence[Robot] | None = None,
+    torque: Any = 0.0,
+    force: float = 0.0,
+    friction: bool = False,
+    bits: Any = None,
+    delay: int | None = None,
+    start: str = "wrong-load",
+    seed: int = 0,
+) -> PathBound:
+    """Return a bound on the error of a rigid arm along one trajectory; see docs/path.md.
+
+    The numbers of the arm that it rests on are searched: the largest of some hundred configurations around
+    the path, and 3 % more. So it is no proof.
+
+    Args:
+        controller: a GPI with fixed gains, which may differ between the joints.
+        reference: the trajectory, at rest at first and without jumps.
+        t_final: until when [s].
+        arms: what the true arm may be: one, or several of which each is possible, such as
+            ``identified.sample(64).robots``; the controller's own, with all its loads, when not given.
+        torque: disturbance torques of any course at most, all at once [N m or N].
+        force: at the tool, of any direction and course [N].
+        friction: whether the arms have their friction; what the controller feeds forward of it is taken off.
+        bits: of the encoders, a number or one for each joint; None for exact positions.
+        delay: samples by which measurements are late; those that the controller was made for when not given.
+        start: "wrong-load", at rest with the torque of the controller's model, or "held" by the loop.
+        seed: of the configurations.
+
+    Raises:
+        ParameterError: for a law or a value that this does not cover.
+        ArrayError: for what is not a number for each joint.
+    """
+    check_type(controller, "controller", GPI, "a GPI controller")
+    check_type(reference, "reference", Reference, "a Reference")
+    _check_law(controller)
+    robot: Any = controller.bias_robot
+    wish = Wish(
+        controller,
+        _arms(controller, arms),
+        reference,
+        check_number(t_final, "t_final", "a positive time [s]", open_=True),
+        _sizes(torque, "torque", robot),
+        check_number(force, "force", "zero or positive [N]"),
+        friction,
+        np.zeros(robot.n) if bits is None else 0.5 * robot.encoder_count(_bits(bits, robot)),
+        check_whole(round(controller.delay / controller.dt) if delay is None else delay, "delay", 0, 20),
+        start,
+        check_whole(seed, "seed", 0),
+    )
+    check_choice(start, "start", STARTS)
+    check_type(friction, "friction", bool, "True or False")
+    _check_path(wish)
+    thin = _Tube(wish, np.full(robot.n, _THIN), controller.gains.nominal().omega_c * np.full(robot.n, _THIN))
+    first = thin.solve(thin.known.torque, force)
+    if first is None:
+        return _none(wish, [thin.blame()])
+    tubes = [
+        _Tube(wish, np.maximum(x * first.error, _THIN), np.maximum(x * first.speed, _THIN)) for x in _ROOM
+    ]
+    fitting = [tube for tube in tubes if not tube.reasons(tube.known.torque, force)]
+    if not fitting:
+        return _none(wish, min((tube.reasons(tube.known.torque, force) for tube in tubes), key=len))
+    return fitting[0].bound(tubes)
+
+
+def _none(wish: Wish, reasons: Sequence[str]) -> PathBound:
+    """Return that there is no bound, and why."""
+    nothing = np.full(wish.controller.robot.n, math.nan)
+    return PathBound(wish, nothing, math.nan, nothing, {}, 0.0, 0.0, tuple(reasons))
+
+
+class _Around(NamedTuple):
+    """Configurations around the path, 400 of each.
+
+    Attributes:
+        target: what the law is given.
+        late: the reference up to `d + 1` samples later.
+        q: where the arm is, (400, n).
+        y: what is measured of it.
+        between: anywhere between the target and them.
+        v: what the law asks for where it holds the arm at the target.
+        inverse: D^-1 at q, (400, n, n).
+        coriolis: C(q, late.v), (400, n, n).
+    """
+
+    target: Target
+    late: Target
+    q: Array
+    y: Array
+    between: Array
+    v: Array
+    inverse: Array
+    coriolis: Array
+
+
+def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
+    """Return the numbers along the path.
+
+    Args:
+        wish: what a tube is asked for.
+        radius: how far the arm is from the path at most [rad or m], (n,).
+        fastest: how fast the error is at most [rad/s or m/s], (n,).
+    """
+    controller, n = wish.controller, len(radius)
+    passed = (wish.delay + 1) * controller.dt
+    rng = np.random.default_rng(wish.seed)
+    every = wish.reference.at(wish.samples)
+    speed = np.abs(every.v).max(axis=0)
+    times, shares = _moments(wish, every, rng)
+    target, late = (wish.reference.at(t) for t in (times, times + passed * shares))
+    moved = passed * (speed + fastest) + wish.hidden
+
+    def around(size: Array) -> Array:
+        # Corners as often as not: that is where the largest values mostly are.
+        share = rng.uniform(-1.0, 1.0, (_TIMES, n))
+        return np.where(rng.random((_TIMES, n)) < 0.5, np.sign(share), share) * size
+
+    found: dict[str, Array] = {"start": np.zeros(n)}
+    products = []
+    for arm in wish.arms:
+        q = late.q + around(radius)
+        y, between = q + around(moved), target.q + around(radius + moved)
+        inverse: Array = np.asarray(np.linalg.inv(arm.mass_matrix(q)), float)
+        slope = slopes(arm.mass_matrix, q)
+        coriolis = christoffel(slope, late.v[:, None])[:, 0]
+        at = _Around(target, late, q, y, between, _holds(wish, arm, target.q), inverse, coriolis)
+        products.append(inverse @ controller.robot.mass_matrix(y))
+        square = np.einsum("kij,kcja->kica", inverse, christoffel(slope, np.eye(n)))
+        shift = _holds(wish, arm, wish.reference.at(times + controller.dt).q) - at.v
+        values = {
+            "square": square,
+            "shift": shift,
+            **_rates(wish, arm, at),
+            **_inputs(wish, arm, at, fastest),
+        }
+        if wish.start == "wrong-load":
+            values["start"] = _start(wish, at, rng)
+        for name, value in values.items():
+            found[name] = np.maximum(found.get(name, 0.0), np.abs(value).max(axis=0))
+    diagonals = np.concatenate([np.diagonal(x, axis1=1, axis2=2) for x in products])
+    gain = 0.5 * (diagonals.min(axis=0) + diagonals.max(axis=0))
+    found["mismatch"] = np.abs(np.concatenate(products) - np.diag(gain)).max(axis=0)
+    return Along(gain=gain, speed=speed, **{name: (1.0 + MARGIN) * x for name, x in found.items()})
+
+
+def _rates(wish: Wish, arm: Robot, at: _Around) -> dict[str, Array]:
+    """Return what grows with the error and its speed."""
+    torque_of = _Holding(wish, np.repeat(at.v, 4 * arm.n, axis=0))
+    turning = slopes(torque_of.at_measured, at.between).swapaxes(1, 2)
+    gravity = slopes(arm.gravity, at.between).swapaxes(1, 2)
+    viscous = wish.friction * np.broadcast_to(arm.friction.viscous, (arm.n,))
+    return {
+        "stiffness": at.inverse @ (turning - gravity),
+        "turning": at.inverse @ turning,
+        "rate": at.inverse @ (2.0 * at.coriolis + np.diag(viscous)),
+    }
+
+
+def _inputs(wish: Wish, arm: Robot, at: _Around, fastest: Array) -> dict[str, Array]:
+    """Return what disturbs, and what turns it into torques and the tool's distance."""
+    controller: Any = wish.controller
+    known, nominal, v = controller.bias_robot, controller.robot, at.late.v
+    given, fed = np.zeros_like(at.q), np.zeros_like(at.q)
+    if controller.feedforward in ("model", "computed"):
+        where = at.y if controller.feedforward == "computed" else at.target.q
+        given = known.dynamics.inverse(where, at.target.v, at.target.a) - known.gravity(where)
+    if controller.friction_feedforward:
+        fed = controller.add_friction(fed, at.target.v)
+    viscous, coulomb = (wish.friction * np.broadcast_to(x, (arm.n,)) for x in arm.friction)
+    # Which way Coulomb friction points is known where the reference is faster than the error.
+    off, sure = fed - viscous * v, np.abs(v) > fastest
+    either = np.maximum(np.abs(off - coulomb), np.abs(off + coulomb))
+    bounds = wish.torque + np.where(sure, np.abs(off - coulomb * np.sign(v)), either)
+    pushes = arm.frame_jacobian(arm.tip, at.q)[:, :3].swapaxes(1, 2)
+    needed = np.einsum("kij,kj->ki", at.coriolis, v)
+    ahead = _Holding(wish, at.v).ahead(at.target.q, at.y)
+    return {
+        "torque": (np.abs(at.inverse) @ bounds[..., None])[..., 0],
+        "spread": np.abs(at.inverse).sum(axis=2),
+        "force": np.linalg.norm(at.inverse @ pushes, axis=2),
+        "motion": np.einsum("kij,kj->ki", at.inverse, given - needed) - at.late.a,
+        "hold": nominal.inertia_times(at.y, at.v) + given + ahead + fed,
+        "reach": nominal.mass_matrix(at.y),
+        "jacobian": arm.frame_jacobian(arm.tip, at.between)[:, :3],
+    }
+
+
+def _start(wish: Wish, at: _Around, rng: Any) -> Array:
+    """Return by how much the first torque is wrong: that of the model, where encoders see the arm; (1, n)."""
+    first = at.target.q[:1]
+    seen = first + wish.hidden * np.vstack([0.0 * first, rng.uniform(-1.0, 1.0, (_HIDDEN, len(wish.hidden)))])
+    slope = slopes(lambda x: _first(wish, first, x), seen).swapaxes(1, 2)
+    wrong = np.abs(at.v[:1] - _holds(wish, wish.controller.bias_robot, first))
+    return np.asarray(wrong + (np.abs(slope) @ wish.hidden).max(axis=0))
+
+
+def _moments(wish: Wish, every: Target, rng: Any) -> tuple[Array, Array]:
+    """Return times along the path (400,), and how much of the lateness has passed at each, 0 to 1.
+
+    They are spread evenly over the motion, and are where a joint is the fastest, accelerates most, and where
+    its acceleration changes most while measurement and torque are late.
+    """
+    v, a = np.abs(every.v), np.abs(every.a)
+    away = min(wish.delay + 1, len(a) - 1)
+    jumps = np.abs(every.a[away:] - every.a[:-away])
+    peaks = np.concatenate([x.argmax(axis=0) for x in (v, a, jumps)])
+    weights = sum((x / np.maximum(x.max(axis=0), 1e-12)).sum(axis=1) for x in (v, a))
+    weights = weights + 0.1 * np.mean(weights) + 1e-12  # a tenth of them where it rests
+    passed = np.cumsum(weights)
+    even = np.searchsorted(passed, np.linspace(0.0, passed[-1], _TIMES - len(peaks)))
+    shares = rng.random(_TIMES)
+    shares[len(even) :] = np.repeat([0.0, 0.0, 1.0], every.v.shape[1])
+    chosen = np.concatenate([np.minimum(even, len(v) - 1), peaks])
+    chosen[0], shares[0] = 0, 0.0
+    return wish.samples[chosen], shares
+
+
+class _Holding:
+    """The torque with which the controller holds an arm where v* is given."""
+
+    def __init__(self, wish: Wish, v: Array) -> None:
+        self.nominal: Any = wish.controller.robot
+        self.known: Any = wish.controller.bias_robot
+        self.feedforward, self.v = wish.controller.feedforward, v
+
+    def at_measured(self, x: Array) -> Array:
+        """Return what of the torque depends on the measured position x."""
+        torque = self.nominal.inertia_times(x, self.v)
+        return np.asarray(torque + self.known.gravity(x) if self.feedforward == "computed" else torque)
+
+    def ahead(self, target: Array, measured: Array) -> Array:
+        """Return the gravity torque that is fed forward."""
+        if self.feedforward == "none":
+            return np.zeros_like(target)
+        return np.asarray(self.known.gravity(measured if self.feedforward == "computed" else target))
+
+
+def _holds(wish: Wish, arm: Any, q: Array) -> Array:
+    """Return v*, which the law asks for where it holds an arm at q [rad/s^2 or m/s^2], (k, n)."""
+    controller: Any = wish.controller
+    torque = arm.gravity(q)
+    if controller.feedforward != "none":
+        torque = torque - controller.bias_robot.gravity(q)
+    return np.asarray(controller.robot.inertia_solve(q, torque))
+
+
+def _first(wish: Wish, target: Array, seen: Array) -> Array:
+    """Return what the law asks for at first where it measures a position, (k, n); as :meth:`GPI.init`."""
+    controller: Any = wish.controller
+    torque = controller.bias_robot.gravity(seen)
+    if controller.feedforward != "none":
+        where = seen if controller.feedforward == "computed" else target + 0.0 * seen
+        torque = torque - controller.bias_robot.gravity(where)
+    return np.asarray(controller.robot.inertia_solve(seen, torque))
+
+
+class _Tube:
+    """The least solution of what the loops make of the rest, and the rest of what they do.
+
+    Attributes:
+        wish: what is asked for.
+        radius: how far the arm is from the path at most where the numbers were taken [rad or m], (n,).
+        fastest: how fast the error is at most there [rad/s or m/s], (n,).
+        known: the numbers.
+        loop: what the joints' loops make of bounded inputs.
+    """
+
+    def __init__(self, wish: Wish, radius: Array, fastest: Array, known: Along | None = None) -> None:
+        self.wish, self.radius, self.fastest = wish, radius, fastest
+        self.known = numbers_along(wish, radius, fastest) if known is None else known
+        self.loop = channel(wish.controller, wish.delay, self.known.gain)
+        self.effort = np.broadcast_to(wish.controller.effort, radius.shape)
+
+    def parts(
+        self, error: Array, speed: Array, asked: Array, torque: Array, force: float
+    ) -> dict[str, Array]:
+        """Return what the rest is made of, by what it comes from, for errors within bounds."""
+        known, wish = self.known, self.wish
+        late = (wish.delay + 1) * wish.controller.dt
+        return {
+            "torques": torque,
+            "force at the tool": force * known.force,
+            "motion of the reference": known.motion + known.stiffness @ (late * known.speed),
+            "encoders and lateness": known.turning @ (late * (known.speed + speed) + wish.hidden),
+            "inertia that is wrong": known.mismatch @ asked,
+            "gravity": known.stiffness @ error,
+            "Coriolis and viscous torques": known.rate @ speed
+            + np.einsum("ica,c,a->i", known.square, speed, speed),
+        }
+
+    def step(self, old: Solution, torque: Array, force: float) -> Solution:
+        """Return the bounds that follow from bounds."""
+        wish, loop = self.wish, self.loop
+        assert loop is not None
+        h = wish.controller.dt
+        parts = self.parts(old.error, old.speed, old.asked, torque, force)
+        rest = np.sum(list(parts.values()), axis=0)
+        fixed = loop.measured * wish.hidden + loop.shift * self.known.shift + loop.zone * wish.zone
+        error, speed, asked = loop.rest * rest + fixed + loop.start * self.known.start
+        most = self.known.gain * asked + rest
+        return Solution(error + h * speed + 0.5 * h * h * most, speed + h * most, asked, rest, parts)
+
+    def solve(self, torque: Array, force: float) -> Solution | None:
+        """Return the least solution, a little raised, wherever it leads; None where there is none."""
+        if self.loop is None:
+            return None
+        zero = np.zeros_like(self.radius)
+        found = Solution(zero, zero, zero, zero, {})
+        for _ in range(_STEPS):
+            old, found = found, self.step(found, torque, force)
+            if not (found.error <= _WIDEST).all():
+                return None
+            if all(
+                np.allclose(x, y, rtol=_SETTLED, atol=0.0) for x, y in zip(found[:4], old[:4], strict=True)
+            ):
+                break
+        else:
+            return None
+        error, speed, asked, rest = ((1.0 + _RAISED) * x for x in found[:4])
+        raised = Solution(error, speed, asked, rest, found.parts)
+        after = self.step(raised, torque, force)
+        within = all((x <= y).all() for x, y in zip(after[:3], raised[:3], strict=True))
+        return raised if within else None
+
+    def holds(self, found: Solution) -> bool:
+        """Tell whether bounds are within what the numbers were taken over."""
+        return bool((found.error <= self.radius).all() and (found.speed <= self.fastest).all())
+
+    def torques(self, found: Solution) -> Array:
+        """Return the torques that are asked for at most [N m or N], (n,)."""
+        return np.asarray(self.known.hold + self.known.reach @ found.asked)
+
+    def reasons(self, torque: Array, force: float) -> list[str]:
+        """Return why there is no bound in this tube; none where there is one."""
+        found = self.solve(torque, force)
+        if found is None or not self.holds(found):
+            return [f"the error may leave {float(self.radius.max()):.3g} rad or m: {_LESS}"]
+        names, torques = self.wish.controller.robot.joint_names, self.torques(found)
+        return [
+            f"joint {name!r} may need {most:.3g} and its effort is {limit:.3g}: {_LESS}"
+            for name, most, limit in zip(names, torques, self.effort, strict=True)
+            if most > limit
+        ]
+
+    def blame(self) -> str:
+        """Return what grows with the error faster than the loops reject it."""
+        if self.loop is None:
+            return "with the inertia of these arms a joint's own loop is unstable: the model is too far off"
+        nothing = 0.0 * self.radius
+        quiet = {"motion": nothing, "shift": nothing, "start": nothing, "speed": nothing}
+        if self._with(**quiet).solve(nothing, 0.0) is not None:
+            return f"the error may leave {_WIDEST:g} rad or m: {_LESS}"
+        grown = {
+            "mismatch": "inertia that is wrong",
+            "stiffness": "gravity",
+            "rate": "Coriolis and viscous torques",
+        }
+        blamed = [
+            what
+            for name, what in grown.items()
+            if self._with(**quiet, **{name: 0.0 * getattr(self.known, name)}).solve(nothing, 0.0) is not None
+        ]
+        said = " or ".join(blamed) or "more than one thing: none alone at its best would do"
+        return f"the joints disturb each other more than their loops reject; in the way: {said}"
+
+    def _with(self, **numbers: Any) -> _Tube:
+        """Return the tube of other numbers."""
+        return _Tube(self.wish, self.radius, self.fastest, self.known._replace(**numbers))
+
+    def bound(self, tubes: Sequence[_Tube]) -> PathBound:
+        """Return the bound, and what is borne in any of several tubes."""
+        wish, known, loop = self.wish, self.known, self.loop
+        found = self.solve(known.torque, wish.force)
+        assert found is not None
+        assert loop is not None
+        size = np.maximum(found.error, 1e-300)
+        parts = {name: loop.rest[0] * x / size for name, x in found.parts.items()}
+        fixed = loop.measured[0] * wish.hidden + loop.shift[0] * known.shift
+        parts["encoders and lateness"] = parts["encoders and lateness"] + fixed / size
+        own = found.error + wish.delay * wish.controller.dt * known.speed
+
+        def bears(tube: _Tube, torque: float, force: float) -> bool:
+            return not tube.reasons(tube.known.torque + torque * tube.known.spread, wish.force + force)
+
+        return PathBound(
+            wish=wish,
+            error=own,
+            tool=float(np.linalg.norm(known.jacobian @ own)),
+            torque=self.torques(found),
+            parts=parts,
+            bears=max(_most(lambda x, each=each: bears(each, x, 0.0)) for each in tubes),
+            bears_force=max(_most(lambda x, each=each: bears(each, 0.0, x)) for each in tubes),
+        )
+
+
+def _most(fits: Any) -> float:
+    """Return about the largest size that fits, rounded down."""
+    low, high = 0.0, 1e-3
+    while fits(high) and high < 1e9:
+        low, high = high, 2.0 * high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+        if high - low < 1e-3 * high:
+            break
+    return low
+
+
+def describe(found: PathBound) -> list[str]:
+    """Return a tube in words, the verdict first."""
+    robot, slides = found.wish.controller.robot, found.wish.controller.robot.prismatic
+    if not found.holds:
+        return ["no bound along this path", *(f"  {reason}" for reason in found.reasons)]
+    lines = [
+        f"the tool stays within {1e3 * found.tool:.3g} mm of its path, for searched numbers of a rigid arm: "
+        "the largest found, and 3 % more",
+        f"  besides what is stated it bears {found.bears:.2g} N m or N of any course on all joints at once, "
+        f"or {found.bears_force:.2g} N at the tool",
+    ]
+    if names := found.weaker_than_friction():
+        lines.append(
+            f"  that is less than the Coulomb friction of {', '.join(names)}, which is not in it: state it "
+            "as friction, or feed it forward"
+        )
+    width = max(len(name) for name in robot.joint_names)
+    for j, name in enumerate(robot.joint_names):
+        shares = sorted(((x[j], what) for what, x in found.parts.items()), reverse=True)
+        told = ", ".join(f"{what} {100.0 * x:.0f} %" for x, what in shares if x >= _TOLD)
+        lines.append(
+            f"  {name:<{width}}  {found.error[j]:.3g} {POSITION.symbol(slides[j])}, torque up to "
+            f"{found.torque[j]:.3g} {TORQUE.symbol(slides[j])}; {told}"
+        )
+    return lines
+
+
+def _check_law(controller: GPI) -> None:
+    """Refuse what is no linear law of the error with gains that stay, from the torque that holds the arm."""
+    if not (isinstance(controller.robot, Robot) and isinstance(controller.bias_robot, Robot)):
+        raise ParameterError("controller", "a batch of robots", "one robot")
+    if not isinstance(controller.gains, FixedGains):
+        raise ParameterError("gains", type(controller.gains).__name__, "FixedGains: gains that stay")
+    for name, value in {"realisation": "bumpless", "start": "hold"}.items():
+        if getattr(controller, name) != value:
+            raise ParameterError(name, getattr(controller, name), f"{value} where there is to be a bound")
+    if np.any(controller.rest_leak):
+        raise ParameterError("rest_leak", controller.rest_leak, "0 where there is to be a bound")
+    values = {
+        "gains": max(controller.gains.nominal(), key=np.ndim),
+        **{name: getattr(controller, name) for name in ("rest_dead_zone", "rolloff_ratio", "effort")},
+        **{name: getattr(controller, name) for name in ("second_ratio", "second_zeta")},
+    }
+    for name, value in values.items():
+        if np.ndim(value) > 1:
+            raise ParameterError(name, f"shape {np.shape(value)}", "one number for each joint")
+
+
+def _check_path(wish: Wish) -> None:
+    """Refuse a path that begins in motion, jumps, or whose speed does."""
+    h, late = wish.controller.dt, wish.delay + 1
+    if len(wish.samples) <= 2 * late:
+        raise ParameterError("t_final", wish.t_final, f"more than {2 * late * h:g} s, {2 * late} samples")
+    q, v, a = wish.reference.at(wish.samples)
+    if q.shape != (len(wish.samples), wish.controller.robot.n):
+        raise ParameterError("reference", f"shape {q.shape[1:]}", f"{wish.controller.robot.n} joints")
+    if np.abs(q[: late + 1] - q[0]).max() > _AT_REST or np.abs(v[0]).max() > _AT_REST:
+        raise ParameterError("reference", "moves at once", "a path that is at rest at first")
+    most_v, most_a = (np.maximum(np.abs(x[1:]), np.abs(x[:-1])) for x in (v, a))
+    if (np.abs(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1])) > h * h * most_a + _AT_REST * h).any():
+        raise ParameterError("reference", "jumps", "a path whose velocities say how it moves")
+    if (np.abs(np.diff(v, axis=0)) > 2.0 * h * most_a + _AT_REST * (1.0 + most_v)).any():
+        raise ParameterError("reference", "its speed jumps", "a path whose accelerations say how it moves")
+
+
+def _bits(value: Any, robot: Robot) -> Array:
+    """Return the resolution of the encoders, as :class:`armgpi.Encoder` takes it."""
+    bits = quantity(value, "bits", robot.joint_names)
+    if not ((bits >= 1.0) & (bits <= 52.0) & (bits == np.rint(bits))).all():
+        raise ParameterError("bits", value, "whole numbers of bits, 1 to 52")
+    return bits
+
+
+def _arms(controller: GPI, given: Any) -> tuple[Robot, ...]:
+    """Return what the true arm may be."""
+    if given is None:
+        known: Any = controller.bias_robot
+        if (loads := controller.payload) is None:
+            return (known,)
+        if known is loads.nominal:
+            raise ParameterError(
+                "arms", None, "the arms that carry the loads: the model has the heaviest alone"
+            )
+        masses = np.linspace(loads.lightest, loads.heaviest, _LOADS)
+        return tuple(known.with_payload(loads.frame, float(mass), loads.com) for mass in masses)
+    given = given.robots if isinstance(given, RobotBatch) else given
+    arms = tuple(given) if isinstance(given, Sequence) else (given,)
+    for arm in arms:
+        check_type(arm, "arms", Robot, "a Robot, or several")
+        if arm.joint_names != controller.robot.joint_names:
+            raise ParameterError(
+                "arms", list(arm.joint_names), f"the joints {list(controller.robot.joint_names)}"
+            )
+    if not arms:
+        raise ParameterError("arms", "none", "at least one Robot")
+    return arms
+
+
+def _sizes(value: Any, name: str, robot: Robot) -> Array:
+    """Return one size for each joint."""
+    array = quantity(value, name, robot.joint_names)
+    if not not_negative(array).all():
+        raise ParameterError(name, value, "zero or positive")
+    return np.broadcast_to(array, (robot.n,)).astype(float)

@@ -1,0 +1,181 @@
+"""The command that bounds the error along one path."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from armgpi.cli import options as opt
+from armgpi.cli.certify import joint_numbers, load_arm, load_ends, note_believed
+from armgpi.cli.derive import write
+from armgpi.cli.parsing import FAILED, OK, is_experiment, refusal, stoppable
+from armgpi.cli.pictures import check_file
+from armgpi.cli.terminal import say
+from armgpi.escape import json_data
+
+#: Loads of a range that are looked at.
+_LOADS = 3
+
+_Robot = Annotated[
+    str,
+    typer.Argument(metavar="ROBOT", help="Path of an experiment file (YAML) or a URDF, or name of a robot."),
+]
+_Torque = Annotated[
+    str, typer.Option(metavar="NUMBERS", help="Torque of any course, on all joints at once [N m or N].")
+]
+_Force = Annotated[
+    float, typer.Option(metavar="NUMBER", help="Force at the tool, of any direction and course [N].")
+]
+_Friction = Annotated[
+    bool, typer.Option("--friction", metavar=opt.FLAG, help="The robot's friction acts; plant.friction too.")
+]
+_Within = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SHARE", help="Friction acts, and is larger or smaller by up to this share, as 0.2."
+    ),
+]
+_Payload = Annotated[
+    str | None, typer.Option(metavar="KG:KG", help="Load at the tip between two ends, as '0:1'.")
+]
+_Start = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="wrong-load: the first torque is that of the controller's model; held: the loop held the arm.",
+    ),
+]
+_Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the bound (JSON).")]
+
+
+@stoppable
+def bound(
+    robot: _Robot,
+    torque: _Torque = "0",
+    force: _Force = 0.0,
+    friction: _Friction = False,
+    friction_within: _Within = None,
+    payload: _Payload = None,
+    start: _Start = "wrong-load",
+    controller: opt.Controller = None,
+    rotor_inertia: opt.RotorInertia = None,
+    drives: opt.Drives = None,
+    out: _Out = None,
+    report: opt.Report = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Bound the error along the reference of an experiment, in millimetres at the tool.
+
+    \b
+    armgpi bound ur5.yaml --torque 0.5 --force 5
+    """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.certification.path import bound_path
+
+    if report is not None:
+        check_file(report, "--report")
+    if friction_within is not None and not 0.0 <= friction_within <= 1.0:
+        raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
+    arm = load_arm(robot, {}, rotor_inertia, drives)
+    note_believed(arm)
+    experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
+    law: Any = next(iter(experiment.controllers.values()))
+    settings = experiment.config.plant
+    found = bound_path(
+        law,
+        experiment.reference,
+        experiment.t_final,
+        arms=_arms(experiment, load_ends(payload), friction_within),
+        torque=joint_numbers(arm, torque, "--torque"),
+        force=force,
+        friction=friction or friction_within is not None or settings.friction == "urdf",
+        bits=getattr(settings, "encoder_bits", None),
+        delay=getattr(settings, "delay", None) or 0,
+        start=start,
+    )
+    data = json_data(found.plain())
+    if out is not None:
+        write(out, json.dumps(data, indent=1) + "\n", "--out")
+    if report is not None:
+        write(report, _page(found, experiment), "--report")
+    say(json.dumps(data) if as_json else f"{found}{_resonance(found)}", lines=True)
+    sys.exit(OK if found.holds else FAILED)
+
+
+def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> Any:
+    """Return an experiment that a bound can be of.
+
+    Raises:
+        ConfigError: when something in it is not as it should be.
+    """
+    from armgpi import config
+    from armgpi.control.gpi import GPI
+    from armgpi.plants.actuators import Saturated
+    from armgpi.plants.rigid_body import RigidBodyPlant
+    from armgpi.plants.sensors import Delayed, Encoder
+
+    data: dict[str, Any] = {"robot": {"name": name}}
+    origin = config.Origin("command line")
+    if is_experiment(name):
+        said, origin = config.read(Path(name))
+        data = said.model_dump(exclude_unset=True)
+    data["robot"] = {**data["robot"], **drives}
+    if controller is not None:
+        data["controllers"] = [{"type": controller}]
+    experiment = config.build(config.check(data, origin), origin)
+    law, plant = next(iter(experiment.controllers.values())), experiment.plant
+    if not isinstance(law, GPI):
+        raise origin.error(
+            ("controllers", 0, "type"), f"a bound is for gpi or untuned, got {type(law).__name__}"
+        )
+    if experiment.config.plant.loads:
+        raise origin.error(
+            ("plant", "loads"), "a bound takes disturbances by --torque and --force, not from here"
+        )
+    while isinstance(plant, Encoder | Delayed | Saturated):
+        plant = plant.plant
+    if type(plant) is not RigidBodyPlant:
+        kind = getattr(type(plant), "config_name", None) or type(plant).__name__
+        raise origin.error(("plant",), f"a bound is for rigid arms with encoders and delay, got {kind!r}")
+    return experiment
+
+
+def _arms(experiment: Any, loads: tuple[float, float] | None, within: float | None) -> list[Any]:
+    """Return what the true arm may be: that of the plant, with loads and friction of their ranges."""
+    from armgpi.plants.plant import inside
+
+    arms: list[Any] = [inside(experiment.plant).robot]
+    if loads is not None:
+        masses = [loads[0] + (loads[1] - loads[0]) * k / (_LOADS - 1) for k in range(_LOADS)]
+        arms = [arm.with_payload(arm.tip, mass, (0.0, 0.0, 0.0)) for arm in arms for mass in masses]
+    if within is not None:
+        shares = (1.0 - within, 1.0 + within)
+        arms = [arm.with_friction(*(x * y for y in arm.friction)) for arm in arms for x in shares]
+    return arms
+
+
+def _page(found: Any, experiment: Any) -> str:
+    """Return the page of a bound, with a run of its experiment."""
+    from armgpi.certification.path_page import write_page
+    from armgpi.loop.simulation import simulate
+
+    law, reference = found.wish.controller, found.wish.reference
+    run = simulate(experiment.plant, law, reference, experiment.t_final) if found.holds else None
+    return write_page(found, run)
+
+
+def _resonance(found: Any) -> str:
+    """Return below which resonance of the gears a bound says nothing; empty where no rotors are known."""
+    from armgpi.control import geared
+
+    law = found.wish.controller
+    if not (found.holds and law.bias_robot.armature.any()):
+        return ""
+    lowest, usual = geared.borne(law, law.bias_robot, found.wish.delay)
+    return (
+        f"\n  gears are taken as rigid: below {lowest:.3g} Hz of lowest resonance the law may lose the arm, "
+        f"and this is void (searched); such motors have some {usual:.2g} Hz"
+    )

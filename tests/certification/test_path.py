@@ -1,0 +1,258 @@
+"""Bounds along a path: against sums by hand, other simulations and the worst courses of torque."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lti
+
+import armgpi
+from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
+from armgpi.certification.channels import channel, sampled_loops
+from armgpi.certification.path import PathBound
+from armgpi.control.gains import Tuning, betas
+from armgpi.errors import ParameterError
+from armgpi.plants.loads import Load
+
+ARM = Robot.load("anthropomorphic3").with_armature(0.1)
+GOAL = np.array([0.4, 0.6, -0.1])
+PATH = Bezier(GOAL - np.array([0.4, 0.2, -0.3]), GOAL, duration=2.0, t_start=0.2)
+
+
+class Course(Load):
+    """Torques given sample by sample."""
+
+    def __init__(self, course: Any, dt: float) -> None:
+        self.course, self.dt = np.concatenate([course, 0.0 * course[:1]]), dt
+
+    def torque(self, t: Any) -> Any:
+        t = np.asarray(t)
+        sample = np.floor((t[..., 0] if t.ndim else t) / self.dt + 1e-6).astype(int)
+        return self.course[np.clip(sample, 0, len(self.course) - 1)]
+
+    def describe(self) -> dict[str, Any]:
+        return {"type": "course"}
+
+
+def first_norm(law: GPI) -> float:
+    found = channel(law, 0, np.ones(3))
+    assert found is not None
+    return float(found.rest[0, 0])
+
+
+def test_the_sum_tends_to_the_norm_of_the_continuous_loop() -> None:
+    # From a disturbance to the error the continuous loop is s^2 (s + b4) / p(s); its L1 norm by SciPy.
+    omega = 12.0
+    b = betas(Tuning(np.array(omega), np.array(1.0), np.array(omega)))
+    loop = lti([1.0, float(b.beta4), 0.0, 0.0], [1.0, *(float(x) for x in b[::-1])])
+    t, response = loop.impulse(T=np.linspace(0.0, 3.0, 30_001))
+    exact = float(np.trapezoid(np.abs(response), t))
+    found = [first_norm(GPI(ARM, dt, FixedGains(omega))) for dt in (2e-3, 1e-3, 5e-4)]
+    errors = np.abs(np.array(found) - exact)
+    assert errors[-1] < 0.01 * exact
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 1.0, atol=0.15)  # a held torque is late
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+@pytest.mark.parametrize(("integrators", "rolloff"), [(1, 1), (2, 0), (3, 2)])
+def test_a_channel_is_the_law_on_a_double_integrator(delay: int, integrators: int, rolloff: int) -> None:
+    law = GPI(ARM, 1e-3, FixedGains([9.0, 15.0, 20.0]), integrators=integrators, rolloff=rolloff)
+    loops = sampled_loops(law, delay)
+    rng = np.random.default_rng(0)
+    x = np.zeros(loops.asks.shape)
+    q, v, past, state = np.zeros(3), np.zeros(3), [np.zeros(3)] * delay, None
+    c = law._nominal
+    state = law._law.init(np.zeros(3), c)
+    for _ in range(200):
+        z = rng.standard_normal(3)
+        seen = past[-1] if delay else q
+        asked = law._law.output(seen, state, c)
+        np.testing.assert_allclose(np.einsum("im,im->i", loops.asks, x), asked, rtol=1e-9, atol=1e-12)
+        state = law._law.update(seen, asked, None, state, c)
+        past = [q, *past][:delay]
+        q, v = q + 1e-3 * v + 0.5e-6 * (asked + z), v + 1e-3 * (asked + z)
+        x = np.einsum("imk,ik->im", loops.open, x) + (asked + z)[:, None] * loops.push
+        np.testing.assert_allclose(x[:, 0], q, rtol=1e-9, atol=1e-15)
+
+
+def errors(made: PathBound, course: Any, arm: Robot, bits: int | None = None) -> Any:
+    """Return the errors of a run under torques, (samples, n), and the torques asked for."""
+    wish = made.wish
+    friction = "urdf" if wish.friction else None
+    loads = [Course(course, wish.controller.dt)]
+    plant: Any = armgpi.RigidBodyPlant(arm, loads=loads, friction=friction)
+    plant = plant if bits is None else Encoder(plant, bits)
+    plant = armgpi.Delayed(plant, wish.delay) if wish.delay else plant
+    run = armgpi.simulate(plant, wish.controller, wish.reference, wish.t_final, progress=False)
+    return run["q"].values - run["q_ref"].values, run["tau"].values
+
+
+@settings(max_examples=5)
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from(["none", "gravity", "model", "computed"]),
+    st.integers(0, 2),
+    st.sampled_from([None, 14]),
+)
+def test_no_run_leaves_the_tube(seed: int, feedforward: str, delay: int, bits: int | None) -> None:
+    rng = np.random.default_rng(seed)
+    com = tuple(rng.normal(size=3) * 0.05)
+    heavy = ARM.with_payload(ARM.tip, 0.05, com).with_friction(0.05, 0.03)
+    law = GPI(ARM, 1e-3, FixedGains(rng.uniform(10.0, 22.0, 3)), feedforward=feedforward, delay=delay * 1e-3)
+    torque = rng.uniform(0.0, 0.15, 3)
+    made = bound_path(
+        law, PATH, 2.6, arms=[ARM.with_friction(0.05, 0.03), heavy], torque=torque, friction=True, bits=bits
+    )
+    if not made.holds:
+        return
+    turns = rng.uniform(2.0, 40.0, 3) * np.arange(2600)[:, None] * 1e-3
+    e, tau = errors(made, torque * np.sign(np.sin(turns)), heavy, bits)
+    assert (np.abs(e) <= made.error).all()
+    assert (np.abs(tau) <= made.torque).all()
+
+
+def test_the_worst_course_comes_near_and_the_tool_stays_within() -> None:
+    law = GPI(ARM, 1e-3, FixedGains(20.0), feedforward="model")
+    made = bound_path(law, PATH, 2.6, torque=0.2)
+    at, found = 1500, np.zeros(3)
+    loops, inverse = sampled_loops(law, 0), np.linalg.inv(ARM.mass_matrix(PATH.at(1.5).q))
+    x = loops.push[None, :, None] * inverse[:, None, :]
+    seen = np.empty((at, 3, 3))
+    for k in range(at):
+        seen[k] = x[:, 0]
+        asked = np.einsum("im,imj->ij", loops.asks, x)
+        x = loops.open @ x + loops.push[None, :, None] * asked[:, None, :]
+    for joint in range(3):
+        course = 0.2 * np.sign(seen[::-1, joint])
+        e, _ = errors(made, np.concatenate([course, np.zeros((1100, 3))]), ARM)
+        found = np.maximum(found, np.abs(e).max(axis=0))
+        tip = ARM.frame_pose(ARM.tip, PATH.at(1e-3 * np.arange(len(e))).q + e).translation
+        meant = ARM.frame_pose(ARM.tip, PATH.at(1e-3 * np.arange(len(e))).q).translation
+        assert np.linalg.norm(tip - meant, axis=1).max() <= made.tool
+    assert (found <= made.error).all()
+    assert (made.error <= 4.0 * found).all()
+
+
+def test_what_it_bears_is_borne() -> None:
+    law = GPI(ARM, 1e-3, FixedGains(20.0), feedforward="model")
+    made = bound_path(law, PATH, 2.6, torque=0.1)
+    assert bound_path(law, PATH, 2.6, torque=0.1 + 0.9 * made.bears).holds
+    assert bound_path(law, PATH, 2.6, torque=0.1, force=0.9 * made.bears_force).holds
+
+
+def test_bounds_grow_with_what_is_stated() -> None:
+    law = GPI(ARM, 1e-3, FixedGains(20.0))
+    least = bound_path(law, PATH, 2.6)
+    for more in ({"torque": 0.1}, {"force": 0.2}, {"bits": 14}, {"delay": 1}):
+        assert (bound_path(law, PATH, 2.6, **more).error > least.error).all()
+    loads = [ARM, ARM.with_payload(ARM.tip, 0.05)]
+    assert (bound_path(law, PATH, 2.6, arms=loads).error > least.error).all()
+
+
+def test_an_arm_that_is_far_from_its_model_has_no_bound_and_the_reason_says_why() -> None:
+    made = bound_path(GPI(ARM, 1e-3), PATH, 2.6, arms=ARM.scaled_inertia(8.0))
+    assert not made.holds
+    assert np.isnan(made.error).all()
+    assert "no bound" in str(made)
+
+
+class Given(armgpi.Reference):
+    """A reference from functions of time."""
+
+    def __init__(self, *parts: Any) -> None:
+        self.parts = parts
+
+    def at(self, t: Any) -> armgpi.Target:
+        t = np.asarray(t, dtype=float)[..., None] + np.zeros(len(GOAL))
+        return armgpi.Target(*(part(t) for part in self.parts))
+
+
+def nothing(t: Any) -> Any:
+    return 0.0 * t
+
+
+JUMP = Given(lambda t: GOAL + 0.1 * (t > 0.5), nothing, nothing)
+RAMP = Given(lambda t: GOAL + 0.1 * np.maximum(t - 0.5, 0.0), lambda t: 0.1 * (t > 0.5), nothing)
+LAW = GPI(ARM, 1e-3, FixedGains(20.0))
+
+
+@pytest.mark.parametrize(
+    ("law", "path", "options", "says"),
+    [
+        (LAW, Bezier(GOAL - 0.3, GOAL, duration=1.0, t_start=-0.5), {}, "at rest"),
+        (LAW, JUMP, {}, "jumps"),
+        (LAW, RAMP, {}, "jump"),
+        (LAW, Bezier(np.zeros(2), np.ones(2), duration=1.0), {}, "3 joints"),
+        (LAW, PATH, {"t_final": 1e-3}, "t_final"),
+        (LAW, PATH, {"bits": 12.5}, "bits"),
+        (LAW, PATH, {"arms": 5}, "arms"),
+        (LAW, PATH, {"arms": ()}, "arms"),
+        (LAW, PATH, {"torque": -1.0}, "torque"),
+        (LAW, PATH, {"friction": 0.2}, "friction"),
+        (GPI(ARM, 1e-3, FixedGains(20.0), start="zero"), PATH, {}, "hold"),
+        (GPI(ARM, 1e-3, FixedGains(20.0), rest_leak=50.0), PATH, {}, "rest_leak"),
+        (GPI(ARM, 1e-3, armgpi.BSplineNetwork()), PATH, {}, "FixedGains"),
+        (GPI(ARM, 1e-3, payload=(0.0, 0.02)), PATH, {}, "heaviest"),
+        (GPI(ARM, 1e-3, payload=(0.0, 0.02), rotor_factor=1.1), PATH, {}, "heaviest"),
+    ],
+)
+def test_what_it_does_not_cover_is_refused(law: GPI, path: Any, options: Any, says: str) -> None:
+    with pytest.raises(ParameterError, match=says):
+        bound_path(law, path, **{"t_final": 2.0, **options})
+
+
+def test_friction_that_is_fed_forward_to_an_arm_without_it_disturbs() -> None:
+    rough = ARM.with_friction(0.1, 0.05)
+    law = GPI(rough, 1e-3, FixedGains(20.0), feedforward="model", friction_feedforward=True)
+    made = bound_path(law, PATH, 2.6, arms=ARM)
+    e, tau = errors(made, np.zeros((2600, 3)), ARM)
+    assert (np.abs(e) <= made.error).all()
+    assert (np.abs(e).max(axis=0) > 0.05 * made.error).all()
+    assert (np.abs(tau) <= made.torque).all()
+
+
+def test_an_acceleration_that_jumps_is_seen_though_it_lasts_a_moment() -> None:
+    # Up and down within 20 ms of 20 s, fed forward a sample late.
+    size, begin, half = 2.0, 10.0, 0.01
+
+    def acceleration(t: Any) -> Any:
+        return size * ((t >= begin) & (t < begin + half)) - size * (
+            (t >= begin + half) & (t < begin + 2 * half)
+        )
+
+    def speed(t: Any) -> Any:
+        return size * np.clip(half - np.abs(t - begin - half), 0.0, half)
+
+    def way(t: Any) -> Any:
+        up, down = np.clip(t - begin, 0.0, half), np.clip(t - begin - half, 0.0, half)
+        return GOAL + size * (0.5 * up**2 + half * down - 0.5 * down**2)
+
+    law = GPI(ARM, 1e-3, FixedGains(20.0), feedforward="model", delay=2e-3)
+    made = bound_path(law, Given(way, speed, acceleration), 20.0)
+    e, _ = errors(made, np.zeros((20_000, 3)), ARM)
+    assert made.holds
+    assert (np.abs(e) <= made.error).all()
+
+
+def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(
+        "robot: {name: anthropomorphic3, rotor_inertia: 0.1}\n"
+        "controllers: [{type: gpi, omega: 20, feedforward: model}]\n"
+        "reference: {points: [[0, 0.4, -0.4], [0.4, 0.6, -0.1]], durations: 2}\n"
+    )
+    out, page = tmp_path / "bound.json", tmp_path / "bound.html"
+    answer = cli("bound", file, "--torque", "0.1", "--out", out, "--report", page)
+    assert answer.code == 0, answer.err
+    assert answer.out.startswith("the tool stays within")
+    assert '"holds": true' in out.read_text()
+    assert "class=good" in page.read_text()
+    file.write_text(f"{file.read_text()}plant: {{noise: 0.01}}\n")
+    refused = cli("bound", file)
+    assert refused.code == 2
+    assert "rigid arms with encoders" in refused.err
