@@ -150,14 +150,17 @@ def believe_drives(robot: Robot, drives: str | None = None) -> Robot:
 
 def believe(robot: Robot) -> Robot:
     """Return the arm with believed rotors where nothing is known of them; the same arm where all is told."""
-    if not (names := silent(robot)):
-        return robot
-    every = zip(robot.joint_names, believable(robot).tolist(), strict=True)
+    rotors = _believed_rotors(robot)
+    return robot.with_drives(rotors) if rotors.data else robot
+
+
+def _believed_rotors(robot: Robot) -> Drives:
+    """Return rotors for the joints of whose rotors nothing is known."""
+    names, every = silent(robot), zip(robot.joint_names, believable(robot).tolist(), strict=True)
     value = {name: inertia for name, inertia in every if name in names}
     low, high = ({name: factor * x for name, x in value.items()} for factor in (1.0 / SCATTER, SCATTER))
-    return robot.with_drives(
-        Drives(robot.joint_names).with_value("rotor_inertia", value, low, high, source="believed")
-    )
+    own = Drives(robot.joint_names)
+    return own.with_value("rotor_inertia", value, low, high, source="believed") if value else own
 
 
 def believe_gears(robot: Robot) -> Robot:
@@ -165,13 +168,14 @@ def believe_gears(robot: Robot) -> Robot:
 
     Rotors of which nothing is known are believed as well: a gear that twists is between two masses.
     """
-    robot = believe(robot)
-    known = robot.drives.data.get("stiffness", {})
-    every = zip(robot.joint_names, (motor_torque(robot) / TWIST).tolist(), robot.armature, strict=True)
+    rotors, known = _believed_rotors(robot), robot.drives.data.get("stiffness", {})
+    # One change of the arm, so that one read back from a file has the same history.
+    armature = np.maximum(robot.armature, rotors.value("rotor_inertia", 0.0))
+    every = zip(robot.joint_names, (motor_torque(robot) / TWIST).tolist(), armature, strict=True)
     value = {name: K for name, K, rotor in every if name not in known and rotor > 0.0}
     low, high = ({name: f * K for name, K in value.items()} for f in (1.0 / TWIST_SCATTER, TWIST_SCATTER))
-    more = Drives(robot.joint_names).with_value("stiffness", value, low, high, source="believed")
-    return robot.with_drives(more) if value else robot
+    more = rotors.with_value("stiffness", value, low, high, source="believed")
+    return robot.with_drives(more) if more.data else robot
 
 
 def without_rotors(robot: Robot) -> Robot:

@@ -252,7 +252,7 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     assert answer.out.startswith("the tool stays within")
     assert '"holds": true' in out.read_text()
     assert "class=good" in page.read_text()
-    file.write_text(f"{file.read_text()}plant: {{noise: 0.01}}\n")
+    file.write_text(f"{file.read_text()}plant: {{gear_stiffness: 1e4, engine: elastic}}\n")
     refused = cli("bound", file)
     assert refused.code == 2
     assert "rigid arms with encoders" in refused.err
