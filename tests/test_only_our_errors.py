@@ -773,6 +773,23 @@ CASES: dict[str, Case] = {
         lambda found: found.error[np.isfinite(found.error)],
         slow=True,
     ),
+    "believe_drives": Case(
+        armgpi.believe_drives, {"robot": ARM, "drives": "soft"}, lambda found: found.armature
+    ),
+    "bound_path": Case(
+        armgpi.bound_path,
+        {
+            **{
+                "controller": gpi(),
+                "reference": armgpi.Bezier(Q, GOAL, duration=1.0, t_start=0.1),
+                "t_final": 1.2,
+            },
+            **{"arms": None, "torque": 0.1, "force": 0.0, "friction": False, "bits": 16, "delay": 0},
+            **{"start": "held", "seed": 0},
+        },
+        lambda found: found.error[np.isfinite(found.error)],
+        slow=True,
+    ),
     "export_controller": Case(
         armgpi.export_controller,
         {
@@ -820,7 +837,7 @@ CASES: dict[str, Case] = {
 PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
     *("Certificate", "ControlStep", "FullState", "Measurement", "Target", "Tuning"),
-    *("Draw", "InverseSolution", "LargestPayload", "PayloadRange"),
+    *("Draw", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange"),
     *("Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }
 #: What starts a process for every call.

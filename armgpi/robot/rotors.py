@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_choice
+from armgpi.arrays import Array, check_choice, check_type
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -139,8 +139,9 @@ def believe_drives(robot: Robot, drives: str | None = None) -> Robot:
             rotors. None is "soft", and leaves an arm alone of which something is believed already.
 
     Raises:
-        ParameterError: for another word.
+        ParameterError: for another word, or what is no robot.
     """
+    check_type(robot, "robot", Robot, "a Robot")
     if drives is None:
         sources = {datum.source for own in robot.drives.data.values() for datum in own.values()}
         return robot if "believed" in sources else believe_gears(robot)
