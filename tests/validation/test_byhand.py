@@ -19,7 +19,7 @@ def test_every_mistake_can_be_made(style: str) -> None:
     assert byhand.source(style) not in sources
 
 
-@pytest.mark.parametrize("style", [style for style in byhand.STYLES if style != "lagrange"])
+@pytest.mark.parametrize("style", [*(style for style in byhand.STYLES if style != "lagrange"), *byhand.THIRD])
 def test_right_models_agree(style: str) -> None:
     assert validate(byhand.FOLDER / f"{style}.py", byhand.robot(style)).agrees
 
