@@ -76,6 +76,8 @@ def kind_of(value: Any) -> Any:
         return value.shape
     if isinstance(value, list) and value and all(isinstance(x, np.ndarray) for x in value):
         return (len(value), *value[0].shape)
+    if _are_numbers(value):
+        return f"list of {len(value)}"
     return None
 
 
@@ -167,7 +169,7 @@ def _entries_of_lists(tree: ast.AST, values: Mapping[str, Any]) -> Iterator[ast.
 
 def _are_numbers(value: Any) -> bool:
     """Tell whether a value is a list of numbers, such as the masses."""
-    return isinstance(value, list | tuple) and bool(value) and all(isinstance(x, float) for x in value)
+    return isinstance(value, list | tuple) and bool(value) and all(type(x) in (int, float) for x in value)
 
 
 def _entry(name: str, index: ast.expr) -> ast.Subscript:
@@ -375,7 +377,7 @@ def _is_equation(node: ast.expr, parent: Any) -> bool:
     parts = ast.walk(node)
     return (
         insertion(node, parent)
-        and (summed or isinstance(parent, ast.Assign | ast.AugAssign))
+        and (summed or isinstance(parent, ast.Assign | ast.AugAssign | ast.Call))
         and any(
             (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
             or (isinstance(x, ast.Call) and _called(x) == "cross")

@@ -14,10 +14,10 @@ from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
-from armgpi.validation import laws, recursion, repair, samples
+from armgpi.validation import laws, repair, samples
 from armgpi.validation.conventions import declared
 from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, Vary, diagnose
-from armgpi.validation.edits import ROWS
+from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Mask, Problem
@@ -154,9 +154,7 @@ def _compare(
     causes: list[Cause] = []
     repaired = None
     if not all(one.agrees for one in seen):
-        way, told = _way(worker, problem, states)
-        notes = [*notes, *told]
-        causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows, way)
+        causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
     functions = tuple(_diagnosed(one, causes) for one in seen)
     return DynamicsReport(
         worker.name,
@@ -180,7 +178,6 @@ def _causes(
     states: States,
     sampled: Mapping[str, Sampled],
     follows: Mapping[str, tuple[str, Mask]],
-    way: Array | None,
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
     vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
@@ -197,20 +194,34 @@ def _causes(
         problem,
         lambda name, s: _reference(robot, problem, name, s),
         list(sampled),
-        way,
         budget,
     )
     causes = (
         [] if found is None or worker.source is None else list(repair.causes(found, worker.source, problem))
     )
-    if found is not None and found.confirmed and not (told and len(found.changes) > 1):
+    # One cause in the values is a shorter description than three changes, a convention than two.
+    if found is not None and found.confirmed and len(found.changes) <= (1 if told else 2):
         return _ranked(causes, told), found.source
     if not told and not problem.agreeing.all():
         told = diagnose(problem, follows, vary)
+    if found is not None and len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED:
+        return _ranked(told, causes), found.source
     # What the values say is believed before a change that agrees at the numbers of the file alone.
-    if causes and (not told or any(one.kind in UNNAMED for one in told) or not found or not found.doubts):
+    if causes and found is not None and not (found.doubts or found.other):
         return _ranked(causes, told), None if found is None else found.source
+    if worker.source is not None and harmless(worker.source):
+        told = [_in_doubt(one) for one in told]
     return _ranked(told, causes), None
+
+
+def _in_doubt(cause: Cause) -> Cause:
+    """Return what the values tell of a formula as what it is where no change of the source agrees with it."""
+    if not cause.structural or cause.kind in (*UNNAMED, *CONVENTIONS, "gravity"):
+        return cause
+    text = "not named: no usual change of the source makes the model agree"
+    return cause._replace(
+        kind=UNNAMED[0], text=text, alternatives=(cause.text, *cause.alternatives)[:ALTERNATIVES]
+    )
 
 
 def _ranked(first: list[Cause], second: list[Cause]) -> list[Cause]:
@@ -219,16 +230,6 @@ def _ranked(first: list[Cause], second: list[Cause]) -> list[Cause]:
     if not first or not other:
         return first or second
     return [first[0]._replace(alternatives=(*first[0].alternatives, *other)[:ALTERNATIVES]), *first[1:]]
-
-
-def _way(worker: Worker, problem: Problem, states: States) -> tuple[Array | None, list[str]]:
-    """Return what the robot has on the way of a recursion, and what first differs there, as a note."""
-    if "recursion" not in worker.functions:
-        return None, []
-    few = [x[:ROWS] for x in (states.q, states.v, states.a)]
-    seen = samples.call(worker, "recursion", *few)
-    robot = recursion.reference(problem.tree, few[0], few[1], few[2], seen)
-    return robot, [str(one) for one in list(recursion.differences(seen, robot))[:1]]
 
 
 def name_of(model: Any) -> str:

@@ -25,7 +25,7 @@ EXACT = 1e-10
 #: Coefficients of the products in such a sum, and how many products take part.
 _SUMMED, _MOST_SUMMED = (1.0, -1.0, 2.0, -2.0), 900
 #: Products that have the same value, at most.
-_SEVERAL = 12
+_SEVERAL = 40
 #: A sum is hardly so much smaller than its parts.
 _CANCELLED = 1e3
 #: Names and expressions that take part, at most: their products are listed.
@@ -145,7 +145,7 @@ class Dictionary:
             sign = float(np.sign(value) * np.prod([self._signs[x] for x in word] or [1.0]))
             number = {1.0 / 3.0: "1 / 3", 1.0 / 12.0: "1 / 12"}.get(coefficient, f"{coefficient:g}")
             text = " * ".join(([] if coefficient == 1.0 and word else [number]) + _powers(word))
-            bits = float(np.log2(len(words) * (rank + 1.0)))
+            bits = float(np.log2(rank + 1.0) + len(word) * np.log2(len(self._constants) + 1.0))
             terms += [Term(("-" if sign < 0.0 else "") + text, bits)]
         return terms
 

@@ -9,13 +9,14 @@ more than calling the model. Which of them are tried says :mod:`armgpi.validatio
 from __future__ import annotations
 
 import ast
+import copy
 import gc
 import itertools
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.validation.alternatives import Scope, alternatives, insertion, scope_of, vector_terms
+from armgpi.validation.conventions import SHORT
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.models import ARGUMENTS, Origin, States, joint_of
 from armgpi.validation.numbers import Number, namespace
@@ -52,6 +54,9 @@ _HARMLESS = frozenset(
         "abc",
         "enum",
         "fractions",
+        "copy",
+        "random",
+        "time",
         "warnings",
         "__future__",
         "matplotlib",
@@ -76,6 +81,8 @@ _HARMFUL = frozenset(
 )
 #: Names under which switches and values of missing terms are known to the compiled code.
 _SWITCH, _TERM = "_armgpi_switch", "_armgpi_term"
+#: Name of the function inside of which a closure is compiled.
+_OUTER = "_armgpi_outer"
 #: Factors between units: of masses and lengths, and of angles.
 _UNITS = (1000.0, 0.001, 100.0, 0.01, 1e6, 1e-6, np.pi / 180.0, 180.0 / np.pi)
 #: What gravity is usually taken for [m/s²].
@@ -99,7 +106,6 @@ class Target(NamedTuple):
         values: the reference's values, (rows, m).
         tolerance: how far each of the m may be off, (m,).
         best: values, (rows, k), that are preferred where several fit: the matrix of the Christoffel symbols.
-        soft: values on the way, which show where a mistake is, and not whether there is one.
         states: names of the states whose values are added, with their signs.
     """
 
@@ -107,7 +113,6 @@ class Target(NamedTuple):
     values: Array
     tolerance: Array
     best: Array | None = None
-    soft: bool = False
     states: tuple[tuple[float, str], ...] = ((1.0, ALL),)
 
     @property
@@ -149,8 +154,6 @@ class Goal(NamedTuple):
             array = array @ self.states[label].v[row]
         elif function == "forward_kinematics" and array.shape == (4, 4):
             array = array[:3, 3]
-        elif function == "recursion":
-            array = array[:4]  # a moment is about a point that may be another one
         return array.ravel()
 
 
@@ -253,14 +256,14 @@ class Block:
         self.scope = Scope({})
         self._dictionaries: dict[tuple[int, str], Dictionary] = {}
 
-    def compiled(self, path: str, arguments: tuple[str, ...]) -> CodeType:
-        """Compile every alternative of every expression behind its switch."""
+    def switchable(self, arguments: tuple[str, ...]) -> ast.Module:
+        """Return the statements with every alternative of every expression behind its switch."""
         values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else {})}
         self.scope = scope_of(ast.Module(self.body, []), values, arguments, self.everywhere)
         module = ast.Module([self._rebuilt(statement) for statement in self.body], [])
         self.switch, self.terms = [0] * len(self.sites), list[Any]([0.0]) * len(self.sites)
         self.namespace[self.names[0]], self.namespace[self.names[1]] = self.switch, self.terms
-        return compile(ast.fix_missing_locations(module), path, "exec")
+        return ast.fix_missing_locations(module)
 
     def _rebuilt(self, node: Any, parent: Any = None, field: str = "") -> Any:
         """Return a copy in which every expression can be switched to its alternatives."""
@@ -274,7 +277,7 @@ class Block:
         }
         new: Any = ast.copy_location(type(node)(**children), node)
         if isinstance(new, ast.FunctionDef):
-            new.decorator_list = []
+            new = _bare(new)
         if not isinstance(node, ast.expr) or isinstance(node, ast.Starred | ast.Lambda):
             return new
         if isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
@@ -382,6 +385,17 @@ class Block:
             if values is not None and values.ndim == 2 and np.abs(values).max() > 0.0:
                 found[text] = values
         return found
+
+
+def _bare(function: ast.FunctionDef) -> ast.FunctionDef:
+    """Return a function without decorators, defaults and annotations: they have no value there."""
+    args = copy.deepcopy(function.args)
+    args.defaults, args.kw_defaults = [], [None] * len(args.kwonlyargs)
+    for part in ast.walk(args):
+        if isinstance(part, ast.arg):
+            part.annotation = None
+    function.decorator_list, function.returns, function.args = [], None, args
+    return function
 
 
 def _literals(tree: ast.AST) -> dict[ast.AST, str]:
@@ -495,6 +509,7 @@ class Editor:
         self.blocks = [self._installed(function, block) for function, block in found.items()]
         self._assigned: set[str] = set()
         self._code: CodeType | None = None
+        self._needed: _Parts | None = None  # what a function of a module of SymPy needs
         self._assignments()
         gc.freeze()  # a collection among all that SymPy and the states keep takes as long as a hundred trials
 
@@ -514,7 +529,7 @@ class Editor:
                 seen.add(function)
                 code = function.__code__
                 node = nodes.get((code.co_name, code.co_firstlineno))
-                if code.co_filename != self._path or node is None or code.co_freevars:
+                if code.co_filename != self._path or node is None:
                     continue
                 block = found.setdefault(
                     function, Block(len(found), node.name, [node], function.__globals__, self._tree)
@@ -563,8 +578,17 @@ class Editor:
         if function in self._makers:
             block.rebuilds, block.once, block.calls = True, True, self._nowhere()
             block.reaches = set(self.targets)
-        exec(block.compiled(self._path, code.co_varnames[: code.co_argcount]), space)
-        function.__code__ = space[block.name].__code__
+        module = block.switchable(code.co_varnames[: code.co_argcount])
+        if code.co_freevars:  # a closure: compiled inside of a function that has its variables
+            outer = ast.parse(f"def {_OUTER}({', '.join(code.co_freevars)}): pass")
+            outer.body[0].body = [*module.body, ast.Pass()]  # type: ignore[attr-defined]
+            module = outer
+        exec(compile(ast.fix_missing_locations(module), self._path, "exec"), space)
+        if code.co_freevars:
+            inner = space[_OUTER].__code__.co_consts
+            function.__code__ = next(x for x in inner if isinstance(x, CodeType) and x.co_name == block.name)
+        else:
+            function.__code__ = space[block.name].__code__
         return block
 
     def _assignments(self) -> None:
@@ -576,9 +600,13 @@ class Editor:
         block.reaches, block.calls, block.rebuilds = set(self.targets), self._nowhere(), True
         self._assigned = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
         if self.symbolic:
-            self._code = compile(ast.Module(body, []), self._path, "exec")
-            block.calls = {label: [self._at(label, k) for k in range(ROWS)] for label in self.goal.states}
-        self._code = block.compiled(self._path, tuple(self._vectors()))
+            whole = _Parts(ast.Module(body, []), self._path)
+            block.calls = {
+                label: [self._executed(whole, "", label, k)[0] for k in range(ROWS)]
+                for label in self.goal.states
+            }
+        module = block.switchable(tuple(self._vectors()))
+        self._code, self._needed = compile(module, self._path, "exec"), _Parts(module, self._path)
         self.blocks.append(block)
         self._spaces.clear()
         for space in itertools.chain(*block.calls.values()):  # the switches of what is evaluated there
@@ -622,15 +650,11 @@ class Editor:
                 calls = self._calls if self.symbolic or not again else self._again(space)
 
                 @cache
-                def at(label: str, row: int) -> dict[str, Any]:
-                    return self._at(label, row)
-
-                @cache
                 def given(function: str, label: str, row: int) -> Array:
                     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
                     self._place_terms(label, row)
                     if self.symbolic:
-                        return self.goal.flat(function, at(label, row)[function], label, row)
+                        return self.goal.flat(function, self._at(function, label, row), label, row)
                     return self.goal.called(calls, function, label, row)
 
                 found = {name: stacked(self.targets[name], given, rows) for name in names}
@@ -646,28 +670,31 @@ class Editor:
             if not self.is_constant(self.blocks[number], site):
                 self.blocks[number].terms[site] = pick.term(label)[row]
 
-    def _at(self, label: str, row: int) -> dict[str, Any]:
-        """Return the names of a module of SymPy with their values at one state, its parameters' included."""
-        return self._executed(self._code, label, row)
+    def _at(self, function: str, label: str, row: int) -> Any:
+        """Return what a function of a module of SymPy is at one state."""
+        assert self._needed is not None
+        return self._executed(self._needed, function, label, row)[1]
 
-    def _executed(self, code: CodeType | None, label: str, row: int) -> dict[str, Any]:
-        """Return the names of a module after its assignments, at one state."""
+    def _executed(self, parts: _Parts, name: str, label: str, row: int) -> tuple[dict[str, Any], Any]:
+        """Return the names of a module with what one of them needs ("": all) at one state, and its value."""
         if (label, row) not in self._spaces:
             self._spaces[label, row] = self._space(label, row, vars(self._module).get("parameters", {}))
         found = dict(self._spaces[label, row])
-        exec(code or "", found)
+        value = parts.run(found, name)
         parameters = found.get("parameters", {})
         if parameters != vars(self._module).get("parameters", {}):  # a change is in there
             found = self._space(label, row, parameters)
-            exec(code or "", found)
-        return found
+            value = parts.run(found, name)
+        return found, value
 
     def executed(self, source: str) -> Callable[[str, str, int], Array]:
         """Return what gives the values of another source of a module of expressions, flat."""
-        body = _assignments(ast.parse(source))
-        code = compile(ast.Module(body, []), self._path, "exec")
-        at = cache(partial(self._executed, code))
-        return lambda function, label, row: self.goal.flat(function, at(label, row)[function], label, row)
+        parts = _Parts(ast.Module(_assignments(ast.parse(source)), []), self._path)
+
+        def given(function: str, label: str, row: int) -> Array:
+            return self.goal.flat(function, self._executed(parts, function, label, row)[1], label, row)
+
+        return cache(given)
 
     def _space(self, label: str, row: int, parameters: Mapping[str, float]) -> dict[str, Any]:
         """Return the names of a module of SymPy with numbers in place of its symbols."""
@@ -702,7 +729,7 @@ class Editor:
         try:
             self._place_terms(ALL, 0)
             value = (
-                self._at(ALL, 0)[name]
+                self._at(name, ALL, 0)
                 if self.symbolic
                 else self._calls[name](*self.goal.arguments(name, ALL, 0))
             )
@@ -733,6 +760,8 @@ class Editor:
         span = (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
         old = ast.get_source_segment(self.source, node) or ast.unparse(node)
         text = pick.new or ast.unparse(new)
+        if self.source.count('"') > self.source.count("'") and '"' not in text:
+            text = text.replace("'", '"')  # as the file writes its keys
         where = (pick.block.name, site.literal, float(pick.bits), frozenset(pick.block.reaches))
         change = Change(pick.kind or kind, span, old, text, *where)
         # Brackets where the new expression would not hold together.
@@ -748,6 +777,43 @@ class Editor:
 def _assignments(tree: ast.Module) -> list[ast.stmt]:
     """Return what a module computes."""
     return [s for s in tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For)]
+
+
+class _Parts:
+    """The statements of a module, of which each name is computed by those that it needs."""
+
+    def __init__(self, module: ast.Module, path: str) -> None:
+        """Take the statements, and the file they are from."""
+        self._path = path
+        self._rows: list[tuple[ast.stmt, set[str], set[str]]] = []  # with the names they change, and have
+        for statement in module.body:
+            names = [x for x in ast.walk(statement) if isinstance(x, ast.Name)]
+            # A loop, and an entry that is assigned, change what they only seem to read.
+            targets = [x for t in getattr(statement, "targets", ()) for x in ast.walk(t)]
+            changed = {
+                x.id
+                for x in (names if isinstance(statement, ast.For) else targets)
+                if isinstance(x, ast.Name)
+            }
+            changed |= {x.id for x in names if isinstance(x.ctx, ast.Store)}
+            self._rows.append((statement, changed, {x.id for x in names}))
+        assigned = set[str]().union(*(changed for _, changed, _ in self._rows))
+        short = {name: one for one, name in SHORT.items() if one in assigned and name not in assigned}
+        self._short: Mapping[str, str] = short
+        self._code: dict[str, CodeType] = {}
+
+    def run(self, space: dict[str, Any], name: str) -> Any:
+        """Compute what a name needs, all for "", and return its value."""
+        name = self._short.get(name, name)
+        if name not in self._code:
+            needed, found = {name, "parameters"}, []
+            for statement, changed, names in reversed(self._rows):
+                if not name or changed & needed:
+                    found.append(statement)
+                    needed |= names
+            self._code[name] = compile(ast.Module(found[::-1], []), self._path, "exec")
+        exec(self._code[name], space)
+        return space[name] if name else None
 
 
 def _plain(function: Any) -> FunctionType | None:

@@ -594,13 +594,13 @@ def parameters(tree: Tree) -> list[Parameter]:
             _number("mass", f"mass of {link}", "kg", body.mass, partial(_body_number, i=i, field="mass"))
         )
         place = partial(_body_number, i=i, field="com")
-        found += _components("com", f"centre of mass of {link}", body.com, place)
+        found += _components("com", f"centre of mass of {link}", tree, partial(_com, i=i), place)
         for r, c in MOMENTS:
             what = f"inertia I{_XYZ[r]}{_XYZ[c]} of {link}"
             change = partial(_moment, i=i, r=r, c=c)
             found.append(_number("inertia", what, "kg m²", float(body.inertia[r, c]), change))
         what = f"length from {names.joint(parent) if parent >= 0 else 'the base'} to {names.joint(i)}"
-        found += _components("length", what, tree.positions[i], partial(_position, i=i))
+        found += _components("length", what, tree, partial(_origin, i=i), partial(_position, i=i))
         rotor = partial(_rotor, i=i)
         what = f"rotor inertia of {names.joint(i)}"
         found.append(_number("armature", what, "kg m²", float(tree.armature[i]), rotor))
@@ -610,7 +610,7 @@ def parameters(tree: Tree) -> list[Parameter]:
         scales["all masses times"] = partial(_heavier, field="mass")
         scales["all inertias about the centres of mass times"] = partial(_heavier, field="inertia")
     found += [_number("scale", what, "", 1.0, change) for what, change in scales.items()]
-    return found + list(_components("tool", "position of the tool", tree.tool_position, _tool))
+    return found + list(_components("tool", "position of the tool", tree, lambda t: t.tool_position, _tool))
 
 
 def _number(
@@ -638,17 +638,17 @@ def _zero(tree: Tree, i: int) -> Parameter:
 
 
 def _components(
-    kind: str, what: str, start: Array, place: Callable[[Tree, Array], Tree]
+    kind: str, what: str, tree: Tree, at: Callable[[Tree], Array], place: Callable[[Tree, Array], Tree]
 ) -> Iterator[Parameter]:
     """Yield the components of a vector, and its length, as parameters."""
+    start = at(tree)
     directions = [(f" along {_XYZ[k]}", axis) for k, axis in enumerate(np.eye(3))]
     if np.count_nonzero(np.abs(start) > 1e-12) > 1:
         directions.append((" along its line", start / np.linalg.norm(start)))
     for way, direction in directions:
-        across = start - (start @ direction) * direction
 
-        def change(t: Tree, x: float, across: Array = across, direction: Array = direction) -> Tree:
-            return place(t, across + x * direction)
+        def change(t: Tree, x: float, direction: Array = direction) -> Tree:
+            return place(t, at(t) + (x - at(t) @ direction) * direction)
 
         yield _number(kind, what + way, "m", float(start @ direction), change)
 
@@ -665,6 +665,14 @@ def _moment(tree: Tree, x: float, i: int, r: int, c: int) -> Tree:
 
 def _position(tree: Tree, value: Array, i: int) -> Tree:
     return tree.with_item("positions", i, value)
+
+
+def _com(tree: Tree, i: int) -> Array:
+    return tree.bodies[i].com
+
+
+def _origin(tree: Tree, i: int) -> Array:
+    return tree.positions[i]
 
 
 def _rotor(tree: Tree, x: float, i: int) -> Tree:

@@ -18,7 +18,7 @@ import sys
 import tokenize
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import suppress
-from functools import partial, wraps
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -27,7 +27,6 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.validation.conventions import SHORT, Convention
-from armgpi.validation.recursion import lengths
 
 #: Function -> names of its arguments.
 ARGUMENTS: dict[str, tuple[str, ...]] = {
@@ -41,7 +40,6 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "potential_energy": ("q",),
     "forward_kinematics": ("q",),
     "jacobian": ("q",),
-    "recursion": ("q", "v", "a"),
 }
 #: Names of the paper's arm as a model.
 PAPER = ("paper", "paper-arm", "paper_arm")
@@ -516,26 +514,10 @@ def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
             continue
         if not callable(value):
             raise Unusable(f"{name} must be a function (or a SymPy expression), got {type(value).__name__}")
-        found[name] = _measured(value) if name == "recursion" else value
+        found[name] = value
     if not found:
         raise Unusable(f"has none of the functions {', '.join(ARGUMENTS)}")
-    if [*found] == ["recursion"]:
-        raise Unusable("has a recursion alone; add what comes of it, inverse_dynamics(q, v, a)")
     return found
-
-
-def _measured(recursion: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a recursion that gives the lengths of its vectors."""
-
-    @wraps(recursion)
-    def measured(*state: Any) -> Any:
-        value = recursion(*state)
-        try:
-            return lengths(value)
-        except (TypeError, ValueError) as error:
-            raise Unusable(str(error)) from None
-
-    return measured
 
 
 def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> Functions:

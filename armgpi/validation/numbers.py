@@ -17,11 +17,12 @@ import numpy as np
 class Number:
     """A value that can be differentiated by symbols."""
 
-    __slots__ = ("derivative", "value")
+    __slots__ = ("derivative", "known", "value")
 
     def __init__(self, value: float, derivative: Callable[[Any], Any] | None = None) -> None:
         """Take a value and what gives its derivative by a symbol, nothing for a symbol itself."""
         self.value = float(value)
+        self.known: dict[int, Any] = {}  # derivatives that were formed, by the symbol
         self.derivative = derivative or (lambda x: 1.0 if x is self else 0.0)  # plain numbers, to be left out
 
     def diff(self, *symbols: Any) -> Any:
@@ -34,13 +35,13 @@ class Number:
 
     def __neg__(self) -> Number:
         """Return the negative."""
-        return Number(-self.value, lambda x: _product(-1.0, self.derivative(x)))
+        return Number(-self.value, lambda x: _product(-1.0, _slope(self, x)))
 
     def __add__(self, other: Any) -> Any:
         """Return a sum."""
         if isinstance(other, np.ndarray):
             return NotImplemented
-        return Number(self.value + float(other), lambda x: _sum(self.derivative(x), _slope(other, x)))
+        return Number(self.value + float(other), lambda x: _sum(_slope(self, x), _slope(other, x)))
 
     def __mul__(self, other: Any) -> Any:
         """Return a product."""
@@ -48,14 +49,14 @@ class Number:
             return NotImplemented
 
         def derivative(x: Any) -> Any:
-            return _sum(_product(self.derivative(x), other), _product(self, _slope(other, x)))
+            return _sum(_product(_slope(self, x), other), _product(self, _slope(other, x)))
 
         return Number(self.value * float(other), derivative)
 
     def __pow__(self, exponent: Any) -> Number:
         """Return a power with a constant exponent."""
         k = float(exponent)
-        return Number(self.value**k, lambda x: _product(self.derivative(x), k, lambda: self ** (k - 1.0)))
+        return Number(self.value**k, lambda x: _product(_slope(self, x), k, lambda: self ** (k - 1.0)))
 
     def __sub__(self, other: Any) -> Any:
         """Return a difference."""
@@ -85,7 +86,11 @@ def diff(value: Any, *symbols: Any) -> Number:
 
 def _slope(value: Any, symbol: Any) -> Any:
     """Return a derivative, 0.0 itself for a constant."""
-    return value.derivative(symbol) if isinstance(value, Number) else 0.0
+    if not isinstance(value, Number):
+        return 0.0
+    if id(symbol) not in value.known:
+        value.known[id(symbol)] = value.derivative(symbol)
+    return value.known[id(symbol)]
 
 
 def _constant(value: Any) -> Number:

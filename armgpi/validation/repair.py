@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import copy
 import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,8 +20,9 @@ from armgpi.validation.edits import ALL, ROWS, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.search import BUDGET, Repaired
-from armgpi.validation.slopes import slopes
+from armgpi.validation.slopes import renumbered, slopes
 from armgpi.validation.tree import evaluate
+from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
 
 #: Time of the processor for a search [s], and where a convention explains all.
@@ -33,7 +36,6 @@ def search(
     problem: Problem,
     reference: Callable[[str, States], Array],
     names: Sequence[str],
-    way: Array | None = None,
     budget: float = LONG,
 ) -> Repaired | None:
     """Return the changes of the source with which a copy of the model agrees, None when none are found.
@@ -45,7 +47,6 @@ def search(
         problem: model and reference.
         reference: what a function should give at some states.
         names: its functions.
-        way: what the robot has on the way of a recursion, (rows, 5, n), for a model that tells of that.
         budget: time of the processor that it may take [s].
     """
     if worker.source is None:
@@ -55,19 +56,28 @@ def search(
     targets = {name: _target(problem, few, name, reference(name, few)) for name in names}
     for name in names:
         targets |= _parts(targets[name], where, partial(_reference, problem, reference, name))
-    if way is not None:
-        flat = way[:ROWS, :4].reshape(ROWS, -1)
-        size = max(float(np.abs(flat).max()), 1e-3)
-        targets["recursion"] = Target("recursion", flat, np.full(flat.shape[1], 1e-8 * size), soft=True)
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
         asked = {label for target in targets.values() for _, label in target.states}
         seen = {label: states for label, states in where.items() if label in asked}
-        goal = Goal(seen, targets, slopes(problem, few, [name for name in names if name != "recursion"]))
+        goal = Goal(seen, targets, slopes(problem, few, names))
         found = copy.search(goal, known, budget)
     if found is None or not agrees(model, worker, found.source, states, problem):
         return None
-    return found
+    sure = found.confirmed and _agrees_renumbered(model, worker, found, states, problem)
+    return found._replace(sure=sure)
+
+
+def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: States, problem: Problem) -> bool:
+    """Tell whether a repaired model agrees where its numbers, and what they are in the robot, are others."""
+    named = [node for _, node in numbers(ast.parse(found.source))]
+    # Shares that no products or ratios of few of them make one again.
+    draw = np.random.default_rng(20261123).uniform(0.75, 1.3, size=len(named))
+    changes = [(named[k], float(named[k].value) * draw[k]) for k in found.standing]  # type: ignore[arg-type]
+    shares = {j: float(draw[k]) for k, chosen in found.standing.items() for j in chosen}
+    other = copy.copy(problem)
+    other.tree = renumbered(problem.tree, shares)
+    return agrees(model, worker, with_numbers(found.source, changes), states, other)
 
 
 def _target(problem: Problem, s: States, name: str, values: Array) -> Target:
@@ -111,7 +121,7 @@ def _parts(
 ) -> dict[str, Target]:
     """Return a function's parts: what gravity, each acceleration and each product of velocities gives."""
     letters = ARGUMENTS[whole.function]
-    if "v" not in letters or whole.function == "recursion":
+    if "v" not in letters:
         return {}
     still = "a" in letters or "tau" in letters  # something is left at rest
     values = {

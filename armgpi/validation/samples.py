@@ -67,7 +67,7 @@ def sample(worker: Worker, states: States) -> dict[str, Sampled]:
         ModelError: when a call goes wrong, gives another shape, NaN or infinity, or other values at the
             second time.
     """
-    names = [name for name in ARGUMENTS if name in worker.functions and name != "recursion"]
+    names = [name for name in ARGUMENTS if name in worker.functions]
     return {name: _sample(worker, name, states) for name in names}
 
 
@@ -109,8 +109,6 @@ def expected_shapes(function: str, n: int) -> tuple[tuple[int, ...], ...]:
         return ((3,), (2,), (4, 4), (3, 1), (2, 1), (1, 3), (1, 2))
     if function == "jacobian":
         return ((3, n), (6, n), (2, n))
-    if function == "recursion":
-        return ((5, n),)  # the lengths of its vectors
     return ((n,), (n, 1), (1, n))
 
 

@@ -36,7 +36,7 @@ from armgpi.validation.edits import (
     stacked,
 )
 from armgpi.validation.models import Functions
-from armgpi.validation.units import doubts
+from armgpi.validation.units import USUAL, check, readings
 
 #: Time of the processor that all the searching may take [s].
 BUDGET = 20.0
@@ -47,7 +47,7 @@ _BEAM = 3
 #: Share of the time in which the search goes on with the changes that are tried fast.
 _FIRST = 0.3
 #: Repairs that agree at the numbers of the file alone, of which the best is taken.
-_DOUBTED = 16
+_DOUBTED = 100
 #: Configurations at which changes are tried first.
 _FEW = 2
 #: Kinds of changes: to say which one it is costs their logarithm.
@@ -83,6 +83,8 @@ class Repaired(NamedTuple):
     doubts: int = 0  # numbers for which it does not hold
     checked: int = 0  # numbers that were changed to see that
     other: int = 0  # numbers that stand for others than those of the robot that are as large
+    sure: bool = False  # whether nothing else is as good, as far as the numbers tell
+    standing: Mapping[int, tuple[int, ...]] = {}  # place among the source's numbers -> the robot's that it is
 
     @property
     def rank(self) -> tuple[int, int, int, float]:
@@ -92,7 +94,7 @@ class Repaired(NamedTuple):
     @property
     def confirmed(self) -> bool:
         """Whether it holds for other numbers than those of the file, and has right units."""
-        return self.checked > 0 and self.doubts == 0 and self.other == 0
+        return self.sure and self.checked > 0 and self.doubts == 0 and self.other == 0
 
     @property
     def bits(self) -> float:
@@ -122,7 +124,7 @@ def repaired(
     """
     until = time.process_time() + BUDGET if until is None else until
     assert functions.origin is not None
-    trials = _Trials(Editor(functions.origin, goal, known), again, until, _DOUBTED if most == MOST else 4)
+    trials = _Trials(Editor(functions.origin, goal, known), again, until, _DOUBTED if most == MOST else 40)
     best: Repaired | None = None
     steps: list[_Step] = []
     for k, steps in enumerate(trials.stages()):
@@ -215,7 +217,17 @@ class _Trials:
         self._proved: dict[Any, Repaired | None] = {}
         self._start = editor.outputs(editor.targets, ROWS)
         start = self._start or {}
-        self._wrong = {name: self._away(name, x).any(axis=0) for name, x in start.items()}
+        # Where several differ, most changes are refused by what is computed fastest.
+        quick = sorted(start, key=self._cost) if editor.symbolic else start
+        self._wrong = {name: self._away(name, start[name]).any(axis=0) for name in quick}
+
+    def _cost(self, name: str) -> float:
+        """Return how long it takes to see what a function gives at one state [s]."""
+        if not self._targets[name].whole:
+            return np.inf
+        begin = time.process_time()
+        self.editor.outputs([name], 1)
+        return time.process_time() - begin
 
     def made(self, picks: Sequence[Pick]) -> tuple[Repaired, Functions] | None:
         """Return changes as text with the functions that they make, None when the source then fails."""
@@ -262,7 +274,7 @@ class _Trials:
                     given = self.editor.executed(source)
                 else:
                     given = partial(goal.called, self._again(source).calls)
-                names = (name for name, x in goal.targets.items() if x.whole and not x.soft)
+                names = (name for name, x in goal.targets.items() if x.whole)
                 return {name: stacked(goal.targets[name], given, ROWS) for name in names}
         except BaseException:  # a name that is not there yet, or a module that never ends
             return None
@@ -280,12 +292,21 @@ class _Trials:
             sizes = zip(slopes.names, slopes.sizes, strict=True)
             return np.concatenate([found[name].ravel() / size for name, size in sizes])
 
-        wrong, other, checked = doubts(repair.source, values, slopes)
+        text = " ".join(f"{one.old} {one.new}" for one in repair.changes)
+        found = check(repair.source, values, slopes, text)
         # A number is changed to one that the robot has, or by a unit: any other one may explain anything.
-        wrong += sum(not self.editor.is_known(one) for one in repair.changes if one.kind == "value")
-        if checked:  # a formula in names lacks no bare number
+        wrong = found.wrong + sum(
+            not self.editor.is_known(one) for one in repair.changes if one.kind == "value"
+        )
+        if found.seen:  # a formula in names lacks no bare number
             wrong += sum(one.kind == "term" and _is_bare(one.new) for one in repair.changes)
-        return repair._replace(doubts=wrong, checked=checked, other=other)
+        sure = found.sure and not (wrong or found.other)
+        for other in _by_ratios(self.editor.source, repair.changes) if sure else ():
+            as_good = check(other, values, slopes)
+            sure = sure and bool(as_good.wrong or as_good.other)
+        return repair._replace(
+            doubts=wrong, checked=found.seen, other=found.other, sure=sure, standing=found.standing
+        )
 
     def _over(self) -> bool:
         return time.process_time() > self._until
@@ -301,7 +322,7 @@ class _Trials:
     def _matters(self, off: Wrong) -> bool:
         """Tell whether something differs that makes a model wrong."""
         targets = self._targets
-        return any(w.any() and targets[n].whole and not targets[n].soft for n, w in off.items())
+        return any(w.any() and targets[n].whole for n, w in off.items())
 
     def stages(self) -> Iterator[list[_Step]]:
         """Yield the changes that make all agree, else those that make the most agree, the best first.
@@ -319,8 +340,12 @@ class _Trials:
             (self._helpful(others, first=True), self._helpful(picks, first=False)),
             (self._fits(whole=False), self._helpful_in_parts()),
         ):
+            step: _Step | None = None
             for pick in itertools.chain(*stage):
-                step, does = self._step(pick)
+                if step is not None and not step.left and _same_term(step.pick, pick):
+                    step, does = step._replace(bits=pick.bits, pick=pick), id(pick)
+                else:
+                    step, does = self._step(pick)
                 if step is not None:
                     # Of those that do the same the shortest one.
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
@@ -623,7 +648,7 @@ class _Trials:
 
     def _candidates(self) -> tuple[str, list[_Tried], Array, Array]:
         """Return a function that differs, what was tried on it with the effects, and what it lacks."""
-        differing = [n for n in self._differing(self._targets) if not self._targets[n].soft]
+        differing = self._differing(self._targets)
         count = {n: sum(n in one.effects for one in self._tried) for n in differing}
         name = max(count, key=lambda n: count[n], default="")
         if self._start is None or not count.get(name):
@@ -692,12 +717,38 @@ class _Trials:
         return outputs is not None and not self._matters(self._off(outputs))
 
 
+def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
+    """Yield sources with a ratio of two names for a number that a change puts: 4 may be (N1 / N2)²."""
+    names = readings(source)
+    for change in changes:
+        text, before = change.new.strip(), {x.value for x in _constants(change.old.strip())}
+        for node in _constants(text):
+            if node.value in before or not isinstance(node.value, int | float) or not node.value:
+                continue
+            for (one, a), (two, b), power in itertools.product(names.items(), names.items(), (1, 2)):
+                if a != b and a * b and abs(node.value * (b / a) ** power - 1.0) <= 1e-9:
+                    ratio = f"({one} / {two}) ** {power}"
+                    new = change._replace(new=text[: node.col_offset] + ratio + text[node.end_col_offset :])
+                    yield patched(source, tuple(new if c is change else c for c in changes))
+
+
+def _constants(text: str) -> list[ast.Constant]:
+    return [x for x in ast.walk(ast.parse(text, mode="eval")) if isinstance(x, ast.Constant)]
+
+
 def _is_bare(text: str) -> bool:
     """Tell whether a text is a number that means something only where no numbers have names."""
     try:
         return abs(float(text.strip("()"))) not in (0.0, 0.5, 1.0, 2.0)
     except ValueError:
         return False
+
+
+def _same_term(one: Pick, other: Pick) -> bool:
+    """Tell whether two changes are the same values at the same place, by other texts."""
+    if one.values is None or other.values is None or (one.block, one.site) != (other.block, other.site):
+        return False
+    return next(iter(one.values.values())) is next(iter(other.values.values()))
 
 
 def _apart(slope: Array, rest: Array, move: Array) -> bool:
@@ -763,5 +814,7 @@ def _number(site: Site, change: float) -> Iterator[tuple[str, float]]:
     text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-9 * abs(new))
     if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in GRAVITY:
         return  # nothing has the other sign by chance, and gravity is what it is
-    if site.literal or len(text) <= 4:
+    # A coefficient that was printed has more digits than one of a formula.
+    digits = 5 if old not in USUAL and isinstance(site.node.value, float) else 2
+    if site.literal or len(text.lstrip("-0.").replace(".", "")) <= digits:
         yield text, _DIGIT_BITS * len(text.lstrip("-0.").replace(".", ""))

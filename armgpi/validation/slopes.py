@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.hypotheses import parameters
+from armgpi.validation.hypotheses import Parameter, parameters
 from armgpi.validation.models import States
 from armgpi.validation.problem import Problem
 from armgpi.validation.tree import Quantities, Tree, evaluate
@@ -33,24 +33,56 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
         pairs = zip(values(ahead), values(behind), sizes, strict=True)
         return np.concatenate([(a - b) / size for a, b, size in pairs])
 
-    columns: dict[str, list[Array]] = {}
-    found: list[float] = []
     ordered: list[Array] = []
-    for one in parameters(tree):
-        if one.kind == "scale":
-            continue
-        unit = _UNITS.get(one.kind, one.unit)
+    known = list(own_numbers(tree))
+    for one, _ in known:
         step = STEP * (abs(one.value) if one.kind == "mass" and one.value else 1.0)
         ends = [one.instance(one.value + s * step).quantities(tree, states.q, want) for s in (1.0, -1.0)]
-        ordered.append(column(*ends) / step)
-        columns.setdefault(unit, []).append(ordered[-1])
-        found.append(abs(one.value))
+        ordered.append(column(*ends) / (2.0 * step))
     under = [[evaluate(_under(tree, s * e), states.q, want) for s in (1.0, -1.0)] for e in np.eye(3)]
-    columns["m/s²"] = [column(*ends) for ends in under]
-    ordered.append(column(*(evaluate(_under(tree, s * tree.gravity), states.q, want) for s in (1.0, -1.0))))
-    found.append(float(np.linalg.norm(tree.gravity)))
-    spans = {unit: span(rows) for unit, rows in columns.items()}
-    return Slopes(tuple(names), tuple(sizes), spans, np.array(found), np.stack(ordered, axis=-1))
+    units = [*(_UNITS.get(one.kind, one.unit) for one, _ in known), "m/s²"]
+    links = [*(link for _, link in known), -1]
+    groups: dict[tuple[str, int | None], list[Array]] = {("m/s²", -1): [column(*ends) for ends in under]}
+    for unit, link, values_of in zip(units, links, ordered, strict=False):
+        groups.setdefault((unit, link), []).append(values_of)
+    for (unit, _), rows in list(groups.items()):
+        groups.setdefault((unit, None), []).extend(rows)
+    strength = float(np.linalg.norm(tree.gravity))
+    along = tree.gravity / strength if strength else tree.gravity
+    ends = [evaluate(_under(tree, s * along), states.q, want) for s in (1.0, -1.0)]
+    ordered.append(0.5 * column(*ends))
+    return Slopes(
+        tuple(names),
+        tuple(sizes),
+        {group: span(rows) for group, rows in groups.items()},
+        np.array([*(one.value for one, _ in known), strength]),
+        tuple(units),
+        tuple(links),
+        np.stack(ordered, axis=-1),
+    )
+
+
+def own_numbers(tree: Tree) -> Iterator[tuple[Parameter, int]]:
+    """Yield the robot's numbers, each with its link from 0; that of the tool is the number of links."""
+    link = -1
+    for one in parameters(tree):
+        link += one.kind == "mass"  # the first of every link
+        if one.kind != "scale":
+            yield one, tree.n if one.kind == "tool" else link
+
+
+def renumbered(tree: Tree, shares: Mapping[int, float]) -> Tree:
+    """Return an arm with other numbers: place among its own -> by which factor."""
+    known, found = list(own_numbers(tree)), tree
+    for k, share in shares.items():
+        if k == len(known):
+            found = replace(found, gravity=share * found.gravity)
+            continue
+        change = known[k][0].instance(share * known[k][0].value).tree
+        if change is None:
+            raise ValueError
+        found = change(found)
+    return found
 
 
 def _under(tree: Tree, gravity: Array) -> Tree:

@@ -9,6 +9,8 @@ the file alone, such as ``m2`` for ``m2 * l1 ** 2`` where a length is 1, that by
 from __future__ import annotations
 
 import ast
+import itertools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -22,6 +24,12 @@ STEP = 1e-4
 _SAME = 1e-5
 #: Numbers of a model that are looked at, at most.
 _MOST = 30
+#: Numbers of the robot that one of the model may be, at most: Ixx, Iyy and Izz of two links.
+_ALIKE = 6
+#: A name with a number in it: m1, lc2, I_3.
+_FAMILY = re.compile(r"(.*?)_?(\d+)$")
+#: Coefficients that a formula may have, without a name.
+USUAL = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 9.81, 9.8, 9.80665)
 
 
 class Slopes(NamedTuple):
@@ -30,25 +38,60 @@ class Slopes(NamedTuple):
     Attributes:
         names: the functions whose values are stacked, each in units of its largest value.
         sizes: these largest values.
-        units: unit -> orthonormal columns that span the derivatives, (values, rank).
-        values: the robot's numbers, without signs.
-        columns: the derivatives by these, (values, count).
+        bases: orthonormal columns that span the derivatives by numbers of one unit and link (None: of all).
+        values: the robot's numbers.
+        units: their units.
+        links: the links that they belong to, from 0; gravity's is -1.
+        columns: the derivatives by them, (values, count).
     """
 
     names: tuple[str, ...]
     sizes: tuple[float, ...]
-    units: Mapping[str, Array]
+    bases: Mapping[tuple[str, int | None], Array]
     values: Array
+    units: tuple[str, ...]
+    links: tuple[int, ...]
     columns: Array
 
-    def spans(self, column: Array) -> bool:
-        """Tell whether a derivative is one by numbers of one unit of the robot."""
-        return any(_is_in(basis, column) for basis in self.units.values())
+    def of(self, column: Array) -> set[int | None]:
+        """Return the links whose numbers of one unit give a derivative, with None if those of all give it."""
+        return {link for (_, link), basis in self.bases.items() if _is_in(basis, column)}
 
-    def pins(self, column: Array, value: float) -> bool:
-        """Tell whether a derivative is one by those numbers of the robot that have a value, if any has."""
-        same = np.abs(self.values - abs(value)) <= 1e-6 * abs(value)
-        return not same.any() or _is_in(span(list(self.columns[:, same].T)), column)
+    def alike(self, value: float, share: float = 1.0) -> list[int]:
+        """Return which of the robot's numbers are a share of a value, up to the sign, and are felt."""
+        near = np.abs(np.abs(self.values) - share * abs(value)) <= 1e-6 * abs(value)
+        felt = np.abs(self.columns).max(axis=0) * np.abs(self.values) > 1e-7
+        return [int(j) for j in np.flatnonzero(near & felt)]
+
+    def standing(self, column: Array, value: float) -> tuple[int, ...]:
+        """Return the robot's numbers that a model's number is: all change by the same share; () for none."""
+        alike = [*self.alike(value), *self.alike(value, 0.5)]  # the centre of mass at half of a length
+        for size in range(1, min(len(alike), _ALIKE) + 1):
+            for chosen in itertools.combinations(alike, size):
+                if len({self.units[j] for j in chosen}) > 1:
+                    continue
+                rest = column - self.columns[:, chosen] @ self.values[list(chosen)]
+                if float(np.linalg.norm(rest)) <= _SAME * float(np.linalg.norm(column)):
+                    return chosen
+        return ()
+
+
+class Check(NamedTuple):
+    """What a model's numbers are in the robot.
+
+    Attributes:
+        wrong: how many mean nothing in the robot.
+        other: how many are not what is as large in the robot.
+        seen: how many were looked at.
+        sure: whether each is of one link, families such as m1, m2 are in the links' order, and all are used.
+        standing: place among the numbers -> the robot's numbers that it is.
+    """
+
+    wrong: int
+    other: int
+    seen: int
+    sure: bool
+    standing: Mapping[int, tuple[int, ...]]
 
 
 def _is_in(basis: Array, column: Array) -> bool:
@@ -64,35 +107,70 @@ def span(columns: Sequence[Array]) -> Array:
     return np.asarray(left[:, sizes > 1e-6])
 
 
-def doubts(source: str, values: Callable[[str], Array | None], known: Slopes) -> tuple[int, int, int]:
-    """Return how many numbers of a source mean nothing in the robot, not what is as large, and are looked at.
+def check(source: str, values: Callable[[str], Array | None], known: Slopes, text: str = "") -> Check:
+    """Return what the numbers of a source are in the robot.
 
     Args:
         source: a model that agrees with the robot.
         values: gives what a changed source gives, as in `known`; None when it does not work.
         known: the robot's derivatives.
+        text: what was changed: the numbers named in it are looked at first, the others where these are right.
     """
     wrong = other = seen = 0
-    for name, node in list(numbers(source))[:_MOST]:
+    tree = ast.parse(source)
+    named = list(numbers(tree))
+    sure = len(named) <= _MOST and not _bare(tree, named)
+    standing: dict[int, tuple[int, ...]] = {}
+    unused: list[float] = []
+    families: dict[str, list[tuple[int, int]]] = {}
+    words = set(re.findall(r"\w+", text))
+    # The sort is stable: the others in their order.
+    order = sorted(enumerate(named[:_MOST]), key=lambda one: re.findall(r"\w+", one[1][0])[-1] not in words)
+    for k, (name, node) in order:
+        if (wrong or other) and re.findall(r"\w+", name)[-1] not in words:
+            break
         value = float(node.value)  # type: ignore[arg-type]
-        if value == 0.0:
+        if value == 0.0 or name in ("n", "N"):
             continue
-        ends = [values(with_number(source, node, value * (1.0 + s * STEP))) for s in (1.0, -1.0)]
+        ends = [values(with_numbers(source, [(node, value * (1.0 + s * STEP))])) for s in (1.0, -1.0)]
         if ends[0] is None or ends[1] is None:
             continue
         column = (ends[0] - ends[1]) / (2.0 * STEP)
-        if np.abs(column).max() < 1e-7 or name in ("n", "N"):
-            continue  # nothing depends on it
+        if np.abs(column).max() < 1e-7:  # nothing depends on it
+            unused.append(value)
+            continue
         seen += 1
-        wrong += not known.spans(column)
-        other += not known.pins(column, value)
-    return wrong, other, seen
+        if chosen := known.standing(column, value):
+            standing[k], links = chosen, {known.links[j] for j in chosen}
+        else:
+            found = known.of(column)
+            wrong += None not in found
+            other += bool(known.alike(value))
+            links = {link for link in found if link is not None}
+            sure = sure and bool(links)
+        family = _FAMILY.match(name.strip("'"))
+        place = int(family[2]) if family else k
+        families.setdefault(family[1] if family else name, []).append((place, min(links, default=0)))
+    used = [j for chosen in standing.values() for j in chosen]
+    sure = sure and len(used) == len(set(used))
+    sure = sure and not any(set(known.alike(x)) - set(used) for x in unused)
+    for rows in families.values():
+        links_in_order = [link for _, link in sorted(rows)]
+        sure = sure and links_in_order == sorted(links_in_order)
+    return Check(wrong, other, seen, sure, standing)
 
 
-def numbers(source: str) -> Iterator[tuple[str, ast.Constant]]:
+def _bare(tree: ast.AST, named: Sequence[tuple[str, ast.Constant]]) -> bool:
+    """Tell whether a source has numbers without a name that are no usual coefficients."""
+    known = {node for _, node in named}
+    found = (x for x in ast.walk(tree) if isinstance(x, ast.Constant) and type(x.value) is float)
+    return any(x not in known and x.value not in USUAL for x in found)
+
+
+def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
     """Yield the numbers of a source that have a name: assigned, an item, an argument, an entry of a list."""
     pairs: list[tuple[str, Any]] = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree):
         match node:
             case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
                 pairs += [(ast.unparse(a), b) for a, b in zip(names, values, strict=False)]
@@ -111,10 +189,30 @@ def numbers(source: str) -> Iterator[tuple[str, ast.Constant]]:
             yield text, inner
 
 
-def with_number(source: str, node: ast.Constant, value: float) -> str:
-    """Return a source with another number in place of one."""
-    lines = source.splitlines(keepends=True)
-    line = lines[node.lineno - 1].encode()
-    new = line[: node.col_offset] + repr(value).encode() + line[node.end_col_offset :]
-    lines[node.lineno - 1] = new.decode()
-    return "".join(lines)
+def readings(source: str) -> dict[str, float]:
+    """Return how the numbers of a source are read in it, and what they are."""
+    tree = ast.parse(source)
+    values = {name.strip("'").split(".")[-1]: float(x.value) for name, x in numbers(tree)}  # type: ignore[arg-type]
+    found = {}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Load()) | ast.Attribute(attr=name, ctx=ast.Load()):
+                pass
+            case ast.Subscript(slice=ast.Constant(value=str() as name), ctx=ast.Load()):
+                pass
+            case _:
+                continue
+        if name in values:
+            found[ast.unparse(node)] = values[name]
+    return found
+
+
+def with_numbers(source: str, changes: Sequence[tuple[ast.Constant, float]]) -> str:
+    """Return a source with other numbers in place of some."""
+    lines = [line.encode() for line in source.splitlines(keepends=True)]
+    for node, value in sorted(changes, key=lambda one: (-one[0].lineno, -one[0].col_offset)):
+        line = lines[node.lineno - 1]
+        lines[node.lineno - 1] = (
+            line[: node.col_offset] + repr(float(value)).encode() + line[node.end_col_offset :]
+        )
+    return b"".join(lines).decode()
