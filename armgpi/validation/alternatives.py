@@ -90,7 +90,7 @@ def scope_of(
     kinds = {k: "float" if kind == "int" and k not in indices else kind for k, kind in kinds.items()}
     seen, attributes = _Seen(arguments), dict(_attributes(everywhere, values))
     seen.scalars |= attributes
-    items: dict[str, ast.expr] = {}
+    items: dict[str, ast.Subscript] = {}
     for node in ast.walk(everywhere):
         if isinstance(node, ast.Subscript) and _is_key(node.slice) and isinstance(node.ctx, ast.Load):
             items[ast.unparse(node)] = node
@@ -98,6 +98,9 @@ def scope_of(
         if _of_state(node, arguments):
             seen.scalars[ast.unparse(node)] = node
     seen.visit(tree)
+    for key, entry in list(_unread(items, values)):
+        seen.keys[key] = None
+        items.setdefault(ast.unparse(entry), entry)
     seen.add_counterparts()
     for name, kind in kinds.items():
         if kind in ((2,), (3,)):
@@ -124,6 +127,18 @@ def scope_of(
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
         attributes,
     )
+
+
+def _unread(
+    items: Mapping[str, ast.Subscript], values: Mapping[str, Any]
+) -> Iterator[tuple[str, ast.Subscript]]:
+    """Yield all items of the dictionaries that are read: one that is read nowhere may be what belongs."""
+    owners = [node.value.id for node in items.values() if isinstance(node.value, ast.Name)]
+    for owner in dict.fromkeys(owners):
+        known = values.get(owner)
+        for key, value in known.items() if isinstance(known, Mapping) else ():
+            if kind_of(value) in ("float", "int"):
+                yield key, _entry(owner, ast.Constant(key))
 
 
 def _indexing(tree: ast.AST) -> Iterator[str]:

@@ -87,9 +87,9 @@ class Repaired(NamedTuple):
     standing: Mapping[int, tuple[int, ...]] = {}  # place among the source's numbers -> the robot's that it is
 
     @property
-    def rank(self) -> tuple[int, int, int, float]:
+    def rank(self) -> tuple[int, int, int, bool, float]:
         """What makes a repair better than another: it holds for other numbers, its description is short."""
-        return self.doubts, len(self.changes), self.other, self.bits
+        return self.doubts, len(self.changes), self.other, not self.sure, self.bits
 
     @property
     def confirmed(self) -> bool:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,9 +63,13 @@ class Slopes(NamedTuple):
         felt = np.abs(self.columns).max(axis=0) * np.abs(self.values) > 1e-7
         return [int(j) for j in np.flatnonzero(near & felt)]
 
-    def standing(self, column: Array, value: float) -> tuple[int, ...]:
-        """Return the robot's numbers that a model's number is: all change by the same share; () for none."""
+    def standing(self, column: Array, value: float, used: Container[int] = ()) -> tuple[int, ...]:
+        """Return the robot's numbers that a model's is, others than those used; () for none.
+
+        All of them change by the same share as it does.
+        """
         alike = [*self.alike(value), *self.alike(value, 0.5)]  # the centre of mass at half of a length
+        alike = [j for j in alike if j not in used]
         for size in range(1, min(len(alike), _ALIKE) + 1):
             for chosen in itertools.combinations(alike, size):
                 if len({self.units[j] for j in chosen}) > 1:
@@ -121,7 +125,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
     named = list(numbers(tree))
     sure = len(named) <= _MOST and not _bare(tree, named)
     standing: dict[int, tuple[int, ...]] = {}
-    unused: list[float] = []
+    used, unused = set[int](), list[float]()
     families: dict[str, list[tuple[int, int]]] = {}
     words = set(re.findall(r"\w+", text))
     # The sort is stable: the others in their order.
@@ -140,8 +144,9 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
             unused.append(value)
             continue
         seen += 1
-        if chosen := known.standing(column, value):
+        if chosen := known.standing(column, value, used):
             standing[k], links = chosen, {known.links[j] for j in chosen}
+            used.update(chosen)
         else:
             found = known.of(column)
             wrong += None not in found
@@ -151,9 +156,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         family = _FAMILY.match(name.strip("'"))
         place = int(family[2]) if family else k
         families.setdefault(family[1] if family else name, []).append((place, min(links, default=0)))
-    used = [j for chosen in standing.values() for j in chosen]
-    sure = sure and len(used) == len(set(used))
-    sure = sure and not any(set(known.alike(x)) - set(used) for x in unused)
+    sure = sure and not any(set(known.alike(x)) - used for x in unused)
     for rows in families.values():
         links_in_order = [link for _, link in sorted(rows)]
         sure = sure and links_in_order == sorted(links_in_order)
