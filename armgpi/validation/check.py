@@ -207,7 +207,7 @@ def _causes(
     if found is not None and len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED:
         return _ranked(told, causes), found.source
     # What the values say is believed before a change that agrees at the numbers of the file alone.
-    if causes and found is not None and not (found.doubts or found.other):
+    if causes and found is not None and not found.doubts:
         return _ranked(causes, told), None if found is None else found.source
     if worker.source is not None and harmless(worker.source):
         told = [_in_doubt(one) for one in told]
