@@ -16,11 +16,11 @@ import numpy as np
 
 import armgpi
 from armgpi.arrays import Array
+from armgpi.certification.adversary import Course
 from armgpi.certification.channels import sampled_loops
 from armgpi.certification.path import PathBound, Wish, bound_path
 from armgpi.certification.quantities import slopes
 from armgpi.control.gains import FixedGains
-from armgpi.plants.loads import Load
 from armgpi.references.bezier import PEAK_VELOCITY
 from armgpi.robot.robot import Robot
 
@@ -30,24 +30,6 @@ ARMS = {"ur5": (), "panda": ("panda_finger_joint1", "panda_finger_joint2")}
 SPEED, WAY, BEGIN = 0.2, 0.5, 0.2
 #: Samples of a response.
 SAMPLES = 1000
-
-
-class Course(Load):
-    """Torques given sample by sample, shape (samples, n); zero afterwards."""
-
-    def __init__(self, course: Array, dt: float) -> None:
-        """Take the torques [N m or N]."""
-        self.course, self.dt = np.concatenate([course, np.zeros((1, course.shape[1]))]), dt
-
-    def torque(self, t: Any) -> Array:
-        """Return the torque at times [s]; see :meth:`Load.torque`."""
-        t = np.asarray(t)
-        sample = np.floor((t[..., 0] if t.ndim else t) / self.dt + 1e-6).astype(int)
-        return np.asarray(self.course[np.clip(sample, 0, len(self.course) - 1)])
-
-    def describe(self) -> dict[str, Any]:
-        """Return what it is as plain data."""
-        return {"type": type(self).__name__}
 
 
 def responses(wish: Wish, arm: Robot, q: Array) -> Array:

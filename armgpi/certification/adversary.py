@@ -45,14 +45,12 @@ class Worst(NamedTuple):
     response: Array
 
 
-class Switched(Load):
-    """A torque on one joint that switches between its two ends at given samples."""
+class Course(Load):
+    """Torques that are given sample by sample, and zero afterwards."""
 
-    def __init__(self, joint: int, n: int, signs: Array, size: float, dt: float) -> None:
-        """Take the signs at the samples, and the size [N m or N]."""
-        self.course = np.zeros((len(signs) + 1, n))
-        self.course[:-1, joint] = size * signs
-        self.dt = dt
+    def __init__(self, course: Array, dt: float) -> None:
+        """Take the torques [N m or N], shape (samples, n), and the sample time [s]."""
+        self.course, self.dt = np.concatenate([course, np.zeros((1, course.shape[1]))]), dt
 
     def torque(self, t: Any) -> Array:
         """Return the torque at times [s]; see :meth:`Load.torque`."""
@@ -129,10 +127,11 @@ def attack(asked: Asked, joint: int, case: Worst, size: float) -> float:
     """
     h = asked.controller.dt
     rest = round(2.0 / h)
-    signs = np.concatenate([np.zeros(rest), np.sign(case.response[::-1])])
-    plant: Any = RigidBodyPlant(case.arm, loads=[Switched(joint, case.arm.n, signs, -size, h)])
+    course = np.zeros((rest + len(case.response), case.arm.n))
+    course[rest:, joint] = -size * np.sign(case.response[::-1])
+    plant: Any = RigidBodyPlant(case.arm, loads=[Course(course, h)])
     if asked.delay:
         plant = Delayed(plant, asked.delay)
-    rollout = simulate(plant, asked.controller, Hold(case.q), h * (len(signs) + 1), progress=False)
+    rollout = simulate(plant, asked.controller, Hold(case.q), h * (len(course) + 1), progress=False)
     e = np.abs(rollout["q"].values - rollout["q_ref"].values)[rest:, joint]
     return float(e.max()) / size

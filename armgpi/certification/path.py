@@ -17,6 +17,7 @@ import numpy as np
 from armgpi.arrays import Array, check_choice, check_number, check_type, check_whole, not_negative, quantity
 from armgpi.certification.channels import channel
 from armgpi.certification.quantities import MARGIN, christoffel, slopes
+from armgpi.control.controller import Measurement
 from armgpi.control.gains import FixedGains
 from armgpi.control.gpi import GPI
 from armgpi.errors import ParameterError
@@ -268,10 +269,10 @@ def bound_path(
     tubes = [
         _Tube(wish, np.maximum(x * first.error, _THIN), np.maximum(x * first.speed, _THIN)) for x in _ROOM
     ]
-    fitting = [tube for tube in tubes if not tube.reasons(tube.known.torque, force)]
-    if not fitting:
-        return _none(wish, min((tube.reasons(tube.known.torque, force) for tube in tubes), key=len))
-    return fitting[0].bound(tubes)
+    reasons = [tube.reasons(tube.known.torque, force) for tube in tubes]
+    if all(reasons):
+        return _none(wish, min(reasons, key=len))
+    return tubes[reasons.index([])].bound(tubes)
 
 
 def _none(wish: Wish, reasons: Sequence[str]) -> PathBound:
@@ -356,8 +357,13 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
 
 def _rates(wish: Wish, arm: Robot, at: _Around) -> dict[str, Array]:
     """Return what grows with the error and its speed."""
-    torque_of = _Holding(wish, np.repeat(at.v, 4 * arm.n, axis=0))
-    turning = slopes(torque_of.at_measured, at.between).swapaxes(1, 2)
+    controller: Any = wish.controller
+    v, star = (np.repeat(x, 4 * arm.n, axis=0) for x in (at.v, at.target.q))  # of each step of a slope
+
+    def torque(x: Array) -> Array:  # that holds the arm, measured at x
+        return np.asarray(controller.robot.inertia_times(x, v) + controller.ahead(x, _at_rest(star)))
+
+    turning = slopes(torque, at.between).swapaxes(1, 2)
     gravity = slopes(arm.gravity, at.between).swapaxes(1, 2)
     viscous = wish.friction * np.broadcast_to(arm.friction.viscous, (arm.n,))
     return {
@@ -370,13 +376,11 @@ def _rates(wish: Wish, arm: Robot, at: _Around) -> dict[str, Array]:
 def _inputs(wish: Wish, arm: Robot, at: _Around, fastest: Array) -> dict[str, Array]:
     """Return what disturbs, and what turns it into torques and the tool's distance."""
     controller: Any = wish.controller
-    known, nominal, v = controller.bias_robot, controller.robot, at.late.v
-    given, fed = np.zeros_like(at.q), np.zeros_like(at.q)
-    if controller.feedforward in ("model", "computed"):
-        where = at.y if controller.feedforward == "computed" else at.target.q
-        given = known.dynamics.inverse(where, at.target.v, at.target.a) - known.gravity(where)
+    nominal, v, fed = controller.robot, at.late.v, np.zeros_like(at.q)
     if controller.friction_feedforward:
         fed = controller.add_friction(fed, at.target.v)
+    ahead = controller.ahead(at.y, at.target)
+    given = ahead - controller.ahead(at.y, _at_rest(at.target.q)) - fed  # for motion
     viscous, coulomb = (wish.friction * np.broadcast_to(x, (arm.n,)) for x in arm.friction)
     # Which way Coulomb friction points is known where the reference is faster than the error.
     off, sure = fed - viscous * v, np.abs(v) > fastest
@@ -384,13 +388,12 @@ def _inputs(wish: Wish, arm: Robot, at: _Around, fastest: Array) -> dict[str, Ar
     bounds = wish.torque + np.where(sure, np.abs(off - coulomb * np.sign(v)), either)
     pushes = arm.frame_jacobian(arm.tip, at.q)[:, :3].swapaxes(1, 2)
     needed = np.einsum("kij,kj->ki", at.coriolis, v)
-    ahead = _Holding(wish, at.v).ahead(at.target.q, at.y)
     return {
         "torque": (np.abs(at.inverse) @ bounds[..., None])[..., 0],
         "spread": np.abs(at.inverse).sum(axis=2),
         "force": np.linalg.norm(at.inverse @ pushes, axis=2),
         "motion": np.einsum("kij,kj->ki", at.inverse, given - needed) - at.late.a,
-        "hold": nominal.inertia_times(at.y, at.v) + given + ahead + fed,
+        "hold": nominal.inertia_times(at.y, at.v) + ahead,
         "reach": nominal.mass_matrix(at.y),
         "jacobian": arm.frame_jacobian(arm.tip, at.between)[:, :3],
     }
@@ -398,11 +401,14 @@ def _inputs(wish: Wish, arm: Robot, at: _Around, fastest: Array) -> dict[str, Ar
 
 def _start(wish: Wish, at: _Around, rng: Any) -> Array:
     """Return by how much the first torque is wrong: that of the model, where encoders see the arm; (1, n)."""
-    first = at.target.q[:1]
+    first, controller = at.target.q[:1], wish.controller
     seen = first + wish.hidden * np.vstack([0.0 * first, rng.uniform(-1.0, 1.0, (_HIDDEN, len(wish.hidden)))])
-    slope = slopes(lambda x: _first(wish, first, x), seen).swapaxes(1, 2)
-    wrong = np.abs(at.v[:1] - _holds(wish, wish.controller.bias_robot, first))
-    return np.asarray(wrong + (np.abs(slope) @ wish.hidden).max(axis=0))
+
+    def asked(q: Array) -> Array:
+        return np.asarray(-controller.init(Measurement(q), _at_rest(first)).law.lam)
+
+    slope = slopes(asked, seen).swapaxes(1, 2)
+    return np.asarray(np.abs(at.v[:1] - asked(first)) + (np.abs(slope) @ wish.hidden).max(axis=0))
 
 
 def _moments(wish: Wish, every: Target, rng: Any) -> tuple[Array, Array]:
@@ -426,43 +432,15 @@ def _moments(wish: Wish, every: Target, rng: Any) -> tuple[Array, Array]:
     return wish.samples[chosen], shares
 
 
-class _Holding:
-    """The torque with which the controller holds an arm where v* is given."""
-
-    def __init__(self, wish: Wish, v: Array) -> None:
-        self.nominal: Any = wish.controller.robot
-        self.known: Any = wish.controller.bias_robot
-        self.feedforward, self.v = wish.controller.feedforward, v
-
-    def at_measured(self, x: Array) -> Array:
-        """Return what of the torque depends on the measured position x."""
-        torque = self.nominal.inertia_times(x, self.v)
-        return np.asarray(torque + self.known.gravity(x) if self.feedforward == "computed" else torque)
-
-    def ahead(self, target: Array, measured: Array) -> Array:
-        """Return the gravity torque that is fed forward."""
-        if self.feedforward == "none":
-            return np.zeros_like(target)
-        return np.asarray(self.known.gravity(measured if self.feedforward == "computed" else target))
+def _at_rest(q: Array) -> Target:
+    """Return a target that rests."""
+    return Target(q, np.zeros_like(q), np.zeros_like(q))
 
 
 def _holds(wish: Wish, arm: Any, q: Array) -> Array:
     """Return v*, which the law asks for where it holds an arm at q [rad/s^2 or m/s^2], (k, n)."""
     controller: Any = wish.controller
-    torque = arm.gravity(q)
-    if controller.feedforward != "none":
-        torque = torque - controller.bias_robot.gravity(q)
-    return np.asarray(controller.robot.inertia_solve(q, torque))
-
-
-def _first(wish: Wish, target: Array, seen: Array) -> Array:
-    """Return what the law asks for at first where it measures a position, (k, n); as :meth:`GPI.init`."""
-    controller: Any = wish.controller
-    torque = controller.bias_robot.gravity(seen)
-    if controller.feedforward != "none":
-        where = seen if controller.feedforward == "computed" else target + 0.0 * seen
-        torque = torque - controller.bias_robot.gravity(where)
-    return np.asarray(controller.robot.inertia_solve(seen, torque))
+    return np.asarray(controller.robot.inertia_solve(q, arm.gravity(q) - controller.ahead(q, _at_rest(q))))
 
 
 class _Tube:
@@ -571,7 +549,7 @@ class _Tube:
             for name, what in grown.items()
             if self._with(**quiet, **{name: 0.0 * getattr(self.known, name)}).solve(nothing, 0.0) is not None
         ]
-        said = " or ".join(blamed) or "more than one thing: none alone at its best would do"
+        said = " or ".join(blamed) or "several terms together"
         return f"the joints disturb each other more than their loops reject; in the way: {said}"
 
     def _with(self, **numbers: Any) -> _Tube:
@@ -690,6 +668,14 @@ def _bits(value: Any, robot: Robot) -> Array:
     return bits
 
 
+def with_loads(
+    robot: Robot, lightest: float, heaviest: float, frame: str, com: Any = (0.0, 0.0, 0.0)
+) -> list[Robot]:
+    """Return an arm with the lightest load of a range [kg], the heaviest, and one between."""
+    masses = np.linspace(lightest, heaviest, _LOADS)
+    return [robot.with_payload(frame, float(mass), com) for mass in masses]
+
+
 def _arms(controller: GPI, given: Any) -> tuple[Robot, ...]:
     """Return what the true arm may be."""
     if given is None:
@@ -700,8 +686,7 @@ def _arms(controller: GPI, given: Any) -> tuple[Robot, ...]:
             raise ParameterError(
                 "arms", None, "the arms that carry the loads: the model has the heaviest alone"
             )
-        masses = np.linspace(loads.lightest, loads.heaviest, _LOADS)
-        return tuple(known.with_payload(loads.frame, float(mass), loads.com) for mass in masses)
+        return tuple(with_loads(known, loads.lightest, loads.heaviest, loads.frame, loads.com))
     given = given.robots if isinstance(given, RobotBatch) else given
     arms = tuple(given) if isinstance(given, Sequence) else (given,)
     for arm in arms:

@@ -10,15 +10,12 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.certify import joint_numbers, load_arm, load_ends, note_believed
+from armgpi.cli.certify import joint_numbers, load_ends, note_believed
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, OK, is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
 from armgpi.escape import json_data
-
-#: Loads of a range that are looked at.
-_LOADS = 3
 
 _Robot = Annotated[
     str,
@@ -79,9 +76,8 @@ def bound(
         check_file(report, "--report")
     if friction_within is not None and not 0.0 <= friction_within <= 1.0:
         raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
-    arm = load_arm(robot, {}, rotor_inertia, drives)
-    note_believed(arm)
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
+    note_believed(experiment.robot)
     law: Any = next(iter(experiment.controllers.values()))
     settings = experiment.config.plant
     found = bound_path(
@@ -89,7 +85,7 @@ def bound(
         experiment.reference,
         experiment.t_final,
         arms=_arms(experiment, load_ends(payload), friction_within),
-        torque=joint_numbers(arm, torque, "--torque"),
+        torque=joint_numbers(experiment.robot, torque, "--torque"),
         force=force,
         friction=friction or friction_within is not None or settings.friction == "urdf",
         bits=getattr(settings, "encoder_bits", None),
@@ -145,12 +141,12 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
 
 def _arms(experiment: Any, loads: tuple[float, float] | None, within: float | None) -> list[Any]:
     """Return what the true arm may be: that of the plant, with loads and friction of their ranges."""
+    from armgpi.certification.path import with_loads
     from armgpi.plants.plant import inside
 
     arms: list[Any] = [inside(experiment.plant).robot]
     if loads is not None:
-        masses = [loads[0] + (loads[1] - loads[0]) * k / (_LOADS - 1) for k in range(_LOADS)]
-        arms = [arm.with_payload(arm.tip, mass, (0.0, 0.0, 0.0)) for arm in arms for mass in masses]
+        arms = [loaded for arm in arms for loaded in with_loads(arm, *loads, arm.tip)]
     if within is not None:
         shares = (1.0 - within, 1.0 + within)
         arms = [arm.with_friction(*(x * y for y in arm.friction)) for arm in arms for x in shares]

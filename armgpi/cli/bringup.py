@@ -15,7 +15,7 @@ from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.realtime.judge import Verdict
-    from armgpi.realtime.stages import Folder
+    from armgpi.realtime.stages import Folder, Stage
 
 _What = Annotated[
     list[str],
@@ -74,9 +74,9 @@ def _say_next(folder: Folder, place: int) -> None:
     say(f"  armgpi bringup check {folder.path}/*.armlog")
 
 
-def _does(stage: object) -> str:
+def _does(stage: Stage) -> str:
     """Return what a stage does, in a sentence."""
-    kind, joints, way = (getattr(stage, name) for name in ("kind", "joints", "way"))
+    _, kind, joints, way = stage
     if kind == "dry":
         ways = ", ".join(f"{joint} {x:+.2g}" for joint, x in zip(joints, way, strict=True))
         return f"nothing is sent; move by hand, one after another, and back each time: {ways}"

@@ -344,7 +344,7 @@ class GPI(Controller):
         v = self._law.output(e, state.law, coefficients)
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
         if self.feedforward != "none" or self.friction_feedforward:
-            asked = asked + self._ahead(q, target)
+            asked = asked + self.ahead(q, target)
         tau = self.limited(asked)
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
@@ -359,8 +359,8 @@ class GPI(Controller):
         """Return the position that the feedforward is taken at."""
         return measured if self.feedforward == "computed" else wanted
 
-    def _ahead(self, measured: Array, target: Target) -> Array:
-        """Return the torque of the nominal model on the way ahead, in the shape of the measured position."""
+    def ahead(self, measured: Array, target: Target) -> Array:
+        """Return the torque that is fed forward, in the shape of the measured position."""
         ahead = np.zeros_like(measured)
         wanted, v, a = (part + ahead for part in target)  # one reference may be for a whole batch
         if self.feedforward != "none":

@@ -32,7 +32,7 @@ _RADIUS, _REACH = 0.03, 0.1
 _LEAST_MASS = 0.01
 #: Standard deviation of the lag [s].
 _LAG = 0.02
-#: Torque that is none [N m or N], and residual that is none as a share of a joint's torque: less is rounding,
+#: Torque [N m or N] and residual, as a share of a joint's torque, that count as zero: less is rounding,
 #: and weights by it would hide the prior behind a rounding of their own.
 _LEAST_TORQUE, _EXACT = 1e-9, 1e-5
 #: Reweightings of the joints, and torque over residual that the first one begins with.

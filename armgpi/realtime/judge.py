@@ -115,7 +115,7 @@ def judge(folder: Folder, logs: Iterable[Path]) -> Verdict:
     findings: list[Finding] = []
     passed: dict[str, list[str]] = {}
     done = set()
-    for path in sorted(logs, key=lambda x: [s.name for s in folder.stages].index(folder.stage(x).name)):
+    for path in sorted(logs, key=lambda x: folder.stages.index(folder.stage(x))):
         stage = folder.stage(path)
         wrong, tested = _judge_stage(folder, stage, read_log(path))
         findings += wrong
@@ -250,8 +250,7 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
     if not np.isfinite(seen.applied).all():
         return
     weight = robot.gravity(seen.q)
-    most = np.abs(weight).max()
-    allowed = np.maximum(_FRICTION * moving_torque(robot, seen.q[0]), _WEIGHT * most)
+    allowed = _borne(robot, seen.q[0], weight)
     apart = np.median(seen.applied - weight, axis=0)
     scale = float((seen.applied * weight).sum() / max((weight**2).sum(), 1e-12))
     for j in map(int, np.flatnonzero(np.abs(apart) > allowed)):
@@ -265,6 +264,11 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
             "look at the load, the mounting, the file's masses, the unit and the sign",
         )
     tested["weight"] = seen.names
+
+
+def _borne(robot: Any, q: Array, weight: Array) -> Array:
+    """Return the torque beside the arm's weight that friction bears [N m or N], (n,)."""
+    return np.asarray(np.maximum(_FRICTION * moving_torque(robot, q), _WEIGHT * np.abs(weight).max()))
 
 
 def _of_echo(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> Iterator[Finding]:
@@ -305,8 +309,7 @@ def _of_stage(
             yield Finding("command order", seen.names[j], said, "look at its brake, its drive and its load")
     end = seen.t > seen.t[-1] - _REST
     rests = np.median(seen.dev[end], axis=0)
-    most = np.abs(upright.gravity(seen.q[-1])).max()
-    allowed = np.maximum(_FRICTION * moving_torque(upright, seen.q[0]), _WEIGHT * most)
+    allowed = _borne(upright, seen.q[0], upright.gravity(seen.q[-1]))
     for j in map(int, np.flatnonzero(np.abs(rests) > allowed)):
         said = (
             f"rests on {rests[j]:+.3g} N m or N beside what holds the model, friction bears {allowed[j]:.2g}"
@@ -394,7 +397,7 @@ def _of_identification(
     if weighs:
         own, file = found.robot.gravity(q), robot.gravity(q)
         most = np.abs(own - file).max(axis=0)
-        allowed = np.maximum(_FRICTION * moving_torque(robot, q[0]), _WEIGHT * np.abs(file).max())
+        allowed = _borne(robot, q[0], file)
         for j in map(int, np.flatnonzero(most > allowed)):
             said = f"carries up to {most[j]:.3g} N m or N beside the file's weight"
             yield Finding(

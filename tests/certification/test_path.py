@@ -13,30 +13,15 @@ from scipy.signal import lti
 
 import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
+from armgpi.certification.adversary import Course
 from armgpi.certification.channels import channel, sampled_loops
 from armgpi.certification.path import PathBound
 from armgpi.control.gains import Tuning, betas
 from armgpi.errors import ParameterError
-from armgpi.plants.loads import Load
 
 ARM = Robot.load("anthropomorphic3").with_armature(0.1)
 GOAL = np.array([0.4, 0.6, -0.1])
 PATH = Bezier(GOAL - np.array([0.4, 0.2, -0.3]), GOAL, duration=2.0, t_start=0.2)
-
-
-class Course(Load):
-    """Torques given sample by sample."""
-
-    def __init__(self, course: Any, dt: float) -> None:
-        self.course, self.dt = np.concatenate([course, 0.0 * course[:1]]), dt
-
-    def torque(self, t: Any) -> Any:
-        t = np.asarray(t)
-        sample = np.floor((t[..., 0] if t.ndim else t) / self.dt + 1e-6).astype(int)
-        return self.course[np.clip(sample, 0, len(self.course) - 1)]
-
-    def describe(self) -> dict[str, Any]:
-        return {"type": "course"}
 
 
 def first_norm(law: GPI) -> float:
