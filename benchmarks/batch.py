@@ -59,12 +59,11 @@ def main() -> None:
     rounds, batches = (2, (16, 256)) if page.quick else (5, (16, 256, 4096))
     units, few = (100_000, 8_000) if page.quick else (2_000_000, 40_000)
     _page.say(
-        f"Microseconds per rollout-step at {1.0 / DT:g} Hz, median (least..greatest) of {rounds} rounds in "
-        "turns; × is the multiple of armgpi, compiled, on as many threads. One thread is timed by its "
-        f"processor time, two by wall time. Compiled: about {units} rollout-steps, start included, every "
-        f"{EVERY}th or all recorded; the others about {few}, or {MOST_SHORT} steps, all recorded. Every "
-        f"run is on its reference, none saturates; a batch of 32 ends within {SETTLED:g} rad of its goal "
-        "after 2 s. Last column: largest distance of a position from armgpi's NumPy run [rad]."
+        f"Microseconds per rollout-step at {1.0 / DT:g} Hz, {rounds} rounds; × is the multiple of armgpi, "
+        f"compiled, on as many threads: about {units} rollout-steps, start included, every {EVERY}th or all "
+        f"recorded; the others about {few}, or {MOST_SHORT} steps, all recorded. A batch of 32 ends within "
+        f"{SETTLED:g} rad of its goal. Last column: largest distance of a position from armgpi's NumPy run "
+        "[rad]."
     )
     rows: list[list[object]] = []
     for name, networks in (("panda", True), ("panda", False), ("anthropomorphic3", True)):
@@ -78,9 +77,8 @@ def main() -> None:
     print("\n## Goals\n")
     print(table(["", "goal", "found", "kept"], rows))
     _page.say(
-        "What each peer computes: `benchmarks/README.md`. Without a law, `mujoco.rollout` is MuJoCo's "
-        "part of the work alone; Euler is less work than Runge-Kutta. Drake and Pinocchio have no "
-        "rollouts of a batch."
+        "Without a law, `mujoco.rollout` is MuJoCo's part of the work alone; Euler is less work than "
+        "Runge-Kutta. Drake and Pinocchio have no rollouts of a batch."
     )
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:

@@ -55,10 +55,9 @@ def main() -> None:
     facts = _timing.machine(("armgpi", "sympy", "pin", "numpy"))
     print(f"`python benchmarks/derive.py`\n\n{_timing.machine_table(facts)}")
     print(
-        "\nDerived, written as Python and compared with Pinocchio: processor time, with symbols for all"
-        "\nmasses, lengths and inertias. Slow are those whose URDF has rounded angles or full inertia"
-        "\ntensors. Apart: largest difference of D and C v + G from Pinocchio's, relative, at "
-        f"{STATES} random states.\n"
+        "\nDerived, written as Python and compared with Pinocchio, with symbols for all masses, lengths and"
+        "\ninertias. Slow are those whose URDF has rounded angles or full inertia tensors. Apart: largest"
+        f"\nrelative difference of D and C v + G from Pinocchio's at {STATES} random states.\n"
     )
     print(table(("robot", "joints", "", "seconds", "apart", "lines"), rows))
 

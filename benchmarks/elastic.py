@@ -32,8 +32,7 @@ def main() -> None:
     rounds, batch = (3, 64) if page.quick else (7, BATCH)
     _page.say(
         f"Time of {STEPS} steps of {batch} rollouts with GPI, over that of the rigid plant with the same "
-        f"rotors: median (least..greatest) of {rounds} rounds in which all take turns, by processor time on "
-        "one thread, each without its start."
+        f"rotors: {rounds} rounds, one thread, without the start."
     )
     rows = []
     for name in ("panda", "anthropomorphic3"):

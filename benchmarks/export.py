@@ -52,11 +52,9 @@ def main() -> None:
         return
     rounds, samples = (3, 2000) if page.quick else (15, 40_000)
     _page.say(
-        f"Nanoseconds of processor time per step, median (least..greatest) of {rounds} rounds in which "
-        "all take turns; × is how many times longer than the exported step in double. A log of "
-        f"{samples} samples at {1.0 / DT:g} Hz is replayed in a loop in C; torques agree with the "
-        "log's to 1e-9 of the largest (double), or 1e-2 (float), over the first 2000 samples, before a "
-        "time counts. State: bytes of the struct."
+        f"Nanoseconds per step, {rounds} rounds; × is how many times longer than the exported step in "
+        f"double. A log of {samples} samples at {1.0 / DT:g} Hz is replayed in a loop in C; torques agree "
+        "with the log's to 1e-9 of the largest (double), or 1e-2 (float). State: bytes of the struct."
     )
     goals: list[list[object]] = []
     for networks in (True, False):
@@ -79,8 +77,7 @@ def main() -> None:
     print(table(["", "at most", "found", "kept"], goals))
     _page.say(
         "Floor: D(q) v alone, generated, one state at a time. NumPy: `controller.step` called from "
-        "Python. Exported, from Python: the same code as an `ExportedController`, so ctypes and "
-        "copies included."
+        "Python. Exported, from Python: an `ExportedController`, so ctypes and copies included."
     )
     page.write()
 

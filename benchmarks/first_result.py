@@ -53,10 +53,9 @@ def main() -> None:
     page = _page.begin(__file__, "Time to the first result")
     rounds = 1 if page.quick else 5
     _page.say(
-        f"Seconds, median (least..greatest) of {rounds} fresh processes each: a single run of 1 s at 1 "
-        "kHz, GPI with networks. Cold: the code is generated and compiled; cached: loaded. The call is "
-        "`armgpi.simulate`, importing CasADi included; before it: Python's start, importing armgpi and "
-        "xarray, loading the robot. Both are processor time, the compiler's included."
+        f"Seconds, {rounds} fresh processes each: a single run of 1 s at 1 kHz, GPI with networks. Cold: the "
+        "code is generated and compiled; cached: loaded. The call is `armgpi.simulate`, importing CasADi "
+        "included; before it: imports, loading the robot."
     )
     rows: list[list[object]] = []
     goals: list[list[object]] = []
@@ -75,10 +74,7 @@ def main() -> None:
     print()
     print(table(["", "before the call", "the call", "all, on the wall"], rows))
     print("\n## What `auto` chooses\n")
-    _page.say(
-        "The call alone, for runs of Panda of several lengths. Where nothing is cached, the first column "
-        "is cold."
-    )
+    _page.say("The call alone, for runs of Panda of several lengths.")
     lock, rows = _arms.ROBOTS["panda"], []
     for length in LENGTHS:
         taken = _times("panda", lock, rounds, length, {"cold auto": "auto", **_RUNS, "auto": "auto"})

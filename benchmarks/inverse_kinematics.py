@@ -119,8 +119,8 @@ def main() -> None:
     facts = _timing.machine(("armgpi", "pin", "numpy"))
     print(f"`python benchmarks/inverse_kinematics.py`\n\n{_timing.machine_table(facts)}")
     print(
-        "\nProcessor time of one thread. Poses are those of random configurations. One by one, most of the"
-        "\ntime is NumPy's overhead for arrays of one row; in one call a thousand poses share it."
+        "\nProcessor time of one thread, random configurations. One by one, most of it is NumPy's overhead"
+        "\nfor arrays of one row."
     )
     print(f"\n## {count} poses per arm that can be reached, to 1e-9 m and rad\n")
     head = ["arm", "asked", "solved", "iterations", "median, ms", "90 %, ms", "in one call, ms"]

@@ -40,10 +40,8 @@ def main() -> None:
     batch, rounds = (1024, 3) if page.quick else (4096, 9)
     work = SHORT if page.quick else LONG
     _page.say(
-        f"Nanoseconds per state, median (least..greatest) of {rounds} rounds in which all take turns; "
-        f"× is how many times longer than {FLOOR}. {batch} random states; results agree with "
-        f"Pinocchio's to {KERNEL:g} of the largest entry before a time counts. One thread is timed by "
-        "its processor time, two by wall time."
+        f"Nanoseconds per state, {rounds} rounds; × is how many times longer than {FLOOR}. {batch} random "
+        f"states; results agree with Pinocchio's to {KERNEL:g} of the largest entry."
     )
     for kernel, title in KERNELS.items():
         found: dict[str, dict[str, Any]] = {}
@@ -71,10 +69,9 @@ def main() -> None:
         counts = ", ".join(f"{count} for {name}" for name, count in operations.items())
         print(f"\nOperations in the generated code: {counts}.")
     _page.say(
-        "In parallel: abaInParallel and rneaInParallel, whose threads run C++ alone; the difference from "
-        "the row above is the cost of calls from Python. dynibo has only the mass matrix for D(q) v, and "
-        "a gravity of 9.80665 m/s². MuJoCo and Drake refuse the first arm: no rigid body has the inertia "
-        "of its link 2. The calls of each: `benchmarks/README.md`."
+        "In parallel: abaInParallel and rneaInParallel, whose threads run C++ alone. dynibo has only the "
+        "mass matrix for D(q) v, and a gravity of 9.80665 m/s². MuJoCo and Drake refuse the first arm: no "
+        "rigid body has the inertia of its link 2."
     )
     for missing, word in ((_arms.dynibo, "dynibo"), (_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
         if missing is None:

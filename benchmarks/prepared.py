@@ -28,8 +28,8 @@ def main() -> None:
     page = _page.begin(__file__, "Prepared loops")
     rounds, batch = (3, 512) if page.quick else (7, BATCH)
     _page.say(
-        f"Median (least..greatest) of {rounds} rounds in which all take turns, by processor time on one "
-        f"thread. The bare loop records the first and the last sample alone. Batches have {batch} rollouts."
+        f"{rounds} rounds, one thread. The bare loop records the first and the last sample alone. Batches "
+        f"have {batch} rollouts."
     )
     rows: list[list[object]] = []
     for name in ("panda", "anthropomorphic3"):

@@ -36,11 +36,10 @@ def main() -> None:
     page = _page.begin(__file__, "Single run")
     rounds, steps, long = (2, 2500, 40_000) if page.quick else (7, 4000, 40_000)
     _page.say(
-        f"Microseconds of processor time per control step at {1.0 / DT:g} Hz, median (least..greatest) of "
-        f"{rounds} rounds in turns; × is the multiple of armgpi, compiled, whose runs have {long} steps, "
-        f"start included; the others have {steps}. Every step is recorded. Every run ends within 1e-6 rad "
-        "of its goal and never saturates. Last column: largest distance of a position from armgpi's NumPy "
-        "run [rad]."
+        f"Microseconds per control step at {1.0 / DT:g} Hz, {rounds} rounds; × is the multiple of armgpi, "
+        f"compiled, whose runs have {long} steps, start included; the others have {steps}. Every step is "
+        "recorded; every run ends within 1e-6 rad of its goal. Last column: largest distance of a position "
+        "from armgpi's NumPy run [rad]."
     )
     found: list[list[object]] = []
     for networks, title in ((True, "GPI with networks"), (False, "GPI with fixed gains")):
@@ -57,10 +56,7 @@ def main() -> None:
     found += _paper(page, 2 if page.quick else 5)
     print("\n## Goals\n")
     print(table(["", "at most", "found", "kept"], found))
-    _page.say(
-        "What each peer computes: `benchmarks/README.md`. Euler and Runge-Kutta 3 are less work than "
-        "armgpi's Runge-Kutta 4."
-    )
+    _page.say("Euler and Runge-Kutta 3 are less work than armgpi's Runge-Kutta 4.")
     page.write()
 
 

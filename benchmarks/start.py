@@ -55,8 +55,8 @@ def main() -> None:
     page = _page.begin(__file__, "Where a start goes")
     rounds = 2 if page.quick else 7
     _page.say(
-        f"Processor time of fresh processes [s], in turns, median (least..greatest) of {rounds}. Ratios are "
-        "of the least times: what else the machine does only adds."
+        f"Processor time of fresh processes [s], {rounds} rounds. Ratios are of the least times: what else "
+        "the machine does only adds."
     )
     folders = {name: Path(tempfile.mkdtemp()) for name in COMMANDS}
     times = _times(rounds, folders)
@@ -72,11 +72,6 @@ def main() -> None:
         found = _ratio(times, name, against)
         rows.append([name, against, f"{bound:g}", f"{found:.2f}", "yes" if found <= bound else "no"])
     print(table(["", "against", "at most", "found", "kept"], rows))
-    _page.say(
-        "`armgpi run` takes its metrics from plain arrays; a rollout becomes an `xarray.Dataset` where it is "
-        "written or drawn. Its 7,103 samples are by NumPy, as compiling the loop takes longer. Where it was "
-        "done before, generated code is found."
-    )
     print("\n## Where `armgpi run ur5` goes\n")
     print(_split("`armgpi run ur5`", times, folders))
     for folder in folders.values():

@@ -59,13 +59,12 @@ def main() -> None:
         dask, processes = _workers(Path(folder), lasting, rounds)
     _page.say(
         f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask that "
-        f"have started, the study's numbers varied, every metric kept: {wall:.0f} s on the wall, "
-        f"{processor:.0f} s of processor time, drawing and writing included. The bare loop keeps the first "
-        f"and last sample: {1e6 * bare[True]:.4f} µs a rollout-step with the same numbers varied (the goal "
-        f"is against this), {1e6 * bare[False]:.4f} µs with constants, which the compiler folds (4096 "
-        "rollouts on one thread, without start, processor time, median of 5). Two workers and one take "
-        f"turns with {CHUNKS} chunks of {lasting:g} s, in {rounds} rounds, by the wall, and so do bare "
-        "processes: what two cores of this machine give."
+        f"have started, every metric kept: {wall:.0f} s on the wall, {processor:.0f} s of processor time, "
+        f"drawing and writing included. The bare loop keeps the first and last sample: "
+        f"{1e6 * bare[True]:.4f} µs a rollout-step with the same numbers varied, "
+        f"{1e6 * bare[False]:.4f} µs with constants (4096 rollouts on one thread, without "
+        f"start). Two workers and one, and bare processes, have {CHUNKS} chunks "
+        f"of {lasting:g} s, in {rounds} rounds, by the wall."
     )
     taken = np.array([processor / (rollouts * 2000)])
     varied, constant = (spread(taken / bare[numbers]) for numbers in (True, False))

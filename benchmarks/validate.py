@@ -34,8 +34,8 @@ def main() -> None:
     page = _page.begin(__file__, "How long validate takes")
     rounds = 2 if page.quick else 7
     _page.say(
-        f"Processor time of fresh processes and of those that they start [s], in turns, median "
-        f"(least..greatest) of {rounds}. Ratios are of the least times: what else the machine does only adds."
+        f"Processor time of fresh processes and of those that they start [s], {rounds} rounds. Ratios are of "
+        "the least times."
     )
     with tempfile.TemporaryDirectory() as folder:
         commands = _commands(Path(folder))
