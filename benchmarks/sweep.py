@@ -58,13 +58,11 @@ def main() -> None:
         bare = {varied: _bare(Path(folder, "million"), varied) for varied in (True, False)}
         dask, processes = _workers(Path(folder), lasting, rounds)
     _page.say(
-        f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask that "
-        f"have started, every metric kept: {wall:.0f} s on the wall, {processor:.0f} s of processor time, "
-        f"drawing and writing included. The bare loop keeps the first and last sample: "
-        f"{1e6 * bare[True]:.4f} µs a rollout-step with the same numbers varied, "
-        f"{1e6 * bare[False]:.4f} µs with constants (4096 rollouts on one thread, without "
-        f"start). Two workers and one, and bare processes, have {CHUNKS} chunks "
-        f"of {lasting:g} s, in {rounds} rounds, by the wall."
+        f"{rollouts} rollouts of 2000 steps of the paper's arm with networks by two workers of Dask, every "
+        f"metric kept: {wall:.0f} s on the wall, {processor:.0f} s of processor time. The bare loop keeps "
+        f"the first and last sample: {1e6 * bare[True]:.4f} µs a rollout-step with the same numbers varied, "
+        f"{1e6 * bare[False]:.4f} µs with constants. Two workers and one, and bare processes, have {CHUNKS} "
+        f"chunks of {lasting:g} s, in {rounds} rounds, by the wall."
     )
     taken = np.array([processor / (rollouts * 2000)])
     varied, constant = (spread(taken / bare[numbers]) for numbers in (True, False))
