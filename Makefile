@@ -12,6 +12,9 @@ FOR_ALL := $(VENV)/.for_all
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
+# Where it is set, each of the processes that tests start would compile every library anew: three times the
+# processor time of importing xarray.
+unexport PYTHONDONTWRITEBYTECODE
 # Plots are drawn to files, also where there is no screen.
 export MPLBACKEND ?= Agg
 

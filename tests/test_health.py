@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import re
@@ -59,6 +60,12 @@ def report(tmp_path: Path) -> Any:
         return health.inspect(path, **options)
 
     return inspect
+
+
+@functools.cache
+def inspected(name: str) -> health.HealthReport:
+    """Return the report of a robot of the catalogue."""
+    return health.inspect(name)
 
 
 def serious(found: health.HealthReport) -> list[Finding]:
@@ -222,11 +229,6 @@ def test_zero_outside_the_limits_is_found(name: str) -> None:
     assert [f.where for f in found.findings if f.kind == "neutral"] == outside
 
 
-def test_every_mesh_of_example_robot_data_is_there() -> None:
-    for name in robots.names():
-        assert not [f for f in health.inspect(name).findings if f.kind == "mesh"], name
-
-
 def test_many_findings_of_a_kind_are_counted(report: Any) -> None:
     meshes = "".join(f'<visual><geometry><mesh filename="{i}.stl"/></geometry></visual>' for i in range(20))
     found = report(changed(BODY, BODY + meshes))
@@ -311,11 +313,16 @@ def test_the_docs_list_the_checks_there_are() -> None:
     )
 
 
+def test_every_mesh_of_example_robot_data_is_there() -> None:
+    for name in robots.names():
+        assert not [f for f in inspected(name).findings if f.kind == "mesh"], name
+
+
 def test_every_check_of_every_row_gives_its_levels_alone(report: Any) -> None:
     levels = {kind: {level for row in findings.CHECKS if row.kind == kind for level in row.levels}
               for kind in {row.kind for row in findings.CHECKS}}  # fmt: skip
     for name in robots.names():
-        found = health.with_payload(health.inspect(name), 50.0).findings
+        found = health.with_payload(inspected(name), 50.0).findings
         assert all(finding.level in levels[finding.kind] for finding in found), name
         # A Python user has no options; the command line makes them of the remedies.
         assert not any("--" in str(finding) for finding in found), name

@@ -46,6 +46,14 @@ _Start = Annotated[
         help="wrong-load: the first torque is that of the controller's model; held: the loop held the arm.",
     ),
 ]
+_Controller = Annotated[
+    str | None,
+    typer.Option(
+        *("--controller", "--controllers"),
+        metavar="NAME",
+        help="gpi or untuned. Default: the file's, else gpi, or untuned with an encoder or delay.",
+    ),
+]
 _Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the bound (JSON).")]
 
 
@@ -58,7 +66,7 @@ def bound(
     friction_within: _Within = None,
     payload: _Payload = None,
     start: _Start = "wrong-load",
-    controller: opt.Controller = None,
+    controller: _Controller = None,
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,
     out: _Out = None,
