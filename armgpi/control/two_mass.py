@@ -8,6 +8,7 @@ the law.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,30 +60,39 @@ def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> Plant:
         gears: its drives.
         dt: sample time [s].
     """
-    n, one, nil = robot.n, np.eye(robot.n), np.zeros((robot.n, robot.n))
-    links = robot.mass_matrix(q) - np.diag(robot.armature)
-    steep = gravity_stiffness(robot, q)
-    rotor = np.diag(gears.rotor)
+    n, (links, steep) = robot.n, _links(robot, tuple(q.tolist()))
+    m = n if gears.stiffness is None else 2 * n  # positions
+    size = 2 * m + (0 if gears.current is None else n)
+    rates, C = np.zeros((size + n, size + n)), np.zeros((n, size))  # of the state and of the held torque
+    rates[:m, m : 2 * m] = np.eye(m)
+    entry = np.zeros((m, n))
     if gears.stiffness is None:
-        inverse = np.linalg.inv(links + rotor)
-        A = np.block([[nil, one], [-inverse @ steep, nil]])
-        B = np.vstack([nil, inverse])
-        C = np.hstack([one, nil])
+        entry[:] = np.linalg.inv(links + np.diag(gears.rotor))
+        rates[m : 2 * m, :m] = -entry @ steep
+        C[:, :n] = np.eye(n)
     else:
-        K, D = np.diag(gears.stiffness), np.diag(gears.damping * damping_at_one(links, gears))
-        stiff, damp = np.block([[K + steep, -K], [-K, K]]), np.block([[D, -D], [-D, D]])
-        inverse = np.linalg.inv(np.block([[links, nil], [nil, rotor]]))
-        A = np.block([[np.zeros((2 * n, 2 * n)), np.eye(2 * n)], [-inverse @ stiff, -inverse @ damp]])
-        B = np.vstack([np.zeros((2 * n, n)), inverse[:, n:]])
-        motor = np.diag((np.asarray(gears.side) == "motor") * np.ones(n))
-        C = np.hstack([one - motor, motor, nil, nil])
+        inverse, K, D = np.linalg.inv(links), gears.stiffness, gears.damping * damping_at_one(links, gears)
+        rates[m : m + n, : 2 * m] = np.hstack(
+            [-inverse * K - inverse @ steep, inverse * K, -inverse * D, inverse * D]
+        )
+        own = [np.diag(each / gears.rotor) for each in (K, -K, D, -D)]
+        rates[m + n : 2 * m, : 2 * m] = np.hstack(own)
+        entry[n:] = np.diag(1.0 / gears.rotor)
+        motor = (np.asarray(gears.side) == "motor") * np.ones(n)
+        C[:, :m] = np.hstack([np.diag(1.0 - motor), np.diag(motor)])
+    rates[m : 2 * m, 2 * m : 2 * m + n] = entry  # of the current where there is one, else of the torque
     if gears.current is not None:
-        rate, k = 2.0 * np.pi * gears.current, len(A)
-        A = np.block([[A, B], [np.zeros((n, k)), -rate * one]])
-        B, C = np.vstack([np.zeros((k, n)), rate * one]), np.hstack([C, nil])
-    k = len(A)
-    whole = _exponential(dt * np.block([[A, B], [np.zeros((n, k + n))]]))
-    return Plant(whole[:k, :k], whole[:k, k:], C)
+        rate = 2.0 * np.pi * gears.current * np.eye(n)
+        rates[2 * m : size, 2 * m : size], rates[2 * m : size, size:] = -rate, rate
+    whole = _exponential(dt * rates)
+    return Plant(whole[:size, :size], whole[:size, size:], C)
+
+
+@lru_cache(maxsize=32)
+def _links(robot: Robot, q: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return the inertia matrix without rotors, and dG/dq: many drives are looked at in one place."""
+    at = np.array(q)
+    return robot.mass_matrix(at) - np.diag(robot.armature), gravity_stiffness(robot, at)
 
 
 def _exponential(A: Array) -> Array:
@@ -163,7 +173,6 @@ class ArmLoop:
     Attributes:
         dt: sample time [s].
         plant: without lateness.
-        modes: natural frequencies of the free arm with its gears, ascending, without those at zero [Hz].
     """
 
     def __init__(self, robot: Robot, q: Array, gears: Gears, dt: float, delay: int = 0) -> None:
@@ -177,9 +186,8 @@ class ArmLoop:
             delay: samples by which measurements are late.
         """
         self.dt, self._delay, self.plant = dt, delay, plant(robot, q, gears, dt)
-        links = robot.mass_matrix(q) - np.diag(robot.armature)
+        links, _ = _links(robot, tuple(q.tolist()))
         self._inertia, self._n = links + np.diag(gears.rotor), robot.n
-        self.modes = free_modes(links, gears)
         self._response: tuple[Any, Any] | None = None
 
     def growth(self, of_law: Law, later: int = 0) -> float:
