@@ -105,7 +105,7 @@ def bound(
         write(out, json.dumps(data, indent=1) + "\n", "--out")
     if report is not None:
         write(report, _page(found, experiment), "--report")
-    say(json.dumps(data) if as_json else f"{found}{_resonance(found)}", lines=True)
+    say(json.dumps(data) if as_json else f"{found}{_gears(found)}", lines=True)
     sys.exit(OK if found.holds else FAILED)
 
 
@@ -129,6 +129,8 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     data["robot"] = {**data["robot"], **drives}
     if controller is not None:
         data["controllers"] = [{"type": controller}]
+    # The law may be one for gears that twist; the arm is rigid unless the file says otherwise.
+    data["plant"] = {"engine": "armgpi", **(data.get("plant") or {})}
     experiment = config.build(config.check(data, origin), origin)
     law, plant = next(iter(experiment.controllers.values())), experiment.plant
     if not isinstance(law, GPI):
@@ -171,11 +173,13 @@ def _page(found: Any, experiment: Any) -> str:
     return write_page(found, run)
 
 
-def _resonance(found: Any) -> str:
-    """Return below which resonance of the gears a bound says nothing; empty where no rotors are known."""
+def _gears(found: Any) -> str:
+    """Return below which resonance of the gears a bound says nothing, or that the law is slow for them."""
     from armgpi.control import geared
 
     law = found.wish.controller
+    if not found.holds and geared.is_believed(law.bias_robot):
+        return "\n  the law is slow, for gears that twist; --drives believed: that for stiff gears"
     if not (found.holds and law.bias_robot.armature.any()):
         return ""
     lowest, usual = geared.borne(law, law.bias_robot, found.wish.delay)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -343,7 +344,9 @@ def load_ends(text: str | None) -> tuple[float, float] | None:
     try:
         light, heavy = (float(part) for part in text.split(":"))
     except ValueError:
-        raise refusal("--payload", f"expected two loads such as '0:3', got {text!r}") from None
+        light, heavy = math.inf, 0.0
+    if not 0.0 <= light <= heavy < math.inf:
+        raise refusal("--payload", f"expected two loads [kg], the lighter first, as '0:3', got {text!r}")
     return light, heavy
 
 

@@ -155,6 +155,8 @@ def read(path: Path) -> Folder:
     Raises:
         ConfigError: when there is none.
     """
+    if not (path / INDEX).is_file():
+        raise ConfigError(str(path), "", f"has no {INDEX}: `armgpi bringup FILE -o {path}` writes the stages")
     data, origin = read_data(path / INDEX)
     try:
         rows = [

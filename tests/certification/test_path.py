@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -241,3 +242,19 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     refused = cli("bound", file)
     assert refused.code == 2
     assert "rigid arms with encoders" in refused.err
+
+
+def test_a_law_for_gears_that_twist_is_bounded_on_a_rigid_arm(cli: Any) -> None:
+    words = ("anthropomorphic3", "--controller", "untuned", "--rotor-inertia", "0.1", "--torque", "0.1")
+    lowest = []
+    for drives in ((), ("--drives", "believed")):
+        answer = cli("bound", *words, *drives)
+        assert answer.code == 0, answer.err
+        lowest.append(float(re.findall(r"below ([\d.]+) Hz", answer.out)[0]))
+    assert lowest[0] < 0.5 * lowest[1]  # what the slow law is for
+
+
+@pytest.mark.parametrize("payload", ["1", "2:1", "-1:1", "0:nan", "0:inf"])
+def test_loads_that_are_no_range_are_refused(cli: Any, payload: str) -> None:
+    answer = cli("bound", "anthropomorphic3", f"--payload={payload}")
+    assert (answer.code, "the lighter first" in answer.err) == (2, True)
