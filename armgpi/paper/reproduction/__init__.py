@@ -11,7 +11,9 @@ import os
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from threading import Thread
 from typing import NamedTuple
 
 import xarray as xr
@@ -219,3 +221,11 @@ def _prepared(backend: str) -> None:
     runs.choose(backend)
     os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
+
+
+def _end_with(parent: BaseProcess | None) -> None:
+    """End this worker when its parent has ended: one that was killed cannot tell."""
+    if parent is not None:
+        parent.join()
+        os._exit(1)
