@@ -443,6 +443,20 @@ def test_to_and_from_are_postures(
     np.testing.assert_allclose(reference[-1], last, atol=1e-15)
 
 
+@pytest.mark.parametrize("plant", ["armgpi", "mujoco", "elastic"])
+def test_a_plant_with_stiff_gears_is_told_from_an_arm_whose_gears_twist(
+    plant: str, cli: Callable[..., Answer]
+) -> None:
+    if "ur5" not in names():
+        pytest.skip("the robots extra is not installed")
+    if plant == "mujoco":
+        pytest.importorskip("mujoco")
+    answer = cli("run", "ur5", "--controller", "untuned", "--plant", plant, *SHORT)
+    assert answer.code == 0, answer.err
+    assert "gears believed to twist" in answer.err
+    assert (f"the plant {plant} has stiff gears" in answer.err) == (plant != "elastic")
+
+
 def written(folder: Path) -> Any:
     return armgpi.config.read(folder / "experiment.yaml").config
 

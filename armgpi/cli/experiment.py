@@ -146,10 +146,20 @@ def _run(options: dict[str, Any], compare: bool) -> int:
 def note_drives(experiment: Experiment) -> None:
     """Say what is believed of an arm's drives, and what limits the laws made by the rule for untuned arms."""
     from armgpi.config.building import verdicts
+    from armgpi.control.geared import is_known
+    from armgpi.plants.elastic import ElasticPlant
+    from armgpi.plants.plant import inside
     from armgpi.robot.rotors import describe, describe_gears
 
     for said in filter(None, (describe(experiment.robot), describe_gears(experiment.robot))):
         say(said, err=True)
+    stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
+    if stiff and is_known(experiment.robot):
+        say(
+            f"note: the plant {' and '.join(stiff)} has stiff gears, and those of this arm twist: errors are "
+            "not that arm's; --plant elastic simulates them",
+            err=True,
+        )
     for label, each in verdicts(experiment).items():
         say(f"{label}: {each.describe()}", err=True)
 

@@ -16,10 +16,8 @@ from armgpi.errors import MissingPackage, ParameterError
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS
 from armgpi.plants.reality import scales
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import believable
 
-#: Nominal rotor inertia of a joint without one, over its mean inertia and over that of the largest joint: the
-#: defaults of armgpi.plants.reality.
-_ROTOR_SHARE, _ROTOR_LEAST = 0.5, 0.02
 #: Standard deviations that a maker's file has, chosen wide. Mass: a share of the link's, and of the arm's for
 #: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
 #: and offset: shares of the gravity torque.
@@ -107,7 +105,6 @@ def expect(robot: Robot) -> Prior:
     """Return what a URDF says of an arm, with how far a maker's file may be wrong."""
     model, n, size = robot.pinocchio_model(), robot.n, scales(robot)
     mean, std = np.zeros((2, n, len(COLUMNS)))
-    rule = _ROTOR_SHARE * size.inertia + _ROTOR_LEAST * size.inertia.max()
     last = int(model.frames[model.getFrameId(robot.tip, pin.FrameType.BODY)].parentJoint)
     for i in range(n):
         body = model.inertias[i + 1]
@@ -117,7 +114,7 @@ def expect(robot: Robot) -> Prior:
         mass = _MASS * max(body.mass, _LEAST_MASS * size.mass) + carried
         radius = math.sqrt(max(second, _RADIUS**2)) + (_REACH if carried else 0.0)
         std[i, : len(BODY)] = [mass, *[mass * radius] * 3, *[mass * radius**2] * 6]
-    mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, rule)
+    mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, believable(robot))
     std[:, ROTOR] = _ROTOR * mean[:, ROTOR]
     mean[:, VISCOUS], mean[:, COULOMB] = robot.friction
     # Gears rub at joints that carry no weight, too.

@@ -30,7 +30,7 @@ from armgpi.robot.robot import Robot
 #: Integrator -> order, by MuJoCo's names.
 INTEGRATORS = {"rk4": 4, "euler": 1, "implicit": 1, "implicitfast": 1}
 #: Changes of a robot that leave its masses alone; those of inertia are made in the URDF again.
-_WITHOUT_MASS = {"armature", "friction", "gravity", "limits"}
+_WITHOUT_MASS = {"armature", "drives", "friction", "gravity", "limits"}
 #: Relative difference between MuJoCo's D(q) and Pinocchio's by rounding: 3e-13 was the worst of all arms.
 _SAME_ARM = 1e-9
 #: Share of the largest moment by which the other two may miss it before MuJoCo refuses a body.

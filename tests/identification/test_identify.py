@@ -12,12 +12,12 @@ import pytest
 import armgpi
 from armgpi.errors import ArmgpiError, UnfitLog
 from armgpi.identification.arm import Identified, identify
-from armgpi.identification.estimate import Block, Prior, fit
+from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, resample
-from armgpi.identification.weak_form import bump
+from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
-from armgpi.robot import robots
+from armgpi.robot import robots, rotors
 from armgpi.robot.drives import Drives
 
 LATE = 2
@@ -95,6 +95,13 @@ def test_without_data_the_file_stays() -> None:
     result = fit([nothing], prior, physical=False)
     assert result.free.tolist() == [0.0, 0.0]
     assert result.learned == pytest.approx([0.0, 0.0])
+
+
+def test_rotors_that_the_file_does_not_tell_are_those_that_a_law_believes() -> None:
+    expected = expect(file()).mean.reshape(file().n, len(COLUMNS))[:, ROTOR]
+    np.testing.assert_array_equal(expected, rotors.believable(file()))
+    told = expect(arm()).mean.reshape(file().n, len(COLUMNS))[:, ROTOR]
+    np.testing.assert_array_equal(told, arm().armature)
 
 
 def test_a_load_is_found_from_two_logs_together() -> None:

@@ -82,6 +82,7 @@ def test_what_no_rigid_body_has_is_told() -> None:
         ARM.with_payload("q3", 0.1),  # named by the joint that carries the link
         ARM.scaled_inertia(1.3).with_payload("tool", 0.2).scaled_inertia(0.9),
         ARM.with_armature([0.1, 0.2, 0.05]),
+        ARM.with_drives({"q2": {"rotor_inertia": 0.2, "stiffness": 1e4}}),  # of which it takes the rotor
         ARM.with_gravity((1.0, 2.0, -5.0)),
     ],
 )
