@@ -66,6 +66,13 @@ MISTAKES = {
     "sweep weak.yaml": "robot.effort: {q1: 10",  # it has no --effort
     "new arm.urdf --target uur": "bare, fci, ur, ros2_control",
     "sweep exp.yaml --rollouts many --out x": "a whole number from 1",
+    "run arm.urdf --to 90,45,30": "90 deg is 1.571",
+    "new arm.urdf -o arm.urdf": "is the robot itself; choose another file, such as arm.yaml",
+    "new exp.yaml": "armgpi run exp.yaml",
+    "play arm.urdf -o page.pdf": "name it page.html",
+    "sweep vary.yaml --out x": "such as {delay: 1}",
+    "certify arm.urdf --payload 3:0": "'0:3'",
+    "compare exp.yaml key.yaml": "one robot or file at a time",
 }
 FILES = {
     "empty.urdf": "",
@@ -77,6 +84,7 @@ FILES = {
     "tabs.yaml": "robot: arm.urdf\nplant:\n\tdelay: 1\n",
     "name.yaml": "robot: anthropomorphic\n",
     "exp.yaml": "robot: arm.urdf\n",
+    "vary.yaml": "robot: arm.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",
     "log.csv": "time,q\n0,1\n",
     "dynamics.py": "",
     "weak.yaml": "robot: weak.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",

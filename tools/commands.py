@@ -7,7 +7,7 @@ Every page and notebook gets a folder of its own, a clone where it calls make or
 and a YAML fence that begins with `# NAME.yaml` becomes that file. The environment is that of README's line
 with the extras that the page's prose names; where a page or notebook begins with a `pip install` of its own,
 that alone (and IPython for a notebook). A fence is not run when a word after its language says why: `long`
-(minutes), `serve` (it goes on until it is stopped), `hardware`.
+(minutes), `serve` (it goes on until it is stopped), `hardware`. One with `fails` has to end with code 1.
 """
 
 from __future__ import annotations
@@ -93,6 +93,11 @@ def read(page: Path) -> str:
     return "\n".join([prose, "```python", shell, *each, "```", ""])
 
 
+def shell(content: str, tags: str) -> str:
+    """Return lines of a shell that succeed where the page says what they end with."""
+    return f"{{\n{content}}} && exit 9 || [ $? -eq 1 ]\n" if "fails" in tags.split() else content
+
+
 def steps(page: Path, text: str, wheel: Path) -> list[tuple[str, str]]:
     """Return what a page asks for, each with the place where it stands: lines of a shell."""
     found: list[tuple[str, str]] = []
@@ -114,7 +119,7 @@ def steps(page: Path, text: str, wheel: Path) -> list[tuple[str, str]]:
         if any(tag in tags.split() for tag in SKIPPED):
             continue
         if language in ("sh", "bash"):
-            ask(place, content)
+            ask(place, shell(content, tags))
         elif language == "console":
             ask(place, "\n".join(re.findall(r"^\$ (.*)$", content.replace("\\\n", " "), re.MULTILINE)))
         elif language == "python":

@@ -34,6 +34,9 @@ _NO_NUMBER = (
     "5 ms is 0.005",
 )
 
+#: Likewise of one more word than a command takes.
+_TOO_MANY = ("Got unexpected extra argument", "one robot or file at a time: got unexpected extra argument")
+
 
 class _Commands(Commands):
     """The commands; what Click says of wrong options and arguments is shown as everything else is."""
@@ -57,7 +60,8 @@ def _usage_shown() -> Iterator[None]:
     except Exception as error:
         if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
             message, context = vars(error)["message"], vars(error).get("ctx")
-            vars(error)["message"] = shown(message).replace(*_NO_NUMBER)
+            message = shown(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
+            vars(error)["message"] = message
             if context is not None and "\n" not in message:  # the whole help stays as it is
                 # Click puts a sentence of its own before no message.
                 vars(error)["message"] += f"{'; see' if message else 'See'} armgpi {context.info_name} --help"

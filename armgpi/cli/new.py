@@ -13,7 +13,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.derive import write
-from armgpi.cli.parsing import refusal
+from armgpi.cli.parsing import is_experiment, refusal
 from armgpi.cli.terminal import say
 from armgpi.errors import ArmgpiWarning
 
@@ -92,8 +92,16 @@ def new(
 
     if target is not None and target not in TARGETS:
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
+    if is_experiment(robot):
+        raise refusal(
+            "ROBOT", f"{robot} is an experiment file already: armgpi run {robot}; give a URDF or name"
+        )
     source, name = robots.locate(robot)
     path = out or (Path(f"{name}.yaml") if name else source.with_suffix(".yaml"))
+    if path.exists() and path.samefile(source):
+        raise refusal(
+            "--out", f"{path} is the robot itself; choose another file, such as {source.with_suffix('.yaml')}"
+        )
     if path.exists() and not force:
         raise refusal("--out", f"{path} exists; choose another file, or add --force")
     answers = _Answers()

@@ -292,13 +292,32 @@ Plot = Annotated[
 View = Annotated[
     bool, typer.Option("--view", metavar=FLAG, help="Serve the animation to this machine until Ctrl-C.")
 ]
+
+
+def page_file(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Return the file of a page, refusing the name of a picture or document."""
+    from armgpi.cli.parsing import refusal
+
+    if path is not None and path.suffix.lower() in (".pdf", ".png", ".svg", ".jpg"):
+        name = max(parameter.opts, key=len)
+        raise refusal(name, f"writes HTML, which browsers print as PDF: name it {path.with_suffix('.html')}")
+    return path
+
+
 Html = Annotated[
     Path | None,
-    typer.Option("--html", metavar="FILE", help="Write the animation as one file for any browser."),
+    typer.Option(
+        "--html", metavar="FILE", callback=page_file, help="Write the animation as one file for any browser."
+    ),
 ]
 Report = Annotated[
     Path | None,
-    typer.Option("--report", metavar="FILE", help="Write what is found as one HTML file for any browser."),
+    typer.Option(
+        "--report",
+        metavar="FILE",
+        callback=page_file,
+        help="Write what is found as one HTML file for any browser.",
+    ),
 ]
 Interactive = Annotated[
     bool,

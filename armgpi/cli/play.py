@@ -16,7 +16,12 @@ from armgpi.cli.terminal import say
 
 File = Annotated[
     Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="Where to put the page; ROBOT.html by default."),
+    typer.Option(
+        *("--out", "-o"),
+        metavar="FILE",
+        callback=opt.page_file,
+        help="Where to put the page; ROBOT.html by default.",
+    ),
 ]
 Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open the page in a browser.")]
 

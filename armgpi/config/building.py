@@ -481,7 +481,11 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     told = {key for key in section.model_fields_set if getattr(section, key) is not None}
     set_here = {name: value for name, value in law.items() if keys[name] in told}
     context = kind.law.context_for(law, context._replace(given=set_here))
-    chosen = {name: value for name, value in source.chosen(context).items() if name not in set_here}
+    # Of a section that says all there is to choose, the choice (half a second of a rule) would be dropped.
+    full = section.model_fields_set >= {*type(section).model_fields}
+    full &= all(keys[name] in told for name, each in parameters(source).items() if each.default is REQUIRED)
+    chosen = {} if full else source.chosen(context)
+    chosen = {name: value for name, value in chosen.items() if name not in set_here}
     missing = {keys[name]: _as_section(value) for name, value in chosen.items() if keys[name] not in told}
     if robot.batch is None:  # what differs by rollout has no form in a file
         section = type(section).model_validate({**section.model_dump(), **missing})

@@ -225,8 +225,12 @@ def is_another(experiment: Experiment, folder: Path) -> bool:
         return True
 
 
-def portable(config: ExperimentConfig) -> tuple[str, dict[str, bytes]]:
+def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str, bytes]]:
     """Return the configuration as YAML, with robot and trajectory found beside it, and these files.
+
+    Args:
+        config: what an experiment is made from, or `Experiment.config`, where what was chosen is filled in.
+        full: whether every default is written: not where a rule is still to choose.
 
     Raises:
         RolloutError: when one of them cannot be read any more.
@@ -241,7 +245,7 @@ def portable(config: ExperimentConfig) -> tuple[str, dict[str, bytes]]:
         copied[name] = content
         reference = config.reference.model_copy(update={"file": name})
         config = config.model_copy(update={"reference": reference})
-    return dump(config), copied
+    return dump(config, full), copied
 
 
 def _copied(source: Path) -> tuple[str, bytes]:

@@ -181,11 +181,12 @@ def standard_law(data: Mapping[Any, Any]) -> str:
     return "untuned" if real or data.get("reality") is not None else "gpi"
 
 
-def dump(config: ExperimentConfig) -> str:
-    """Return a configuration as YAML, every default written out."""
+def dump(config: ExperimentConfig, full: bool = True) -> str:
+    """Return a configuration as YAML, every default written out, or what its file says alone."""
     import yaml
 
-    text: str = yaml.safe_dump(config.model_dump(), sort_keys=False, allow_unicode=True)
+    data = config.model_dump(exclude_unset=not full)
+    text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
     return text
 
 

@@ -248,7 +248,11 @@ class Equations:
         (positions,) = self._states(**{what: q})
         outside = self.outside(positions)
         if outside is not None:
-            raise LimitError(what, *outside[1:])
+            degrees = abs(outside.value) > 2.0 * math.pi and not self.prismatic[outside.place[-1]]
+            remedy = (
+                f"give rad: {outside.value:g} deg is {math.radians(outside.value):.4g}" if degrees else ""
+            )
+            raise LimitError(what, *outside[1:], remedy)
         return positions
 
     def outside(self, q: Array) -> Outside | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -112,7 +112,7 @@ class Sweep:
         loop, varied = found._loop(), {}
         for name, section in config.vary.items():
             try:
-                variable = _known(loop.parameters, name)
+                variable = _known(loop.parameters, name, type(config.plant).model_fields)
                 known = (variable.declared, experiment.robot.n, variable.value)
                 varied[name] = distribution(name, section, *known)
                 with_value(found, name, 1.0)
@@ -389,10 +389,12 @@ def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
         raise ParameterError(name, value, "the number of a load that is one entry of the file")
 
 
-def _known(known: Mapping[str, Variable], name: str) -> Variable:
-    """Return a parameter that may vary."""
+def _known(known: Mapping[str, Variable], name: str, keys: Iterable[str]) -> Variable:
+    """Return a parameter that may vary, from those of the loop and what else `plant` may have in a file."""
     if name not in known:
-        raise NameNotFound("parameter of this loop", name, tuple(known))
+        key = name.removeprefix("plant.")
+        remedy = f"give `plant` a value of {key!r} first, such as {{{key}: 1}}" if key in keys else ""
+        raise NameNotFound("parameter of this loop", name, () if remedy else tuple(known), remedy)
     if reason := known[name].fixed:
         raise ParameterError(name, known[name].value, f"left as it is: {reason}")
     return known[name]

@@ -16,6 +16,7 @@ from armgpi.config.reading import beside, checked, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Reality
+from armgpi.robot import rotors
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective, known_names
 from armgpi.studies.optimise import KEPT, Problem
@@ -70,10 +71,14 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     given = beside(config.check(data, origin), path)
     data = {**given.model_dump(exclude_unset=True)}
     data.setdefault("controllers", [{"type": "gpi"}])
-    if given.robot.drives is None and given.reality is None:  # what is found is for an arm that has rotors
+    silent = given.robot.drives is None and given.reality is None
+    if silent:  # what is found is for an arm that has rotors
         given = given.model_copy(update={"robot": given.robot.model_copy(update={"drives": "believed"})})
     experiment = config.build(given, origin)
     data["robot"] = experiment.config.robot.model_dump(exclude_unset=True)
+    if silent and "stiffness" in rotors.believe_gears(experiment.robot).drives.data:
+        said = "gears are searched as rigid ones: where they twist, what is found may shake the arm; try it "
+        warnings.warn(str(origin.error(("robot",), f"{said}with drives: soft")), ArmgpiWarning, stacklevel=2)
     if experiment.supervisor is not None:
         said = "candidates are searched without the supervisor of the file; run what is found under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)

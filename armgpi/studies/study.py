@@ -80,7 +80,7 @@ def identify(config: ExperimentConfig, settings: Mapping[str, Any]) -> Identity:
     """
     import yaml
 
-    text, copies = portable(config)
+    text, copies = portable(config, full=False)  # a rule chooses again what nobody set
     contents = dict(copies)
     if config.robot.name in robots.names():
         contents[config.robot.name] = robots.locate(config.robot.name)[0].read_bytes()
