@@ -7,7 +7,8 @@ Every page and notebook gets a folder of its own, a clone where it calls make or
 and a YAML fence that begins with `# NAME.yaml` becomes that file. The environment is that of README's line
 with the extras that the page's prose names; where a page or notebook begins with a `pip install` of its own,
 that alone (and IPython for a notebook). A fence is not run when a word after its language says why: `long`
-(minutes), `serve` (it goes on until it is stopped), `hardware`. One with `fails` has to end with code 1.
+(minutes), `serve` (it goes on until it is stopped), `hardware`, `yours` (a file that only
+the reader has). One with `fails` has to end with code 1.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INSTALL = re.compile(r"""pip install (["']?)(?:\.|armgpi)\[([\w,]+)\]\1""")
 PIP_LINE = re.compile(r"^pip install .*$", re.MULTILINE)
-SKIPPED = ("long", "serve", "hardware")
+SKIPPED = ("long", "serve", "hardware", "yours")
 #: What a reader has before beginning: an arm, and its dynamics as derived by hand.
 DYNAMICS = """from armgpi.paper.arm import PaperArm
 

@@ -39,6 +39,9 @@ reference: {points: [[0.0, 0.7854, 0.0], [0.3, 0.4, 0.2]], durations: [0.6], hol
 t_final: 1.0
 seed: 7
 """
+TWISTING = PLAYED.replace(
+    "anthropomorphic3}", "anthropomorphic3, rotor_inertia: [0.02, 0.02, 0.01]}"
+).replace("plant: {", "plant: {engine: elastic, gear_stiffness: [300.0, 300.0, 200.0], ")
 #: Numbers of the page, as they are in memory.
 BITS = """(name) => {
     const x = armgpi.page.result.values[name];
@@ -50,8 +53,8 @@ def experiment(text: str) -> Experiment:
     return config.build(*config.parse(text, "played"))
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Page]:
+@pytest.fixture(scope="module", params=[PLAYED])
+def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Page]:
     """The page of the paper's arm in a browser, with four forms of its loop."""
     if browsers.program() is None:
         pytest.skip(f"no browser is installed (looked for {', '.join(browsers.PROGRAMS)})")
@@ -60,7 +63,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Page]:
         patch.setattr(controls, "_FORMS", {})
         patch.setattr(controls, "_ROTORS", (0.0, 20.0, 30.0))
         patch.setattr(controls, "_LOADS", 2)
-        html = play.build(experiment(PLAYED))
+        html = play.build(experiment(request.param))
     running = browsers.Browser(size=(1300, 850))
     shown = running.open(meshcat.write(html, tmp_path_factory.mktemp("play") / "page.html"), READY)
     assert shown.eval("armgpi.error") is None
@@ -136,6 +139,14 @@ def test_controls_move_the_loop_and_the_bits_are_those_of_a_run(page: browsers.P
     assert_same_bits(page)
     move(page, "reference.points.1.2", 0)  # as far as the joint goes
     move(page, "plant.loads.0.amplitude.1", 1)
+    assert_same_bits(page)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [TWISTING], indirect=True)
+def test_gears_that_twist_have_the_bits_of_a_run(page: browsers.Page) -> None:
+    assert_same_bits(page)
+    move(page, "plant.rotor_inertia", 2)
     assert_same_bits(page)
 
 

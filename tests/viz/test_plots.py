@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import matplotlib as mpl
@@ -224,6 +225,61 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
         plots.save(plots.errors(ONE), tmp_path / "none" / "a.png")
     assert plots.overview(ONE.isel(time=slice(1)))  # a single sample is drawn
     assert plots.disturbances(ONE.drop_vars("disturbance"))
+
+
+#: What people without one kind of cone see, of linear sRGB (Machado, Oliveira and Fernandes, 2009,
+#: doi:10.1109/TVCG.2009.113, severity 1), and what grey paper shows (Rec. 709).
+SEEN = {
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+    "grey": [[0.2126, 0.7152, 0.0722]] * 3,
+}
+#: Of linear sRGB to CIE XYZ (IEC 61966-2-1).
+XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
+)
+
+
+def linear(color: str) -> np.ndarray:
+    """A colour as linear sRGB."""
+    each = np.array([int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)])
+    return np.where(each <= 0.04045, each / 12.92, ((each + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    """A colour in CIE L*a*b*, in which a distance of 2.3 is just seen."""
+    t = XYZ @ np.clip(rgb, 0.0, 1.0) / XYZ.sum(axis=1)
+    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t * (29 / 6) ** 2 / 3 + 4 / 29)
+    return np.array([116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("kind", SEEN)
+def test_controllers_are_told_apart_without_some_colours(kind: str) -> None:
+    """By their dashes, or by six times what is just seen."""
+    own = dict(zip(style._OWN, style.looks(style._OWN), strict=True))
+    seen = {name: lab(np.array(SEEN[kind]) @ linear(look.color)) for name, look in own.items()}
+    for one, other in itertools.combinations(own, 2):
+        apart = np.linalg.norm(seen[one] - seen[other])
+        assert own[one].dashes != own[other].dashes or apart > 14.0, (one, other)
+
+
+def test_controllers_that_are_compared_the_most_are_seen_on_white() -> None:
+    for each in style.looks(["gpi", "pid", "network", "untuned"]):
+        luminance = float(np.array([0.2126, 0.7152, 0.0722]) @ linear(each.color))
+        assert 1.05 / (luminance + 0.05) >= 3.0  # WCAG 2.2, 1.4.11
 
 
 def test_colours_can_be_told_apart() -> None:

@@ -210,6 +210,7 @@ class PlayNumbers {
     }
     for (const move of variant.moves) {
       const value = this.moved[controls[move.control].key];
+      if (value === null) continue; // as the numbers are at first
       move.at.forEach((at, i) => {
         const one = move.joint[i] < 0 ? (Array.isArray(value) ? value[0] : value) : value[move.joint[i]];
         const signed = move.factor[i] < 0 ? -one : one;
