@@ -36,11 +36,11 @@ TAKERS = {
 }
 
 
-def humanoid() -> Path:
+def humanoid(name: str = "talos_reduced") -> Path:
     folder = robots.example_folder()
     if folder is None:
         pytest.skip("example-robot-data is not installed")
-    return next(folder.rglob("talos_reduced.urdf"))
+    return next(folder.rglob(f"{name}.urdf"))
 
 
 @pytest.fixture
@@ -123,8 +123,11 @@ def test_a_whole_robot_is_told_by_inspect_and_run_and_kept_by_the_name_of_a_chai
     assert not chains.of(arm.provenance)
 
 
-def test_the_file_of_a_whole_robot_keeps_one_arm(cli: Callable[..., Answer], tmp_path: Path) -> None:
-    answer = cli("new", humanoid(), "-o", tmp_path / "arm.yaml")
+@pytest.mark.parametrize("name", ["talos_reduced", "icub", "tiago_dual"])  # two that no command loads whole
+def test_the_file_of_a_whole_robot_keeps_one_arm(
+    name: str, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    answer = cli("new", humanoid(name), "-o", tmp_path / "arm.yaml")
     assert answer.code == 0, answer.err
     assert "the file keeps left_arm" in answer.err
     assert "keep: [left_arm]" in (tmp_path / "arm.yaml").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from armgpi.cli.certify import load_arm
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import is_experiment, refusal
 from armgpi.cli.terminal import say
-from armgpi.errors import ArmgpiWarning
+from armgpi.errors import ArmgpiError, ArmgpiWarning
 
 #: What is believed of an arm of which nobody says more: absolute encoders and a bus as geared arms have them.
 _BITS, _DELAY = 16, 1
@@ -111,6 +111,8 @@ def new(
     beside = path.parent.resolve() == source.parent.resolve()
     section: dict[str, Any] = {"name": name or (source.name if beside else str(source.resolve()))}
     section |= opt.robot_given(how, rotor_inertia, drives)
+    if set((section.get("lock") or {0: 0}).values()) == {None}:
+        section["lock"] = [*section["lock"]]
     lines = _file(arm, section, hands, answers, typed, path)
     text = "\n".join(lines) + "\n"
     checked, _ = config.parse(text, str(path))
@@ -162,12 +164,19 @@ def _arm(
     robot: str, how: dict[str, Any], answers: _Answers, inertia: list[str] | None, drives: Path | None
 ) -> tuple[Any, list[str]]:
     """Return one arm of a robot, and the joints of its gripper, locked: `how` says so afterwards."""
-    from armgpi.robot import chains
+    from armgpi.robot import chains, robots, urdf
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
-        arm = load_arm(robot, how, inertia, drives)
-    if not how["keep"] and (several := chains.of(arm.provenance)):
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
+            arm = load_arm(robot, how, inertia, drives)
+        several = chains.of(arm.provenance)
+    except ArmgpiError:  # which may be of a part that is not kept
+        source, _ = robots.locate(robot)
+        several = chains.find(urdf.parse(urdf.read_file(source), str(source)))
+        if how["keep"] or len(several) < 2:
+            raise
+    if not how["keep"] and several:
         believed = chains.first_arm(several).name
         said = chains.describe(several)
         chosen, _ = answers.get(f"{said}. Keep", None, believed, str)

@@ -80,12 +80,13 @@ def identify(config: ExperimentConfig, settings: Mapping[str, Any]) -> Identity:
     """
     import yaml
 
-    text, copies = portable(config, full=False)  # a rule chooses again what nobody set
+    full, copies = portable(config)
+    text, _ = portable(config, full=False)  # in which a rule chooses again what nobody set
     contents = dict(copies)
     if config.robot.name in robots.names():
         contents[config.robot.name] = robots.locate(config.robot.name)[0].read_bytes()
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
-    what = {"experiment": yaml.safe_load(text), "files": hashes, **settings}
+    what = {"experiment": yaml.safe_load(full), "files": hashes, **settings}
     return Identity(json.loads(json.dumps(what)), code(), copies, text)
 
 

@@ -289,7 +289,8 @@ def _check_count(worker: Worker, robot: Robot) -> None:
         if n != robot.n and _refusal(worker, n) is None:
             if "returns shape" in str(refusal):
                 text = str(refusal).split(f"{refusal.function}: ", 1)[1]
-                raise ModelError(worker.name, refusal.function, f"{text}; is it a model of {n} joints?")
+                asked = ModelError(worker.name, refusal.function, f"{text}; is it a model of {n} joints?")
+                raise asked.suggesting(Remedy("lock"), Remedy("keep"))
             raise _other_count(worker, n, robot)
 
 

@@ -206,7 +206,14 @@ def simplified(part: Triangles, most: int) -> Triangles:
         part = Triangles(part.points[corner[cube[first]]], _unit_rows(normals), part.colors[first], faces)
         color = color[first]
         cells *= 0.7
-    return part
+    return _facing(part)
+
+
+def _facing(part: Triangles) -> Triangles:
+    """Return triangles that are seen from where their normals point: corners put together turn some round."""
+    a, b, c = (part.points[part.faces[:, i]] for i in range(3))
+    inwards = (np.cross(b - a, c - a) * part.normals[part.faces].sum(axis=1)).sum(axis=1) < 0.0
+    return part._replace(faces=np.where(inwards[:, None], part.faces[:, ::-1], part.faces))
 
 
 def toolbox() -> Any:

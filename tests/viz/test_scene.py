@@ -283,6 +283,8 @@ def test_simplified_meshes_stay_where_they_were_and_do_not_tear(most: int, box: 
         facing = np.abs(points).argmax(axis=1)
         part = meshes.Triangles(points, np.sign(points) * np.eye(3)[facing], np.ones_like(points), faces)
     few = meshes.simplified(part, most)
+    a, b, c = (few.points[few.faces[:, i]] for i in range(3))
+    assert (np.einsum("ij,ikj->i", np.cross(b - a, c - a), few.normals[few.faces]) >= 0.0).all()
     assert len(few.faces) <= max(most, len(meshes.simplified(part, 1).faces))
     assert few.faces.max() < len(few.points)
     assert np.allclose(few.points.min(axis=0), part.points.min(axis=0), atol=0.3)
