@@ -59,7 +59,7 @@ MISTAKES = {
     "sweep ur5 --out x": "armgpi new",
     "view rollout.nc": "a rollout that armgpi wrote",
     "report file.txt -o r.html": "a rollout that armgpi wrote",
-    "certify arm.urdf --payload 3": "such as '0:3'",
+    "certify arm.urdf --payload 3": "as '0:3'",
     "identify log.csv --robot arm.urdf": "known: time, q",
     "validate nothing.py --robot arm.urdf": "in that folder there is dynamics.py",
     "run weak.urdf": "(--lock q1)",
@@ -71,7 +71,7 @@ MISTAKES = {
     "new exp.yaml": "armgpi run exp.yaml",
     "play arm.urdf -o page.pdf": "name it page.html",
     "sweep vary.yaml --out x": "such as {delay: 1}",
-    "certify arm.urdf --payload 3:0": "'0:3'",
+    "certify arm.urdf --payload 3:0": "the lighter first",
     "compare exp.yaml key.yaml": "one robot or file at a time",
 }
 FILES = {
