@@ -10,19 +10,22 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.certification.adversary import Course
 from armgpi.certification.channels import sampled_loops
 from armgpi.certification.path import PathBound, Wish, bound_path
 from armgpi.certification.quantities import slopes
 from armgpi.control.gains import FixedGains
 from armgpi.references.bezier import PEAK_VELOCITY
 from armgpi.robot.robot import Robot
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "certification"))
+from soundness import Course
 
 #: Arms, with what is locked of them.
 ARMS = {"ur5": (), "panda": ("panda_finger_joint1", "panda_finger_joint2")}

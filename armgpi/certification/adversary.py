@@ -2,7 +2,7 @@
 
 At a frozen configuration the loop is linear, and the worst course of a bounded torque is known: it switches
 with the sign of the impulse response, whose sum of sizes is the error that it leads to. The search is for
-the configuration and the load; :func:`attack` then runs that torque through the whole arm's simulation.
+the configuration and the load.
 """
 
 from __future__ import annotations
@@ -15,11 +15,6 @@ from armgpi.arrays import Array
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import Asked, law_of
 from armgpi.certification.quantities import resting, slopes
-from armgpi.loop.simulation import simulate
-from armgpi.plants.loads import Load
-from armgpi.plants.rigid_body import RigidBodyPlant
-from armgpi.plants.sensors import Delayed
-from armgpi.references.waypoints import Hold
 from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations
@@ -43,24 +38,6 @@ class Worst(NamedTuple):
     q: Array
     arm: Robot
     response: Array
-
-
-class Course(Load):
-    """Torques that are given sample by sample, and zero afterwards."""
-
-    def __init__(self, course: Array, dt: float) -> None:
-        """Take the torques [N m or N], shape (samples, n), and the sample time [s]."""
-        self.course, self.dt = np.concatenate([course, np.zeros((1, course.shape[1]))]), dt
-
-    def torque(self, t: Any) -> Array:
-        """Return the torque at times [s]; see :meth:`Load.torque`."""
-        t = np.asarray(t)  # its last axis stands for the joints
-        sample = np.floor((t[..., 0] if t.ndim else t) / self.dt + 1e-6).astype(int)
-        return np.asarray(self.course[np.clip(sample, 0, len(self.course) - 1)])
-
-    def describe(self) -> dict[str, Any]:
-        """Return what it is as plain data."""
-        return {"type": type(self).__name__}
 
 
 def worst(asked: Asked, count: int = 100, samples: int = 1000, seed: int = 0) -> list[Worst]:
@@ -114,24 +91,3 @@ def impulses(asked: Asked, arm: Robot, q: Array, samples: int) -> Array:
         out[:, k] = np.diagonal(state[:n])
         state = whole @ state
     return out
-
-
-def attack(asked: Asked, joint: int, case: Worst, size: float) -> float:
-    """Return the error over the torque [rad/(N m)] that the worst torque leads to in the simulated arm.
-
-    Args:
-        asked: what the certificate is for.
-        joint: on which the torque acts.
-        case: from :func:`worst`.
-        size: of the torque [N m or N].
-    """
-    h = asked.controller.dt
-    rest = round(2.0 / h)
-    course = np.zeros((rest + len(case.response), case.arm.n))
-    course[rest:, joint] = -size * np.sign(case.response[::-1])
-    plant: Any = RigidBodyPlant(case.arm, loads=[Course(course, h)])
-    if asked.delay:
-        plant = Delayed(plant, asked.delay)
-    rollout = simulate(plant, asked.controller, Hold(case.q), h * (len(course) + 1), progress=False)
-    e = np.abs(rollout["q"].values - rollout["q_ref"].values)[rest:, joint]
-    return float(e.max()) / size

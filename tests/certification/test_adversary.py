@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from soundness import attack
 
 import armgpi
-from armgpi.certification.adversary import attack, worst
+from armgpi.certification.adversary import worst
 from armgpi.certification.asked import ask
 from armgpi.health.zoo import fingers
 

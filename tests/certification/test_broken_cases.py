@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from soundness import observe
 
 import armgpi
 from armgpi.certification.asked import NOTHING, ask
 from armgpi.certification.certificate import certificate
 from armgpi.certification.quantities import searched
 from armgpi.certification.solve import solve
-from armgpi.certification.soundness import observe
 
 LINK = """<link name="{0}"><inertial><mass value="{1}"/>
 <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>"""

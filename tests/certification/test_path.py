@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lti
+from soundness import Course
 
 import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
-from armgpi.certification.adversary import Course
 from armgpi.certification.channels import channel, sampled_loops
 from armgpi.certification.path import PathBound
 from armgpi.control.gains import Tuning, betas

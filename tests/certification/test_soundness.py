@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from soundness import Adversary, Observed, bred, observe
 
 import armgpi
 from armgpi.certification.adversary import worst
 from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import certificate
 from armgpi.certification.quantities import searched
-from armgpi.certification.soundness import Adversary, Observed, bred, observe
 from armgpi.health.zoo import fingers
 
 

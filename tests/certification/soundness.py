@@ -15,10 +15,12 @@ from armgpi.certification.quantities import resting
 from armgpi.certification.solve import checker, merged
 from armgpi.control.controller import Measurement
 from armgpi.loop.prepared import prepare
-from armgpi.plants.loads import Step
+from armgpi.loop.simulation import simulate
+from armgpi.plants.loads import Load, Step
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Encoder
 from armgpi.references.reference import Reference, Target
+from armgpi.references.waypoints import Hold
 
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
@@ -287,3 +289,42 @@ class Adversary:
 def _spread(genes: Any, wide: float) -> Array:
     """Return genes as shares in 0..1, of which the ends are more likely the wider."""
     return np.asarray(np.clip(0.5 + wide * (genes - 0.5), 0.0, 1.0))
+
+
+class Course(Load):
+    """Torques that are given sample by sample, and zero afterwards."""
+
+    def __init__(self, course: Array, dt: float) -> None:
+        """Take the torques [N m or N], shape (samples, n), and the sample time [s]."""
+        self.course, self.dt = np.concatenate([course, np.zeros((1, course.shape[1]))]), dt
+
+    def torque(self, t: Any) -> Array:
+        """Return the torque at times [s]; see :meth:`Load.torque`."""
+        t = np.asarray(t)  # its last axis stands for the joints
+        sample = np.floor((t[..., 0] if t.ndim else t) / self.dt + 1e-6).astype(int)
+        return np.asarray(self.course[np.clip(sample, 0, len(self.course) - 1)])
+
+    def describe(self) -> dict[str, Any]:
+        """Return what it is as plain data."""
+        return {"type": type(self).__name__}
+
+
+def attack(asked: Asked, joint: int, case: Worst, size: float) -> float:
+    """Return the error over the torque [rad/(N m)] that the worst torque leads to in the simulated arm.
+
+    Args:
+        asked: what the certificate is for.
+        joint: on which the torque acts.
+        case: from :func:`worst`.
+        size: of the torque [N m or N].
+    """
+    h = asked.controller.dt
+    rest = round(2.0 / h)
+    course = np.zeros((rest + len(case.response), case.arm.n))
+    course[rest:, joint] = -size * np.sign(case.response[::-1])
+    plant: Any = RigidBodyPlant(case.arm, loads=[Course(course, h)])
+    if asked.delay:
+        plant = Delayed(plant, asked.delay)
+    rollout = simulate(plant, asked.controller, Hold(case.q), h * (len(course) + 1), progress=False)
+    e = np.abs(rollout["q"].values - rollout["q_ref"].values)[rest:, joint]
+    return float(e.max()) / size
