@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -9,6 +10,9 @@ from collections.abc import Callable, Iterator
 import pytest
 from commands import Answer
 from hypothesis import settings
+
+# As `make` has it, also for whoever calls pytest: a process that forks must not have OpenMP's threads.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # The machine may be busy with something else: an example that takes long is no failure. The examples are the
 # same on every run, so that a red run means that a change broke something; `make search` looks for new ones.

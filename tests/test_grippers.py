@@ -38,7 +38,7 @@ def text(*joints: J, arm: int = 6) -> str:
         parts.append(
             f'<link name="L_{joint.name}">{BODY}</link><joint name="{joint.name}" type="{joint.type}">'
             f'<parent link="{parent}"/><child link="L_{joint.name}"/><origin xyz="0 0.05 0.1"/>'
-            f'<axis xyz="{axis}"/><limit lower="0" upper="{joint.travel}" effort="9" velocity="9"/>'
+            f'<axis xyz="{axis}"/><limit lower="{0.03 - joint.travel}" upper="0.03" effort="9" velocity="9"/>'
             f"{mimic}</joint>"
         )
     return "".join([*parts, "</robot>"])

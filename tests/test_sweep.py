@@ -595,6 +595,13 @@ def test_bars_of_a_picture_stand_on_one_line() -> None:
     assert 'points="225.0,18.4 225.0,0.0"' in svg
 
 
+def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:
+    ends = [(x, y) for x in (0.0, 1.0) for y in (5.0, 6.0, 7.0)]
+    parts = [{"from": [x, y], "to": [x + 1.0, y + 1.0], "value": 0.1, "rollouts": 50} for x, y in ends]
+    bars = re.findall(r'<rect x="([\d.]+)" y="([\d.]+)"', page._square(parts))
+    assert [len(set(axis)) for axis in zip(*bars, strict=True)] == [2, 3]
+
+
 def test_levels_that_random_rollouts_do_not_confirm_are_said_to_be_wrong() -> None:
     said = {"value": 0.02, "rollouts": 1000, "lower": 0.01, "upper": 0.04, "by the levels": 0.03}
     assert "WRONG" not in rare._checked(said)

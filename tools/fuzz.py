@@ -9,6 +9,8 @@ Files that are read back are damaged at random places: rollouts, weights, trajec
 tasks, and what a study keeps (tune, contend, sweep, rare), whose commands then end with exit code 2 and one
 line, or with what an unbroken study leaves.
 
+A case may take 60 s of processor time, and all of them 2 GB of memory; the most that was taken is printed.
+
 The URDF reader has a tool of its own, `tools/fuzz_urdf.py`. The same seed gives the same cases. A case that
 fails is printed with its seed, which alone repeats it: `--seed SEED --count 1`.
 """
@@ -18,6 +20,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import resource
 import sys
 import tempfile
 import time
@@ -58,8 +61,8 @@ Case = Callable[[np.random.Generator, Path], None]
 
 ROOT = Path(__file__).parents[1]
 ARM = "anthropomorphic3"
-#: Longest time that a case may take [s]; an export compiles and replays, on a machine that may be busy.
-PATIENCE = 60.0
+#: Processor time that a case may take [s]; an export compiles and replays. Memory of all of them [bytes].
+PATIENCE, MEMORY = 60.0, 2 << 30
 
 WORDS = (
     *("robot", "name", "plant", "controllers", "type", "gpi"),
@@ -358,11 +361,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
     ends: Counter[str] = Counter()
-    failed = 0
+    failed, longest, before = 0, 0.0, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MEMORY, resource.RLIM_INFINITY))
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for seed in range(chosen.seed, chosen.seed + chosen.count):
-            begun = time.perf_counter()
+            begun = time.process_time()
             try:
                 CASES[chosen.what](np.random.default_rng(seed), Path(name))
                 end = "fine"
@@ -371,12 +376,15 @@ def main() -> int:
             except Exception:
                 end = "FAILED"
                 print(f"seed {seed}:\n{traceback.format_exc()}")
-            if (took := time.perf_counter() - begun) > PATIENCE:
+            longest = max(longest, took := time.process_time() - begun)
+            if took > PATIENCE:
                 print(f"seed {seed}: took {took:.1f} s")
                 end = "FAILED"
             failed += end == "FAILED"
             ends[end] += 1
-    print(f"{chosen.what}: {chosen.count} cases: {', '.join(f'{n} {end}' for end, n in ends.most_common())}")
+    more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    said = ", ".join(f"{n} {end}" for end, n in ends.most_common())
+    print(f"{chosen.what}: {chosen.count} cases: {said}; at most {longest:.1f} s each, {more:.0f} MB in all")
     return 1 if failed else 0
 
 

@@ -12,6 +12,7 @@ import h5netcdf
 import h5py
 import numpy as np
 import xarray as xr
+from xarray.backends import H5NetCDFStore
 
 from armgpi import files
 from armgpi.arrays import Array
@@ -67,7 +68,9 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
                 if "rollout" in x.dims:
                     file[str(key)][begin : begin + rows] = x.values
             begin += rows
-    return xr.open_dataset(target, engine="h5netcdf", cache=False)
+    # By a file that is open already: an interrupt inside xarray's own opening leaves its lock locked.
+    opened = h5netcdf.File(target, "r", decode_vlen_strings=True)
+    return xr.open_dataset(H5NetCDFStore(opened, lock=False), cache=False)
 
 
 def _declare(file: Any, part: xr.Dataset, rollouts: int) -> None:

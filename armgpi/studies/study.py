@@ -97,7 +97,7 @@ def _sources() -> str:
     found = hashlib.sha256()
     for path in sorted(root.rglob("*")):
         parts = path.relative_to(root).parts
-        if path.suffix in (".py", ".h", ".c") and parts[0] not in _SHOWS:
+        if path.suffix in (".py", ".h", ".c", ".yaml") and parts[0] not in _SHOWS:
             found.update("/".join(parts).encode() + b"\0" + path.read_bytes())
     return found.hexdigest()[:16]
 

@@ -13,8 +13,9 @@ from scipy.integrate import trapezoid
 
 from armgpi import GPI, Hold, Reality, RigidBodyPlant, Robot, files
 from armgpi.certification import check_certificate
+from armgpi.loop import metrics
 from armgpi.loop.prepared import prepare
-from armgpi.robot.kinematics import TrackingInverse
+from armgpi.robot.kinematics import TrackingInverse, _nearest_turns
 from armgpi.robot.rotors import believable
 
 UR5 = Robot.load("ur5")
@@ -135,3 +136,34 @@ def test_whatever_disturbs_more_adds_more_to_a_sample_of_a_certificate() -> None
     assert float(before[5]) == pytest.approx(growth * added + gain * float(before[6]), rel=1e-12)
     for name in ("kappa_e", "kappa_g", "torque", "count"):
         assert check_certificate.sample({**known, name: 2 * known[name]})[5] > before[5], name
+
+
+def test_positions_are_drawn_to_either_side_of_the_middle() -> None:
+    for arm in (UR5, UR5.with_limits(lower=[-40.0] * 6, upper=[60.0] * 6)):
+        drawn, middle = arm.random_positions(2000), arm.middle()
+        half = np.minimum(0.5 * (arm.limits.upper - arm.limits.lower), 4.0 * np.pi / 2.0)
+        np.testing.assert_allclose(drawn.min(axis=0), middle - half, atol=0.05 * half.max())
+        np.testing.assert_allclose(drawn.max(axis=0), middle + half, atol=0.05 * half.max())
+
+
+def test_metrics_do_not_depend_on_when_the_clock_began() -> None:
+    arm = Robot.load("anthropomorphic3")
+    parts = RigidBodyPlant(arm), GPI(arm, 1e-3), Hold(np.zeros(3)), 0.3
+    rollout = prepare(*parts).run(q0=np.array([0.2, -0.1, 0.05]))
+    later = rollout.assign_coords(time=rollout["time"] + 60.0)
+    for name, metric in metrics.declared().items():
+        if not metric.of_rollout and name != "itae":  # which weighs by the clock's time
+            expected = getattr(metrics, name)(rollout).values
+            found = getattr(metrics, name)(later).values
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12, err_msg=name)
+
+
+def test_an_angle_is_moved_by_the_full_turns_that_bring_it_nearest_inside_its_limits() -> None:
+    arm, rng = UR5.with_limits(lower=[-7.0] * 6, upper=[5.0] * 6), np.random.default_rng(0)
+    turns = 2.0 * np.pi * np.arange(-9, 10)[:, None, None]
+    q, home = rng.uniform(-25.0, 25.0, (200, 6)), rng.uniform(-9.0, 9.0, (200, 6))
+    every = q + turns
+    far = np.where((every < -7.0) | (every > 5.0), np.inf, abs(every - home))
+    expected = np.take_along_axis(every, far.argmin(axis=0)[None], axis=0)[0]
+    found = _nearest_turns(arm, q, home)
+    np.testing.assert_allclose(found, expected, atol=1e-9)

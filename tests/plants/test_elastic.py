@@ -80,6 +80,15 @@ def test_one_joint_is_the_linear_one_to_order_two_without_friction_and_one_with(
     assert errors[-1] < 1e-3
 
 
+@pytest.mark.parametrize("place", [0.03, 0.17])
+def test_ripple_and_cogging_push_where_their_wave_is_positive(place: float) -> None:
+    waves: dict[str, float] = {"torque_ripple": 0.1, "cogging": 0.3, "ripple_period": 0.2}
+    plant = ElasticPlant(sled(MASS).with_armature(ROTOR), gear_stiffness=K, current_bandwidth=1e9, **waves)
+    state = steps(plant, np.array([place]), lambda t: 2.0 * np.ones(1), 1, 1e-6)
+    push = 2.0 + (0.1 * 2.0 + 0.3) * math.sin(2.0 * math.pi * place / 0.2)
+    assert state.omega == pytest.approx(1e-6 * push / ROTOR, rel=1e-3)  # the motor lags by 1e-3 of it
+
+
 def test_a_substep_is_of_order_two() -> None:
     def end(substeps: int) -> Array:
         plant = ElasticPlant(UR5, gear_stiffness=STIFF, current_bandwidth=500.0, substeps=substeps)
