@@ -436,16 +436,16 @@ def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_del
 
 
 def test_every_arm_is_either_for_fitting_or_held_out_and_families_stay_together() -> None:
-    fit, held_out = set(health.arms("fit")), set(health.arms("held-out"))
+    fit, held_out = set(TOOL["arms"]("fit")), set(TOOL["arms"]("held-out"))
     assert not fit & held_out
     assert fit | held_out == set(robots.EXAMPLE_ROBOT_DATA)
-    for names in health.families().values():
+    for names in TOOL["families"]().values():
         assert set(names) <= fit or set(names) <= held_out
     for together_ in (("kinova", "anymal_kinova_arm"), ("z1", "b1_z1_arm"), ("ur3", "ur10_limited")):
         assert set(together_) <= fit or set(together_) <= held_out
     assert 0.4 < len(fit) / len(robots.EXAMPLE_ROBOT_DATA) < 0.6
     with pytest.raises(ParameterError, match="held-out"):
-        health.arms("some")
+        TOOL["arms"]("some")
 
 
 def test_experiments_say_which_arms_they_could_not_run() -> None:

@@ -34,6 +34,9 @@ from armgpi.intervals import clopper_pearson
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw
 
+sys.path.append(str(Path(__file__).resolve().parent))
+from reality import arms as arms_of
+
 #: As they are drawn for every other test of the laws; with good encoders and small loads; late; slow moves;
 #: and the kinds of arms that people have.
 REALITIES: dict[str, dict[str, Any]] = {
@@ -178,7 +181,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="write all runs as JSON")
     given = parser.parse_args(arguments)
     supervisor = Supervisor(speed=given.speed)
-    names = health.arms(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
+    names = arms_of(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
     found: list[Run] = []
     failed = {}
     for reality in given.realities:

@@ -26,14 +26,43 @@ import numpy as np
 import yaml
 
 from armgpi import ArmgpiWarning, Reality, Robot, config
-from armgpi.errors import ArmgpiError
+from armgpi.errors import ArmgpiError, ParameterError
 from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw
+from armgpi.robot import robots
 
 KINDS = parameters(Reality)["name"].choices
+#: Arms that are part of a larger robot belong to the family of the arm.
+_FAMILIES = {"anymal": "kinova", "b1": "z1"}
+
+
+def families() -> dict[str, list[str]]:
+    """Return the arms of example-robot-data by family, both in alphabetical order.
+
+    A family is the first word of the folder that the URDF is in.
+    """
+    found: dict[str, list[str]] = {}
+    for name, arm in robots.EXAMPLE_ROBOT_DATA.items():
+        family = arm.file.partition("_")[0]
+        found.setdefault(_FAMILIES.get(family, family), []).append(name)
+    return {family: sorted(found[family]) for family in sorted(found)}
+
+
+def arms(part: str) -> list[str]:
+    """Return the arms to choose a law's tuning with ("fit"), or to judge it with ("held-out").
+
+    Families go to the one and the other by turns, in alphabetical order.
+
+    Raises:
+        ParameterError: when it is neither.
+    """
+    parts = ("fit", "held-out")
+    if part not in parts:
+        raise ParameterError("part", part, f"one of {', '.join(parts)}")
+    return [name for names in list(families().values())[parts.index(part) :: 2] for name in names]
 
 
 class Experiments(NamedTuple):
@@ -156,7 +185,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--per-arm", action="store_true", help="a table of arms for each law as well")
     parser.add_argument("--out", type=Path, help="write all outcomes as JSON")
     given = parser.parse_args(arguments)
-    names = health.arms(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
+    names = arms(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
     laws = {} if given.only else {"gpi": {"type": "gpi"}}
     for text in given.laws:
         section = yaml.safe_load(text)

@@ -36,6 +36,9 @@ from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Dimension, Space
 from armgpi.studies.study import Identity, Study, code
 
+sys.path.append(str(Path(__file__).resolve().parent))
+from reality import arms as arms_of
+
 #: The halves of the arms.
 PARTS = ("fit", "held-out")
 #: What a share of draws costs, in natural logarithms of the ITAE.
@@ -142,7 +145,7 @@ class Wanted:
 
 def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, float]:
     """Return the numbers that are best on draws of the arms to fit that the search did not see."""
-    names = health.arms("fit")
+    names = arms_of("fit")
     space = Rule()
     search = Search(
         Problem(
@@ -173,7 +176,7 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
 
 def judged(numbers: Mapping[str, float], part: str, reality: Reality, every: int) -> str:
     """Return, as Markdown, what the rule is with today's numbers and with others on the same draws."""
-    arms = Arms(health.arms(part), reality, every)
+    arms = Arms(arms_of(part), reality, every)
     found = {f"{part}, today": arms.outcomes({}), f"{part}, fitted": arms.outcomes(numbers)}
     pairs = [(a, b) for a, b in zip(*found.values(), strict=True) if a.feasible and not (a.lost or b.lost)]
     found |= {f"{label}, feasible": [x for x in rows if x.feasible] for label, rows in found.items()}

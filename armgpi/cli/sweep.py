@@ -152,7 +152,7 @@ def _count(text: str) -> int:
 def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
     from armgpi.loop import metrics
-    from armgpi.studies.results import failure_words
+    from armgpi.studies.results import failure_words, quantile_words
 
     say(f"{sweep.label} on {sweep.robot.name}; failed is {failure_words(sweep)}")
     for sentence in sentences:
@@ -161,7 +161,7 @@ def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     for each in metrics.shown_in("terminal"):
         if each.name in said["quantiles"]:
             values = said["quantiles"][each.name]
-            shares = (f"{100 * float(share):g} % {_short(x)}" for share, x in values.items())
+            shares = (f"{100 * float(share):g} % {quantile_words(x)}" for share, x in values.items())
             say(f"{each.heading} [{each.unit.symbol(sliding) or '-'}]: {', '.join(shares)}")
     for name, parts in said["failure by what was drawn"].items():
         low, high = min(parts, key=_value), max(parts, key=_value)
@@ -189,19 +189,6 @@ def _part(low: float, high: float) -> str:
 def _percent(part: dict[str, Any]) -> str:
     low, high = (f"{100.0 * part[end]:.3g}" for end in ("lower", "upper"))
     return f"{100.0 * part['value']:.3g} % ({low} to {high} %)"
-
-
-def _short(estimate: dict[str, float | None]) -> str:
-    """Return an estimate with its interval; an end that is open has no number."""
-    low, value, high = estimate["lower"], estimate["value"], estimate["upper"]
-    ends = f"{_number(low)} to {_number(high)}"
-    if low is None or high is None:
-        ends = f"below {_number(high)}" if low is None else f"above {_number(low)}"
-    return f"{_number(value)} ({ends if low is not None or high is not None else 'open'})"
-
-
-def _number(value: float | None) -> str:
-    return "inf" if value is None else f"{value:.3g}"
 
 
 @contextmanager

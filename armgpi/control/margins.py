@@ -261,24 +261,6 @@ def sector(loop: Loop, lowest: float = 1.0, sigma: float = 0.0) -> Interval:
     return Interval(lowest, float(min(bounds, default=math.inf)))
 
 
-def widest_sector(loop: Loop, sigma: float = 0.0) -> Interval:
-    """Return the interval of :func:`sector` with the largest ratio of its ends."""
-    from scipy.optimize import minimize_scalar  # here: few ask for it, and it is slow to import
-
-    frozen = gain_interval(loop, sigma)
-    tried = np.linspace(math.log(max(frozen.lower, 1e-3)), math.log(min(frozen.upper, 1e3)), 66)
-
-    def shortfall(x: float) -> float:
-        interval = sector(loop, math.exp(x), sigma)
-        return -interval.upper / interval.lower
-
-    best, step = min(tried[1:-1], key=shortfall), tried[1] - tried[0]
-    found = minimize_scalar(
-        shortfall, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-9}
-    )
-    return sector(loop, math.exp(found.x), sigma)
-
-
 def count_noise(tuning: Tuning, dt: float, member: Member = PRINTED) -> Noise:
     """Return what encoder counts make of v in the sampled loop at rest, exact for white noise.
 

@@ -30,7 +30,7 @@ from armgpi.control.controller import Controller
 from armgpi.control.family import Member
 from armgpi.control.gpi import KNOWS
 from armgpi.control.supervisor import Supervisor, suited
-from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.errors import ArmgpiWarning
 from armgpi.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
@@ -38,7 +38,7 @@ from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status, describe_measurement
 from armgpi.plants.reality import Draw, Reality, batches, together
-from armgpi.robot import robots, rotors
+from armgpi.robot import rotors
 from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.robot import Robot
 
@@ -64,8 +64,6 @@ SEARCHED = tuple(
 BANDWIDTHS = (8.0, 5.0, 12.0, 3.5, 2.0)
 #: Moments at which the torque that a move takes is looked at.
 MOMENTS = 301
-#: Arms that are part of a larger robot belong to the family of the arm.
-_FAMILIES = {"anymal": "kinova", "b1": "z1"}
 #: The first draws of two arms are so many draws apart, or a multiple.
 _APART = 1 << 12
 
@@ -105,32 +103,6 @@ class Outcome(NamedTuple):
     def feasible(self) -> bool:
         """Whether the motors can follow the reference, and a law hold the arm."""
         return self.demand <= 1.0 and self.held
-
-
-def families() -> dict[str, list[str]]:
-    """Return the arms of example-robot-data by family, both in alphabetical order.
-
-    A family is the first word of the folder that the URDF is in.
-    """
-    found: dict[str, list[str]] = {}
-    for name, arm in robots.EXAMPLE_ROBOT_DATA.items():
-        family = arm.file.partition("_")[0]
-        found.setdefault(_FAMILIES.get(family, family), []).append(name)
-    return {family: sorted(found[family]) for family in sorted(found)}
-
-
-def arms(part: str) -> list[str]:
-    """Return the arms to choose a law's tuning with ("fit"), or to judge it with ("held-out").
-
-    Families go to the one and the other by turns, in alphabetical order.
-
-    Raises:
-        ParameterError: when it is neither.
-    """
-    parts = ("fit", "held-out")
-    if part not in parts:
-        raise ParameterError("part", part, f"one of {', '.join(parts)}")
-    return [name for names in list(families().values())[parts.index(part) :: 2] for name in names]
 
 
 def first_index(name: str) -> int:

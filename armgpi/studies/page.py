@@ -13,7 +13,7 @@ from armgpi.arrays import Array
 from armgpi.config import build, dump
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
-from armgpi.studies.results import QUANTILES, of_arm, sentences, worst
+from armgpi.studies.results import QUANTILES, of_arm, quantile_words, sentences, worst
 from armgpi.studies.sample import Sweep
 from armgpi.viz import page, report
 from armgpi.viz.drawing import LINE, Drawing, figure
@@ -63,21 +63,12 @@ def _table(sweep: Sweep, said: Mapping[str, Any]) -> str:
     """Return the quantiles of the metrics as a table."""
     rows, sliding = [], bool(sweep.robot.prismatic.all())
     for name in sweep.metrics:
-        cells = [_cell(said["quantiles"][name][str(share)]) for share in QUANTILES]
+        cells = [quantile_words(said["quantiles"][name][str(share)]) for share in QUANTILES]
         rows.append(
             [f"{metrics.ALL[name].heading} [{metrics.ALL[name].unit.symbol(sliding) or '-'}]", *cells]
         )
     head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
     return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
-
-
-def _cell(estimate: Mapping[str, float | None]) -> str:
-    """Return an estimate with its interval as text."""
-    value, low, high = (
-        "inf" if x is None else metrics.short(x, 3)
-        for x in (estimate[k] for k in ("value", "lower", "upper"))
-    )
-    return f"{value} ({low} to {high})"
 
 
 def _figures(pictures: Iterable[tuple[str, str]]) -> str:

@@ -184,6 +184,17 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def quantile_words(estimate: Mapping[str, float | None]) -> str:
+    """Return an estimate with its interval; an end that is open has no number."""
+    value, low, high = (
+        "inf" if estimate[key] is None else f"{estimate[key]:.3g}" for key in ("value", "lower", "upper")
+    )
+    ends = f"{low} to {high}"
+    if None in (estimate["lower"], estimate["upper"]):
+        ends = f"below {high}" if estimate["lower"] is None else f"above {low}"
+    return f"{value} ({ends if {estimate['lower'], estimate['upper']} != {None} else 'open'})"
+
+
 def of_arm(found: xr.Dataset, name: str) -> Array:
     """Return a metric of the arm for every rollout: the sum or the largest of its joints."""
     return metrics.ALL[name].of_arm(found[name].values)

@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
+from scipy.optimize import minimize_scalar
 
 from armgpi import Tuning
 from armgpi.control.family import PRINTED, Member, transfer_function
 from armgpi.control.margins import (
+    Interval,
     Loop,
     count_noise,
     crossovers,
@@ -24,7 +26,6 @@ from armgpi.control.margins import (
     peak_sensitivity,
     phase_margin,
     sector,
-    widest_sector,
 )
 
 Array = npt.NDArray[np.float64]
@@ -95,6 +96,22 @@ def test_two_integrators_have_the_stated_margins(
     assert OMEGA * delay_margin(loop) == pytest.approx(delay, abs=1e-3)
     assert gain_interval(loop) == pytest.approx(frozen, abs=5e-3)
     assert sector(loop).upper == pytest.approx(varying, abs=1e-3)
+
+
+def widest_sector(loop: Loop, sigma: float = 0.0) -> Interval:
+    """Return the interval of :func:`sector` with the largest ratio of its ends."""
+    frozen = gain_interval(loop, sigma)
+    tried = np.linspace(math.log(max(frozen.lower, 1e-3)), math.log(min(frozen.upper, 1e3)), 66)
+
+    def shortfall(x: float) -> float:
+        interval = sector(loop, math.exp(x), sigma)
+        return -interval.upper / interval.lower
+
+    best, step = min(tried[1:-1], key=shortfall), tried[1] - tried[0]
+    found = minimize_scalar(
+        shortfall, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-9}
+    )
+    return sector(loop, math.exp(found.x), sigma)
 
 
 @pytest.mark.parametrize(("sigma", "ratio"), [(0.0, 4.66), (0.1, 4.38), (0.2, 4.14), (0.4, 3.71)])
