@@ -53,12 +53,11 @@ GEARED: Mapping[bool, Mapping[str, Any]] = {
     False: {"rolloff": 0, "rotor_factor": 3.0, "feedforward": "computed"},
     True: {"rolloff": 1, "rolloff_ratio": RATIO, "feedforward": "computed"},
 }
-#: The same at the link where the stiffness is believed, and at the motor where lateness leaves a loop without
-#: roll-off little; how much faster than that one laws with a roll-off have to be to reject as much: this one,
-#: and the one for a link with stiffness told. By peak errors after a step of torque on fit arms, at 1 to 4 ms
-#: and 1 to 3 samples late.
-GEARED_LATE = {"rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0, "feedforward": "computed"}
-LATE_GAIN, ROLLOFF_GAIN = 1.1, 1.6
+#: The same at the link where the stiffness is believed, so may be low.
+BELIEVED_LINK = {"rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0, "feedforward": "computed"}
+#: How much faster than without a roll-off the law for a link has to be where stiffness is told, to reject as
+#: much: by peak errors after a step of torque, at 1 to 4 ms and 1 to 3 samples late.
+ROLLOFF_GAIN = 1.6
 #: Highest crossover frequency [rad/s]; that of the printed law at 30 rad/s is 56. Arms are not stiff beyond.
 CROSSOVER = 70.0
 #: Standard deviation of the torque's step between samples at rest, as a share of the effort: Panda with
@@ -192,13 +191,13 @@ def _geared(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[
     """Return what is chosen for an arm whose gears twist."""
     first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
     link, believed = geared.at_link(first), geared.is_believed(first)
-    structure = GEARED_LATE if link and believed else GEARED[link]
-    chosen = _with_structure(structure, robot, dt, delay, bits, given)
-    if link or (believed and _allowed(chosen) > geared.LATE):
+    chosen = _with_structure(
+        BELIEVED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
+    )
+    if link or believed:
         return chosen
-    structure, gain = (GEARED_LATE, LATE_GAIN) if believed else (GEARED[True], ROLLOFF_GAIN)
-    other = _with_structure(structure, robot, dt, delay, bits, given)
-    return other if _allowed(other) > gain * _allowed(chosen) else chosen
+    other = _with_structure(GEARED[True], robot, dt, delay, bits, given)
+    return other if _allowed(other) > ROLLOFF_GAIN * _allowed(chosen) else chosen
 
 
 def _allowed(chosen: Mapping[str, Any]) -> float:
@@ -238,6 +237,8 @@ def _with_structure(
                 arms = geared.cases(one, dt, _samples(dt, delay), damping)
                 loops = geared.Loops(arms, own, bias, law, dt)
                 omega = geared.bandwidth(loops, highest, believed)
+        if believed and not geared.at_link(one):
+            omega = max(omega, min(geared.SLOWEST, highest))
         return omega * np.ones(one.n)
 
     omega = _of_each(robot, fastest)
