@@ -115,7 +115,7 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
             robot.with_friction(0.0, x * robot.friction.coulomb) for x in (1 - given.within, 1 + given.within)
         ]
     if law == "untuned":
-        controller = armgpi.GPI.untuned(robot, 1e-3, bits=16, **options)
+        controller = armgpi.GPI.untuned(robot, 1e-3, bits=16, drives="believed", **options)
     else:
         controller = armgpi.GPI(robot, 1e-3, gains=FixedGains(30.0), feedforward=law, **options)
     start = robot.middle()
