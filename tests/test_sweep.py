@@ -595,6 +595,10 @@ def test_bars_of_a_picture_stand_on_one_line() -> None:
     assert 'points="225.0,18.4 225.0,0.0"' in svg
 
 
+def test_a_histogram_tells_how_many_it_leaves_out() -> None:
+    assert "bars up to 3 of 5; 1 infinite" in page._histogram(np.array([1.0, 1.0, 2.0, 1.0, np.inf]))
+
+
 def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:
     ends = [(x, y) for x in (0.0, 1.0) for y in (5.0, 6.0, 7.0)]
     parts = [{"from": [x, y], "to": [x + 1.0, y + 1.0], "value": 0.1, "rollouts": 50} for x, y in ends]

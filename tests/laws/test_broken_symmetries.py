@@ -167,3 +167,10 @@ def test_an_angle_is_moved_by_the_full_turns_that_bring_it_nearest_inside_its_li
     expected = np.take_along_axis(every, far.argmin(axis=0)[None], axis=0)[0]
     found = _nearest_turns(arm, q, home)
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_moves_begin_to_either_side_of_the_middle() -> None:
+    reality, middle = Reality.bare(), UR5.middle()
+    starts = np.array([reality.draw(UR5, index).move.start for index in range(24)])
+    assert (starts < middle - 0.5).any(axis=0).all()
+    assert (starts > middle + 0.5).any(axis=0).all()
