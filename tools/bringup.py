@@ -3,12 +3,11 @@
 Usage:
     python tools/bringup.py [--target NAME] [--only TEXT] [--last STAGE]
 
-Each mistake is planted into a
-robot as libfranka's (1 kHz, 1000 N m/s, gravity by the robot, which echoes torques), one as UR's (500 Hz, two
-samples late, gravity by the robot), and one behind ros2_control (1 kHz, gravity by the controller, which is
-told no torque). All have friction of 2 % of the torque that their joints are moved with. Stages are run one
-after another until a log is judged wrong. Travel is how far a joint was from where the stage wanted it, or,
-after a stop, from where it was stopped if that is less; brakes grip 50 ms after a fault.
+Each mistake is planted into a robot as libfranka's (Panda, which echoes torques), one as UR's (UR5), and one
+behind ros2_control (Z1, 1 kHz, gravity by the controller, which is told no torque); see tools/targets.py. All
+have friction of 2 % of the torque that their joints are moved with. Stages are run one after another until a
+log is judged wrong. Travel is how far a joint was from where the stage wanted it, or, after a stop, from
+where it was stopped if that is less; brakes grip 50 ms after a fault.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import targets
 
 from armgpi import ExportedController, RigidBodyPlant, Saturated, Supervised, config
 from armgpi.export.targets import compensated
@@ -29,18 +29,7 @@ from armgpi.realtime.datagram import Datagram
 from armgpi.realtime.ends import UPRIGHT, ArmEnd, ControllerEnd, Watchdog
 
 FRICTION, BRAKES, BITS = 0.02, 0.05, 18
-TARGETS: dict[str, dict[str, Any]] = {
-    "fci": {
-        "robot": {
-            "name": "panda",
-            "lock": ["panda_finger_joint1", "panda_finger_joint2"],
-            "gravity": "robot",
-        },
-        "supervisor": {"torque_rate": 1000.0},
-    },
-    "ur": {"robot": {"name": "ur5", "gravity": "robot"}, "plant": {"delay": 2}, "sample_time": 2e-3},
-    "ros2_control": {"robot": {"name": "z1", "lock": ["jointGripper"]}, "plant": {"delay": 1}},
-}
+TARGETS = ("fci", "ur", "ros2_control")
 #: Targets whose robots echo the torque that they were given, and that report what their joints carry.
 ECHO, REPORTS = ("fci",), ("fci", "ur")
 
@@ -130,8 +119,12 @@ MISTAKES = (
     Mistake("motor dead", ("command order",), tau=at(1, lambda x: 0.0)),
     Mistake("brake closed", ("command order",), closed=True),
     Mistake("gravity twice, or by nobody", ("carried",), adds=np.nan),
-    Mistake("mounted upside down", ("weight", "carried"), arm=lambda r: r.with_gravity((0.0, 0.0, 9.81))),
-    Mistake("base tilted by 20 degrees", ("weight", "carried"), arm=tilted),
+    Mistake(
+        "mounted upside down",
+        ("weight", "mounting", "carried"),
+        arm=lambda r: r.with_gravity((0.0, 0.0, 9.81)),
+    ),
+    Mistake("base tilted by 20 degrees", ("mounting",), arm=tilted),
     Mistake("load not told, a fifth of the arm", ("weight", "carried"), arm=loaded),
     Mistake(
         "file of a lighter arm (masses 0.6)", ("weight", "carried"), arm=lambda r: r.scaled_inertia(1 / 0.6)
@@ -237,9 +230,7 @@ class Bench:
 
     def __init__(self, target: str, folder: Path) -> None:
         """Write the stages."""
-        data = {"controllers": [{"type": "untuned"}], **TARGETS[target]}
-        data["robot"] = {**data["robot"], "drives": "soft"}
-        data["plant"] = {"engine": "armgpi", "encoder_bits": BITS, **data.get("plant", {})}
+        data = targets.described(target, next(iter(targets.ARMS[target])), BITS)
         loaded = config.Loaded(config.check(data, config.Origin(target)), config.Origin(target))
         self.target = target
         self.folder = stages.write(loaded, config.build(*loaded), folder)
@@ -299,8 +290,7 @@ def main() -> None:
     parser.add_argument("--only", default="")
     parser.add_argument("--last", default="slow")
     given = parser.parse_args()
-    targets = [given.target] if given.target else list(TARGETS)
-    for target in targets:
+    for target in [given.target] if given.target else TARGETS:
         with tempfile.TemporaryDirectory() as folder:
             bench = Bench(target, Path(folder))
             for mistake in MISTAKES:

@@ -1,373 +1,573 @@
-"""The fault matrix, on three arms, and all bounds: docs/faults.md (`make faults`).
+"""The fault matrix of every target, and all bounds: docs/faults.md and docs/faults.csv (`make faults`).
 
-Each fault happens in the middle of a move of all joints, at 0.75 rad/s for the fastest, with 18-bit encoders.
-Everything after it is simulated for a second, without brakes and without friction. The arms have the rotors
-that the law believes, and stiff gears. The arm's watchdog is that of `armgpi loop`.
+Usage:
+    python tools/faults.py             the matrix; the rows of tools/bounds.py are kept as they are
+    python tools/faults.py --bounds    those as well
+    python tools/faults.py --target fci --print     one target, without writing anything
+
+Each fault happens in the middle of a move of all joints, at 0.75 rad/s for the fastest, with 18-bit encoders,
+in each joint in turn: one batch for each arm, and for measurements as late as is usual and as at most.
+Everything after it is simulated for a second, without brakes and without friction. The law is the export's,
+which believes that gears twist; those of the arm are stiff, or do, with encoders at the motors.
+The arm's watchdog is that of `armgpi loop`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+import argparse
+import csv
+import itertools
+import sys
+import time
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import bounds
 import numpy as np
+import targets
 from bounds import Row
 
 from armgpi import (
     GPI,
     Bezier,
+    Delayed,
+    ElasticPlant,
     Encoder,
-    ExportedController,
+    Friction,
     Hold,
     Measurement,
     Pulse,
     RigidBodyPlant,
     Robot,
     Saturated,
-    believe_drives,
+    Supervised,
+    config,
     simulate,
 )
-from armgpi.control.supervisor import FaultReport, Supervisor
+from armgpi.control.supervisor import Reason, State, Supervisor
+from armgpi.parameter import parameters
 from armgpi.realtime.datagram import TORQUE, Datagram
 from armgpi.realtime.ends import ArmEnd, Watchdog
 
 DOCS = Path(__file__).parents[1] / "docs"
-DT, SECONDS, SPEED, BITS = 1e-3, 1.0, 0.75, 18
+SECONDS, SPEED, BITS = 1.0, 0.75, 18
 #: Slower than this is at rest [rad/s].
 REST = 0.02
-ARMS = bounds.ARMS
-#: Rate under which every fault happens once more [N m/s], and for how long [s].
-RATE, BRIEFLY = 300.0, 0.2
+#: Within which an arm has to rest after a fault in motion [s, rad].
+SOON, NEAR = 0.5, 0.1
+#: Coefficient of viscous friction of a joint that is blocked [N m s/rad].
+BLOCKED = 1e6
+#: Sample times where a target leaves them open [s].
+SAMPLE_TIMES = {"ros2_control": (1e-3, 4e-3)}
 
 
 class Sample(NamedTuple):
-    """What a fault may change, `k` samples after it began: what is given to a step, and when it is called."""
+    """What a fault may change, `t` seconds after it began; (rollouts, n). `hit` are the joints it is of."""
 
-    k: int
+    t: float
+    hit: Any
     q: Any
-    q_ref: Any
-    first: Any
-    called: bool = True
+    r: Any
+    first_q: Any
+    first_r: Any
 
 
 class Fault(NamedTuple):
-    """A fault, by what it changes: a sample, the torque that acts, or the arm."""
+    """A fault, by what it changes: what is measured, the reference, the torque that acts, or the arm.
+
+    Attributes:
+        name: in words.
+        q: what is measured of joints that are hit; None for what is.
+        r: their reference, likewise.
+        tau: torque that acts: of time, torque asked for, and effort limits.
+        each: whether it happens to one joint, to each in turn; else to all at once.
+        away: how long no sample comes [s].
+        blocked: whether the joints do not move.
+        payload: at the tip [kg].
+        rest: whether the arm is at rest before.
+        open: whether nothing is measured then that a loop could be closed with.
+    """
 
     name: str
-    sample: Callable[[Sample], Sample] = lambda s: s
-    torque: Callable[[int, Any, Any], Any] = lambda k, tau, effort: tau
+    q: Callable[[Sample], Any] | None = None
+    r: Callable[[Sample], Any] | None = None
+    tau: Callable[[float, Any, Any], Any] | None = None
+    each: bool = True
+    away: float = 0.0
     blocked: bool = False
     payload: float = 0.0
     rest: bool = False
+    open: bool = False
 
 
-def one(values: Any, value: float) -> Any:
-    """Return positions with another one of the second joint."""
-    changed = values.copy()
-    changed[1] = value
-    return changed
-
-
-def joint(change: Callable[[Sample], float]) -> Callable[[Sample], Sample]:
-    """Return a change of the measurement of the second joint."""
-    return lambda s: s._replace(q=one(s.q, change(s)))
-
-
-def away(length: int) -> Callable[[Sample], Sample]:
-    """Return that no sample comes for a time."""
-    return lambda s: s._replace(called=s.k >= length)
+def once(s: Sample, value: Any, until: float = 1e-9) -> Any:
+    """Return a value for the first samples, and what is measured then."""
+    return value if s.t < until else s.q
 
 
 FAULTS = (
-    Fault("reference NaN", lambda s: s._replace(q_ref=s.q_ref * np.nan)),
-    Fault("reference infinite, once", lambda s: s._replace(q_ref=s.q_ref + np.inf) if s.k == 0 else s),
-    Fault("reference jumps by 0.3 rad", lambda s: s._replace(q_ref=s.q_ref + 0.3)),
-    Fault("reference stops dead", lambda s: s._replace(q_ref=s.first.q_ref)),
-    Fault("one sample NaN", lambda s: s._replace(q=s.q * np.nan) if s.k == 0 else s),
-    Fault("10 samples NaN", lambda s: s._replace(q=s.q * np.nan) if s.k < 10 else s),
-    Fault("a joint NaN for good", joint(lambda s: np.nan)),
-    Fault("all NaN for good", lambda s: s._replace(q=s.q * np.nan)),
-    Fault("one sample 1e6 rad", lambda s: s._replace(q=one(s.q, 1e6)) if s.k == 0 else s),
-    Fault("a spike of 1 rad", lambda s: s._replace(q=one(s.q, s.q[1] + 1.0)) if s.k == 0 else s),
-    Fault("an encoder off by 0.5 rad for good", joint(lambda s: s.q[1] + 0.5)),
-    Fault("a joint frozen", joint(lambda s: s.first.q[1])),
-    Fault("all joints frozen", lambda s: s._replace(q=s.first.q)),
-    Fault(
-        "an encoder 5 % wrong from here on", joint(lambda s: s.first.q[1] + 1.05 * (s.q[1] - s.first.q[1]))
-    ),
-    Fault("an encoder counts backwards", joint(lambda s: 2.0 * s.first.q[1] - s.q[1])),
-    Fault("samples missed for 5 ms", away(5)),
-    Fault("samples missed for 20 ms", away(20)),
-    Fault("samples missed for 50 ms", away(50)),
+    Fault("reference NaN", r=lambda s: s.r * np.nan),
+    Fault("reference infinite, once", r=lambda s: s.r + (np.inf if s.t == 0.0 else 0.0)),
+    Fault("reference jumps by 0.3 rad", r=lambda s: s.r + 0.3),
+    Fault("reference of all joints jumps by 0.3 rad", r=lambda s: s.r + 0.3, each=False),
+    Fault("reference stops dead", r=lambda s: s.first_r, each=False),
+    Fault("one sample NaN", q=lambda s: once(s, s.q * np.nan)),
+    Fault("10 ms NaN", q=lambda s: once(s, s.q * np.nan, 0.01)),
+    Fault("a joint NaN for good", q=lambda s: s.q * np.nan, open=True),
+    Fault("all NaN for good", q=lambda s: s.q * np.nan, each=False, open=True),
+    Fault("one sample 1e6 rad", q=lambda s: once(s, s.q + 1e6)),
+    Fault("a spike of 1 rad", q=lambda s: once(s, s.q + 1.0)),
+    Fault("an encoder off by 0.5 rad for good", q=lambda s: s.q + 0.5, open=True),
+    Fault("a joint frozen", q=lambda s: s.first_q, open=True),
+    Fault("all joints frozen", q=lambda s: s.first_q, each=False, open=True),
+    Fault("an encoder 5 % wrong from here on", q=lambda s: s.first_q + 1.05 * (s.q - s.first_q)),
+    Fault("an encoder counts backwards", q=lambda s: 2.0 * s.first_q - s.q, open=True),
+    *(Fault(f"samples missed for {1e3 * t:.0f} ms", each=False, away=t) for t in (0.005, 0.02, 0.05)),
     Fault("a joint blocked", blocked=True),
-    Fault("a push of half the effort for 50 ms", torque=lambda k, tau, effort: tau + 0.5 * effort * (k < 50)),
-    Fault("a motor dead", torque=lambda k, tau, effort: one(tau, 0.0)),
-    Fault("a motor at half its torque", torque=lambda k, tau, effort: one(tau, 0.5 * tau[1])),
-    Fault("a motor turns the other way", torque=lambda k, tau, effort: one(tau, -tau[1])),
-    Fault("0.5 kg picked up unnoticed", payload=0.5),
-    Fault("at rest: all NaN for good", lambda s: s._replace(q=s.q * np.nan), rest=True),
-    Fault("at rest: reference NaN", lambda s: s._replace(q_ref=s.q_ref * np.nan), rest=True),
-    Fault("at rest: a joint frozen", joint(lambda s: s.first.q[1]), rest=True),
-    Fault("at rest: an encoder off by 0.5 rad", joint(lambda s: s.q[1] + 0.5), rest=True),
+    Fault("a push of half its effort for 50 ms", tau=lambda t, tau, top: tau + 0.5 * top * (t < 0.05)),
+    Fault("the same push of all joints", tau=lambda t, tau, top: tau + 0.5 * top * (t < 0.05), each=False),
+    Fault("a motor dead", tau=lambda t, tau, top: 0.0 * tau),
+    Fault("a motor at half its torque", tau=lambda t, tau, top: 0.5 * tau),
+    Fault("a motor turns the other way", tau=lambda t, tau, top: -tau),
+    Fault("0.5 kg picked up unnoticed", payload=0.5, each=False),
+    Fault("at rest: all NaN for good", q=lambda s: s.q * np.nan, each=False, rest=True, open=True),
+    Fault("at rest: reference NaN", r=lambda s: s.r * np.nan, rest=True),
+    Fault("at rest: a joint frozen", q=lambda s: s.first_q, rest=True),
+    Fault("at rest: an encoder off by 0.5 rad", q=lambda s: s.q + 0.5, rest=True, open=True),
 )
 
 
-class Outcome(NamedTuple):
-    """What became of an arm: times from the fault on [s], positions [rad], velocities [rad/s].
+class Case(NamedTuple):
+    """An arm as a target has it, rigid or with gears that twist."""
 
-    `wanted` is where its move would be, and `steepest` the largest change of torque in a sample [N m].
+    target: str
+    arm: str
+    dt: float
+    gravity: str
+    elastic: bool
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.arm}, {1e3 * self.dt:g} ms, {'elastic' if self.elastic else 'rigid'}"
+
+
+def cases(target: str) -> Iterator[Case]:
+    """Yield what a target is tried with; the paper's arm has no gears, and no elastic twin."""
+    expected = targets.EXPECTED[target]
+    carried = ("robot",) if "gravity" in expected.adds else ("robot", "arm")
+    times = (expected.dt,) if expected.dt else SAMPLE_TIMES.get(target, (1e-3,))
+    for arm, dt, gravity, elastic in itertools.product(targets.ARMS[target], times, carried, (False, True)):
+        if not (elastic and arm == "anthropomorphic3"):
+            yield Case(target, arm, dt, gravity, elastic)
+
+
+class Outcome(NamedTuple):
+    """What became of an arm after a fault in a joint (-1: all), `late` samples late.
+
+    Times are from the fault on [s], then positions [rad] and velocities [rad/s] of the links. `wanted` is
+    where the move would be, `rate` the highest rate of the torques sent [N m/s].
     """
 
+    case: Case
+    fault: Fault
+    joint: int
+    late: int
     times: Any
     q: Any
     v: Any
     wanted: Any
-    report: FaultReport
+    status: str
+    reason: str
     noticed: float
-    steepest: float
+    rate: float
 
-    def travel(self, seconds: float = 0.5) -> float:
-        """Return how far a joint went from where it was, and from its move, whichever is nearer [rad]."""
-        away = [np.abs(self.q - other).max(axis=1) for other in (self.q[0], self.wanted)]
-        return float(np.minimum(*away)[self.times <= seconds].max())
+    def travel(self, seconds: float = SOON) -> float:
+        """Return how far a joint went from where it was, or from its move, whichever is nearer [rad]."""
+        nearer = np.minimum(*(np.abs(self.q - other) for other in (self.q[0], self.wanted)))
+        far = float(nearer[self.times <= seconds].max())
+        return far if np.isfinite(far) else np.inf  # the arm was lost
+
+    @property
+    def peak(self) -> float:
+        """Highest speed [rad/s]."""
+        fast = float(np.abs(self.v).max())
+        return fast if np.isfinite(fast) else np.inf
 
     @property
     def rest(self) -> float:
         """Time from which on the arm is at rest [s]; infinite when it is not."""
-        moving = np.flatnonzero(np.abs(self.v).max(axis=1) > REST)
+        moving = np.flatnonzero(~(np.abs(self.v).max(axis=1) <= REST))
         last = moving[-1] + 1 if moving.size else 0
         return float(self.times[last]) if last < len(self.times) else np.inf
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether it was no fault to the supervisor: the arm goes on with its move."""
+        return self.status == "run"
+
+    @property
+    def kept(self) -> bool:
+        """Whether it rested soon and near; an arm that goes on need be near alone."""
+        return self.travel() <= NEAR and (self.goes_on or self.rest <= SOON)
+
 
 @cache
-def exported(name: str, gravity: str, given: tuple[tuple[str, Any], ...]) -> ExportedController:
-    """Return the controller as exported C, which takes a tenth of the time of Python."""
-    robot = robot_of(name, gravity)
-    supervisor = Supervisor(resolution=robot.encoder_count(BITS), **dict(given))
-    return ExportedController.of(GPI.untuned(robot, DT, bits=BITS), supervisor=supervisor)
+def experiment_of(target: str, arm: str, dt: float, gravity: str) -> Any:
+    """Return the experiment that `armgpi export --target` writes the controller of."""
+    data = targets.described(target, arm, BITS, gravity, dt)
+    origin = config.Origin(target)
+    return config.build(config.check(data, origin), origin)
 
 
-@cache
-def robot_of(name: str, gravity: str) -> Robot:
-    """Return an arm with rotors of stiff gears, as its law believes, without gravity if the robot has it."""
-    robot = believe_drives(Robot.load(name, lock=list(ARMS[name])), "believed")
-    return robot.with_gravity((0.0, 0.0, 0.0)) if gravity == "robot" else robot
+def suited(supervisor: Supervisor, given: dict[str, Any]) -> Supervisor:
+    """Return a supervisor with other bounds."""
+    return Supervisor(**{name: getattr(supervisor, name) for name in parameters(Supervisor)} | given)
 
 
-def happened(name: str, gravity: str, fault: Fault, seconds: float = SECONDS, **given: Any) -> Outcome:
-    """Let a fault happen under a supervisor with such bounds, and return what became of the arm."""
-    robot = robot_of(name, gravity)
-    reference, begin = move_of(robot, fault.rest)
-    plant = Encoder(Saturated(RigidBodyPlant(robot)), bits=BITS)
-    loaded = robot.with_payload(robot.tip, fault.payload) if fault.payload else robot
-    supervised = exported(name, gravity, tuple(given.items()))
-    q = reference.at(0.0).q
-    arm = ArmEnd(plant, robot, DT, Watchdog(), q, np.zeros(robot.n), velocity=False)
-    state = supervised.init(Measurement(arm.sample().values), reference.at(0.0))
-    rows: list[Any] = []
-    first, tau, missed, noticed, steepest = None, np.zeros(robot.n), 0, np.inf, 0.0
-    for k in range(begin + round(seconds / DT)):
-        target = reference.at(k * DT)
-        sample = Sample(k - begin, arm.sample().values, target.q, first)
-        if k == begin:
-            arm.plant = Encoder(Saturated(RigidBodyPlant(loaded)), bits=BITS)
-        if k >= begin:
-            truth = plant.true_state(arm.state)
-            rows.append((truth.q, truth.v, target.q))
-            first = sample if first is None else first
-            sample = fault.sample(sample._replace(first=first))
-        if not sample.called:
-            missed += 1
-            arm.advance(None)
-            continue
-        before = tau
-        seen = Measurement(sample.q), target._replace(q=sample.q_ref)
-        tau, state = supervised.advance(*seen, state, 1 + missed)
-        steepest, missed = max(steepest, float(np.abs(tau - before).max()) / (1 + missed)), 0
-        if k >= begin and noticed == np.inf and supervised.report(state).reason != "none":
-            noticed = (k - begin) * DT
-        acting = fault.torque(k - begin, tau, robot.limits.effort) if k >= begin else tau
-        arm.advance(Datagram(TORQUE, k, k * DT, acting))
-        if k >= begin and fault.blocked:
-            stuck = plant.true_state(arm.state)
-            arm.state = plant.init(one(stuck.q, rows[0][0][1]), one(stuck.v, 0.0))
-    columns = (np.array(part) for part in zip(*rows, strict=True))
-    return Outcome(np.arange(len(rows)) * DT, *columns, supervised.report(state), noticed, steepest)
+def plant_of(case: Case, robot: Robot, late: Any, **given: Any) -> Any:
+    """Return the arm with sensors; `given` is its friction."""
+    zero = np.zeros((len(late), robot.n)) if given else 0.0
+    if case.elastic:
+        arm: Any = ElasticPlant(
+            *(robot, (), Friction(zero, zero)), substeps=round(case.dt / 1e-3), link_coulomb=zero, **given
+        )
+    else:
+        arm = RigidBodyPlant(robot, friction=Friction(given["link_viscous"], zero) if given else None)
+    return Delayed(Encoder(Saturated(arm), bits=BITS), late)
 
 
-def move_of(robot: Robot, rest: bool) -> tuple[Bezier, int]:
+def move_of(robot: Robot, rest: bool, dt: float) -> tuple[Bezier, int]:
     """Return a move, and the sample of its fastest moment."""
     middle = robot.middle()
     if rest:
-        return Bezier(middle, middle, 1.0), 200
+        return Bezier(middle, middle, 1.0), round(0.2 / dt)
     step = np.minimum(0.4, 0.4 * (robot.limits.upper - middle))
     peak = float(np.abs(Bezier(middle, middle + step, 1.0).at(np.array([0.5])).v).max())
     duration = peak / SPEED
-    return Bezier(middle, middle + step, duration), round(0.5 * duration / DT)
+    return Bezier(middle, middle + step, duration), round(0.5 * duration / dt)
 
 
-def cell(found: Outcome) -> str:
-    """Return what the table says of an outcome."""
-    state = found.report.status.upper()
-    if found.report.reason != "none":
-        state += f" ({found.report.reason.upper()}, {1e3 * found.noticed:.0f} ms)"
-    rest = f"{found.rest:.2f} s" if np.isfinite(found.rest) else "moves"
-    return f"{state} | {found.travel():.3f} | {np.abs(found.v).max():.2f} | {rest}"
+def happened(case: Case, faults: list[Fault], **given: Any) -> list[Outcome]:
+    """Let faults that share the arm and the samples missed happen in a batch: in each joint, at each delay.
 
-
-Matrix = dict[tuple[str, str, str], Outcome]
-
-
-def own_bounds(matrix: Matrix, rated: list[Outcome]) -> list[Row]:
-    """Return the bounds that the matrix shows, and what happened under a rate of torque."""
-    nan = [found for (_, _, fault), found in matrix.items() if fault == "reference NaN"]
-    slowest, farthest = max(x.rest for x in nan), max(x.travel() for x in nan)
+    Args:
+        case: the arm.
+        faults: with the same `away`, `blocked`, `payload` and `rest`.
+        **given: bounds of the supervisor that differ from the export's.
+    """
+    experiment = experiment_of(*case[:4])
+    robot, dt, one = experiment.robot, case.dt, faults[0]
+    law = next(iter(experiment.controllers.values()))
+    supervised = Supervised(law, suited(experiment.supervisor, given))
     rows = [
-        Row(
-            "NaN reference at 0.75 rad/s: at rest within 0.5 s and 0.05 rad",
-            f"{slowest:.2f} s, {farthest:.3f} rad (worst of arms and gravities)",
-            slowest <= 0.5 and farthest <= 0.05,
-        )
+        (fault, joint, late)
+        for late in sorted(set(targets.EXPECTED[case.target].delays))
+        for fault in faults
+        for joint in (range(robot.n) if fault.each else (-1,))
     ]
-    for rest, limit in ((True, 0.01), (False, 0.05)):
-        names = [fault.name for fault in FAULTS if fault.rest == rest]
-        worst = {name: max(matrix[each, "robot", name].travel() for each in ARMS) for name in names}
-        over = {name: x for name, x in worst.items() if x > limit}
-        said = f"{len(worst) - len(over)} of {len(worst)} faults"
-        said += "".join(f"; {name} {x:.3f}" for name, x in over.items())
-        where = "at rest" if rest else "in motion"
-        rows.append(Row(f"gravity by the robot, {where}: {limit} rad after any single fault", said, not over))
-    steepest = max(found.steepest for found in rated) / (RATE * DT)
-    said = f"at most {steepest:.4f} of the rate ({len(rated)} starts and faults)"
-    rows.append(Row("torque never over its rate, in any state", said, steepest <= 1.0 + 1e-9))
-    blocked = max(found.noticed for (_, _, fault), found in matrix.items() if fault == "a joint blocked")
-    rows.append(Row("a blocked joint is a fault within 1 s", f"{1e3 * blocked:.0f} ms", blocked <= 1.0))
-    return rows
+    late = np.array([[float(row[2])] for row in rows])
+    joints = np.array([[row[1]] for row in rows])
+    hit = (joints < 0) | (joints == np.arange(robot.n))
+    of_fault = [np.array([row[0] is fault for row in rows]) for fault in faults]
+    healthy = plant_of(case, robot, late)
+    broken = plant_of(case, robot.with_payload(robot.tip, one.payload) if one.payload else robot, late)
+    if one.blocked:
+        broken = plant_of(case, robot, late, link_viscous=BLOCKED * hit)
+    reference, begin = move_of(robot, one.rest, dt)
+    shape = (len(rows), robot.n)
+    q = np.array(np.broadcast_to(reference.at(0.0).q, shape))
+    arm = ArmEnd(healthy, robot, dt, Watchdog(), q, np.zeros(shape), velocity=False)
+    state = supervised.init(Measurement(arm.sample().values), reference.at(0.0))
+    truths: list[Any] = []
+    first: Any = None
+    sent, missed, rate = np.zeros(shape), 0, np.zeros(len(rows))
+    noticed = np.full(len(rows), np.inf)
+    for k in range(begin + round(SECONDS / dt)):
+        t, target = (k - begin) * dt, reference.at(k * dt)
+        seen, wanted = arm.sample().values, np.broadcast_to(target.q, shape)
+        if k == begin:
+            arm.plant, first = broken, (seen, wanted)
+        if k >= begin:
+            truth = arm.plant.true_state(arm.state)
+            truths.append((truth.q, truth.v, target.q))
+            if t < one.away - 1e-9:
+                missed += 1
+                arm.advance(None)
+                continue
+            sample = Sample(t, hit, seen, wanted, *first)
+            for fault, its in zip(faults, of_fault, strict=True):
+                its = its[:, None] & hit
+                seen = seen if fault.q is None else np.where(its, fault.q(sample), seen)
+                wanted = wanted if fault.r is None else np.where(its, fault.r(sample), wanted)
+        tau, state = supervised.advance(Measurement(seen), target._replace(q=wanted), state, 1 + missed)
+        rate, sent, missed = np.maximum(rate, np.abs(tau - sent).max(axis=1) / dt), tau, 0
+        acting = tau
+        if k >= begin:
+            found = state.supervisor.reason[:, 0] > 0.0
+            noticed = np.where(found & (noticed == np.inf), t, noticed)
+            for fault, its in zip(faults, of_fault, strict=True):
+                if fault.tau is not None:
+                    acting = np.where(its[:, None] & hit, fault.tau(t, tau, robot.limits.effort), acting)
+        arm.advance(Datagram(TORQUE, k, k * dt, acting))
+    q, v = (np.array([truth[i] for truth in truths]) for i in (0, 1))
+    wanted = np.array([truth[2] for truth in truths])
+    watch = state.supervisor
+    return [
+        Outcome(
+            *(case, *row, np.arange(len(q)) * dt, q[:, i], v[:, i], wanted),
+            State(int(watch.status[i, 0])).name.lower(),
+            Reason(int(watch.reason[i, 0])).name.lower(),
+            *(float(noticed[i]), float(rate[i])),
+        )
+        for i, row in enumerate(rows)
+    ]
 
 
-def least(name: str, seconds: float = 0.5) -> tuple[float, float]:
+def least(case: Case) -> tuple[float, float]:
     """Return how far a joint whose motor is dead travels where the others stop, and under the best law [rad].
 
-    Without gravity and friction nothing but the other joints changes its share of momentum, (D v)_j. To first
-    order, D as it is when the motor dies: where the others end d_k away, it ends
-    ((D v)_j t - sum of D_jk d_k) / D_jj away. Each of them ends near where it was, or near its move: a law
-    that lets all joints travel by T moves this one by T times the sum of |D_jk| / D_jj at most.
+    Of the worst joint. Nothing but gravity, and the other joints, changes its share of momentum, (D v)_j. To
+    first order, D and gravity as they are when the motor dies: where the others end d_k away, it ends
+    ((D v)_j t - G_j t^2 / 2 - sum of D_jk d_k) / D_jj away. Each of them ends near where it was, or near its
+    move: a law that lets all joints travel by T moves this one by T times the sum of |D_jk| / D_jj at most.
     """
-    robot = robot_of(name, "robot")
-    reference, begin = move_of(robot, rest=False)
-    now, later = reference.at(begin * DT), reference.at(begin * DT + seconds)
-    row, ahead, others = robot.mass_matrix(now.q)[1], later.q - now.q, np.arange(robot.n) != 1
-    misses = []
-    for on_its_way in np.ndindex(*(2,) * (robot.n - 1)):
-        moved = row[others] @ (on_its_way * ahead[others])
-        there = (row @ now.v * seconds - moved) / row[1]
-        misses.append(min(abs(there), abs(there - ahead[1])))
-    return misses[0], min(misses) / (1.0 + np.abs(row[others]).sum() / row[1])
+    robot = experiment_of(*case[:4]).robot
+    reference, begin = move_of(robot, False, case.dt)
+    now, later = reference.at(begin * case.dt), reference.at(begin * case.dt + SOON)
+    inertia, gravity, ahead = robot.mass_matrix(now.q), robot.gravity(now.q), later.q - now.q
+    found = []
+    for j, row in enumerate(inertia):
+        others = np.arange(robot.n) != j
+        free = row @ now.v * SOON - 0.5 * gravity[j] * SOON**2
+        misses = []
+        for on_its_way in np.ndindex(*(2,) * (robot.n - 1)):
+            there = (free - row[others] @ (on_its_way * ahead[others])) / row[j]
+            misses.append(min(abs(there), abs(there - ahead[j])))
+        found.append((misses[0], min(misses) / (1.0 + np.abs(row[others]).sum() / row[j])))
+    return tuple(map(max, zip(*found, strict=True)))  # type: ignore[return-value]
 
 
-def pushed(name: str) -> tuple[float, float]:
-    """Return how far the push moves a joint that follows the rule's law, were there torque enough [rad].
+def pushed(case: Case) -> tuple[float, float]:
+    """Return how far the push of one joint moves it under the law, were there torque enough [rad].
 
-    And how far one whose law knows all of the arm, but sees the push no sooner than a sample after it began:
-    pushed for a sample, and pushed back for another.
+    And how far one whose law knows all of the arm, but sees the push no sooner than its measurements come:
+    pushed so long, and pushed back as long. Both of the worst joint.
     """
-    robot, small = robot_of(name, "robot"), 1e-4
-    reference, begin = move_of(robot, rest=False)
-    q = reference.at(begin * DT).q
-    torque = 0.5 * robot.limits.effort
-    plant = RigidBodyPlant(robot, Pulse(-small * torque, onset=0.1, duration=0.05))
-    law = GPI.untuned(robot, DT, bits=BITS, rest_dead_zone=0.0)
-    rollout = simulate(plant, law, Hold(q), 0.3, progress=False)
-    at_once = np.abs(np.linalg.solve(robot.mass_matrix(q), torque)).max() * DT**2
+    robot, small, late = experiment_of(*case[:4]).robot, 1e-4, targets.EXPECTED[case.target].delays[0]
+    reference, begin = move_of(robot, False, case.dt)
+    q = reference.at(begin * case.dt).q
+    torque = 0.5 * np.diag(robot.limits.effort)
+    arm = RigidBodyPlant(robot, Pulse(-small * torque, onset=0.1, duration=0.05))
+    law = GPI.untuned(robot, case.dt, bits=BITS, delay=late * case.dt, rest_dead_zone=0.0)
+    rollout = simulate(Delayed(arm, late), law, Hold(q), 0.1 + SOON, progress=False)
+    at_once = np.abs(np.linalg.solve(robot.mass_matrix(q), torque)).max() * (case.dt * (1 + late)) ** 2
     return float(np.abs(rollout.q - q).max()) / small, float(at_once)
 
 
-def page(matrix: Matrix, torques: Matrix, kept: list[Row]) -> str:
+def measure(chosen: list[str]) -> list[Outcome]:
+    """Return all outcomes of some targets."""
+    groups: dict[Any, list[Fault]] = {}
+    for fault in FAULTS:
+        groups.setdefault((fault.away, fault.blocked, fault.payload, fault.rest), []).append(fault)
+    found: list[Outcome] = []
+    for target in chosen:
+        for case in cases(target):
+            for faults in groups.values():
+                found += happened(case, faults)
+            print(f"{target}, {case}, {case.gravity}: {time.process_time():.0f} s of CPU", flush=True)
+    return found
+
+
+#: What no law stops at once: the least possible is told beside.
+NAMED = ("a motor dead", "a motor turns the other way", *(f.name for f in FAULTS if "push" in f.name))
+
+
+def excepted(found: Outcome) -> bool:
+    """Tell whether a fault has no bound: motors, pushes, and nothing measured that holds the arm's weight."""
+    return found.fault.name in NAMED or (found.fault.open and found.case.gravity == "arm")
+
+
+def own_bounds(found: list[Outcome]) -> Iterator[Row]:
+    """Yield the bounds that the matrix shows."""
+    for target, those in by_target(found).items():
+        bounded = [x for x in those if not excepted(x)]
+        for elastic in (False, True):
+            moving = [x for x in bounded if not x.fault.rest and x.case.elastic == elastic]
+            far = max(moving, key=Outcome.travel)
+            said = f"{sum(x.kept for x in moving)} of {len(moving)}; "
+            said += f"{sum(x.travel() <= NEAR for x in moving)} within {NEAR} rad, the farthest "
+            said += f"{far.travel():.3f} ({far.fault.name}; {hit(far)}); "
+            said += f"{sum(x.goes_on or x.rest <= SOON for x in moving)} at rest, or going on, in time"
+            what = f"`{target}`, {gears(far)}: {SOON} s, {NEAR} rad after faults in motion that have a bound"
+            yield Row(what, said, all(x.kept for x in moving))
+        far = max((x for x in bounded if x.fault.rest), key=Outcome.travel)
+        said = f"{far.travel():.4f} rad ({far.fault.name}; {hit(far)})"
+        yield Row(f"`{target}`: 0.01 rad after faults at rest", said, far.travel() <= 0.01)
+        rate = targets.EXPECTED[target].rate
+        if rate is not None:
+            most = max(x.rate for x in those) / rate
+            said = f"at most {most:.6f} of it, {len(those)} faults"
+            yield Row(f"`{target}`: torque never over its rate", said, most <= 1.0 + 1e-9)
+
+
+def gears(found: Outcome) -> str:
+    """Return how its gears are."""
+    return "elastic" if found.case.elastic else "rigid"
+
+
+def by_target(found: list[Outcome]) -> dict[str, list[Outcome]]:
+    """Return outcomes by their target."""
+    names = dict.fromkeys(x.case.target for x in found)
+    return {name: [x for x in found if x.case.target == name] for name in names}
+
+
+def resting(found: Outcome) -> str:
+    """Return when an arm rests."""
+    return f"{found.rest:.2f} s" if np.isfinite(found.rest) else "moves"
+
+
+def hit(found: Outcome) -> str:
+    """Return which joint of which arm it is."""
+    names = experiment_of(*found.case[:4]).robot.joint_names
+    return f"{found.case}, {'all' if found.joint < 0 else names[found.joint]}"
+
+
+def matrix(found: list[Outcome]) -> Iterator[str]:
+    """Yield a table for each target and who carries the weight: the worst of arms, joints and delays."""
+    for target, those in by_target(found).items():
+        for gravity in dict.fromkeys(x.case.gravity for x in those):
+            arms = ", ".join(dict.fromkeys(str(x.case) for x in those if x.case.gravity == gravity))
+            late = " or ".join(map(str, sorted(set(targets.EXPECTED[target].delays))))
+            yield f"### `{target}`, gravity by the {gravity}"
+            yield f"Arms: {arms}; measurements {late} samples late."
+            yield "\n".join(rows_of([x for x in those if x.case.gravity == gravity]))
+
+
+def rows_of(those: list[Outcome]) -> Iterator[str]:
+    """Yield the lines of a table."""
+    yield "| fault | kept | travel [rad] | of | ends as | peak speed [rad/s] | at rest after |"
+    yield "|---|---|---|---|---|---|---|"
+    for fault in FAULTS:
+        mine = [x for x in those if x.fault is fault]
+        far, last = max(mine, key=Outcome.travel), max(mine, key=lambda x: x.rest)
+        kept = f"{sum(x.kept for x in mine)} of {len(mine)}"
+        kept = f"({kept})" if excepted(far) else kept
+        ends = far.status.upper()
+        if far.reason != "none":
+            ends += f" ({far.reason.upper()}, {1e3 * far.noticed:.0f} ms)"
+        numbers = f"{far.travel():.3f} | {hit(far)} | {ends} | {max(x.peak for x in mine):.2f}"
+        yield f"| {fault.name} | {kept} | {numbers} | {resting(last)} |"
+
+
+def limits_table(found: list[Outcome]) -> str:
+    """Return travel after the named faults beside the least that is possible, of every arm."""
+    lines = [
+        "| target | arm | gravity by | motor dead | known at once | no law below | turned motor | push | "
+        "push by the law | seen at once |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for case in dict.fromkeys(x.case for x in found):
+        mine = [x for x in found if x.case == case]
+        dead, turned, push = (
+            max(x.travel() for x in mine if x.fault.name == name) for name in (*NAMED[:2], NAMED[2])
+        )
+        (stopped, best), (linear, at_once) = least(case), pushed(case)
+        numbers = (dead, stopped, best, turned, push, linear, at_once)
+        cells = " | ".join(f"{x:.3f}" for x in numbers)
+        lines.append(f"| `{case.target}` | {case} | {case.gravity} | {cells} |")
+    return "\n".join(lines)
+
+
+def open_loop() -> str:
+    """Return what brake, hold and zero do of arms that nothing else carries, all measurements being lost."""
+    lost = [fault for fault in FAULTS if fault.name == "all NaN for good"]
+    lines = ["| target | arm | gravity by | brake | hold | zero |", "|---|---|---|---|---|---|"]
+    for case in itertools.chain(*map(cases, targets.ARMS)):
+        if case.elastic or case.gravity == "robot":
+            continue
+        cells = []
+        for kind in ("brake", "hold", "zero"):
+            outcomes = happened(case, lost, on_fault=kind)
+            cells.append(", ".join(f"{max(x.travel(t) for x in outcomes):.3f}" for t in (0.1, SOON)))
+        lines.append(f"| `{case.target}` | {case} | {case.gravity} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def write_table(found: list[Outcome], path: Path) -> None:
+    """Write the worst joint and delay of every arm and fault as a row of CSV."""
+    heads = ("target", "arm", "dt", "gravity", "gears", "fault", "kept", "of", "joint", "late", "status")
+    heads += ("reason", "noticed", "travel", "peak_speed", "rest", "torque_rate")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        write = csv.writer(file, lineterminator="\n")
+        write.writerow(heads)
+        groups: dict[Any, list[Outcome]] = {}
+        for each in found:
+            groups.setdefault((each.case, each.fault.name), []).append(each)
+        for (case, fault), mine in groups.items():
+            x = max(mine, key=Outcome.travel)
+            names = experiment_of(*case[:4]).robot.joint_names
+            joint = "all" if x.joint < 0 else names[x.joint]
+            last, rate = max(y.rest for y in mine), max(y.rate for y in mine)
+            numbers = (x.noticed, x.travel(), max(y.peak for y in mine), last, rate)
+            known = (*case[:4], gears(x), fault, sum(y.kept for y in mine), len(mine), joint, x.late)
+            write.writerow([*known, x.status, x.reason, *(f"{number:.4g}" for number in numbers)])
+
+
+def carried() -> list[str]:
+    """Return the rows of tools/bounds.py that the page has."""
+    lines = (DOCS / "faults.md").read_text(encoding="utf-8").splitlines()
+    begin = lines.index("| bound | measured | |")
+    rows = itertools.takewhile(lambda line: line.startswith("|"), lines[begin + 2 :])
+    return [row for row in rows if not row.startswith(("| `fci`", "| `ur`", "| `ros2_control`", "| `bare`"))]
+
+
+def page(found: list[Outcome], kept: list[str]) -> str:
     """Return the page."""
     head = Path(__file__).with_suffix(".head.md").read_text(encoding="utf-8").rstrip("\n")
-    table = "\n".join(["| bound | measured | |", "|---|---|---|", *map(str, kept)])
-    known = {name: least(name) for name in ARMS}
-    stopped, best = (", ".join(f"{name} {each[k]:.3f}" for name, each in known.items()) for k in (0, 1))
-    pushes = {name: pushed(name) for name in ARMS}
-    head = head.replace("LINEAR", ", ".join(f"{name} {far:.3f}" for name, (far, _) in pushes.items()))
-    head = head.replace("AT_ONCE", f"{max(far for _, far in pushes.values()):.3f}")
-    parts = [head.replace("BOUNDS", table).replace("LEAST", best).replace("STOPPED", stopped)]
-    heads = "| fault | after a second | travel [rad] | peak speed [rad/s] | at rest after |"
-    heads += "\n|---|---|---|---|---|"
-    for name in ARMS:
-        for gravity in ("arm", "robot"):
-            rows = [f"| {fault.name} | {cell(matrix[name, gravity, fault.name])} |" for fault in FAULTS]
-            parts += [f"### {name}, gravity by the {gravity}", "\n".join([heads, *rows])]
-    rows = ["| arm | gravity by | brake | hold | zero |\n|---|---|---|---|---|"]
-    for name in ARMS:
-        for gravity in ("arm", "robot"):
-            cells = [torques[name, gravity, kind] for kind in ("brake", "hold", "zero")]
-            texts = " | ".join(f"{x.travel(0.1):.3f}, {x.travel(0.5):.3f}" for x in cells)
-            rows.append(f"| {name} | {gravity} | {texts} |")
-    said = (
-        "All measurements are NaN for good, at 0.75 rad/s. Travel in 0.1 s and in 0.5 s [rad]; brakes should "
-        "have gripped by then."
-    )
-    parts += ["## Open loop: brake, hold or zero", said, "\n".join(rows)]
-    return "\n\n".join(parts) + "\n"
+    table = "\n".join(["| bound | measured | |", "|---|---|---|", *map(str, own_bounds(found)), *kept])
+    head = head.replace("BOUNDS", table).replace("NAMED", limits_table(found)).replace("OPEN", open_loop())
+    head = head.replace("COUNT", str(len(FAULTS)))
+    return "\n\n".join([head, *matrix(found)]) + "\n"
 
 
-def picture(matrix: Matrix, path: Path) -> None:
-    """Draw the four worst of them: by travel in half a second, each fault once."""
+def picture(found: list[Outcome], path: Path) -> None:
+    """Draw the four worst faults that are not named: by travel, each fault once."""
     import matplotlib.pyplot as plt
 
-    ranked = sorted(matrix.items(), key=lambda item: -item[1].travel())
-    worst = list({key[2]: (key, found) for key, found in reversed(ranked)}.values())[::-1]
-    worst = sorted(worst, key=lambda item: -item[1].travel())[:4]
+    worst: dict[str, Outcome] = {}
+    for each in sorted((x for x in found if not excepted(x)), key=lambda x: -x.travel()):
+        worst.setdefault(each.fault.name, each)
     figure, axes = plt.subplots(2, 2, figsize=(9.0, 5.5), layout="constrained")
-    for axis, ((name, gravity, fault), found) in zip(axes.flat, worst, strict=True):
-        axis.plot(found.times, found.q - found.q[0])
-        axis.axvline(found.noticed, color="0.6", linestyle="--") if np.isfinite(found.noticed) else None
+    for axis, each in zip(axes.flat, worst.values(), strict=False):
+        axis.plot(each.times, each.q - each.q[0])
+        axis.axvline(each.noticed, color="0.6", linestyle="--") if np.isfinite(each.noticed) else None
         axis.set_title(
-            f"{fault}\n{name}, gravity by the {gravity}: {found.report.status.upper()}", fontsize=9
+            f"{each.fault.name}: {each.status.upper()}\n{each.case.target}, {hit(each)}", fontsize=9
         )
         axis.set(xlabel="time since the fault [s]", ylabel="travel [rad]")
     figure.savefig(path, dpi=110)
 
 
-#: What is simulated: arm, gravity, number of the fault, seconds, and bounds of the supervisor.
-Task = tuple[str, str, int, float, dict[str, Any]]
-
-
-def done(task: Task) -> Outcome:
-    """Return what became of one task, in a process of its own."""
-    name, gravity, number, seconds, given = task
-    return happened(name, gravity, FAULTS[number], seconds, **given)
-
-
 def main() -> None:
-    """Run all and write page and picture."""
-    kinds = [(name, gravity) for name in ARMS for gravity in ("arm", "robot")]
-    lost = next(i for i, fault in enumerate(FAULTS) if fault.name == "all NaN for good")
-    tasks: dict[Any, Task] = {}
-    for name, gravity in kinds:
-        for i, fault in enumerate(FAULTS):
-            tasks[name, gravity, fault.name] = (name, gravity, i, SECONDS, {})
-        for kind in ("brake", "hold", "zero"):
-            tasks["open", name, gravity, kind] = (name, gravity, lost, SECONDS, {"on_fault": kind})
-    for name in ARMS:
-        for i in range(len(FAULTS)):
-            tasks["rate", name, i] = (name, "arm", i, BRIEFLY, {"torque_rate": RATE})
-    with ProcessPoolExecutor() as pool:
-        found = dict(zip(tasks, pool.map(done, tasks.values()), strict=True))
-    matrix: Matrix = {key: x for key, x in found.items() if len(key) == 3 and key[0] != "rate"}
-    torques: Matrix = {key[1:]: x for key, x in found.items() if key[0] == "open"}
-    kept = own_bounds(matrix, [x for key, x in found.items() if key[0] == "rate"])
-    print(*kept, sep="\n", flush=True)
-    for row in bounds.rows():
-        kept.append(row)
-        print(row, flush=True)
-    (DOCS / "faults.md").write_text(page(matrix, torques, kept), encoding="utf-8")
-    picture(matrix, DOCS / "images" / "faults.png")
+    """Run all, and write page, table and picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--target", choices=targets.ARMS, help="this one alone")
+    parser.add_argument("--print", action="store_true", help="print, write nothing")
+    parser.add_argument("--bounds", action="store_true", help="measure the rows of tools/bounds.py as well")
+    given = parser.parse_args()
+    found = measure([given.target] if given.target else list(targets.ARMS))
+    print(*own_bounds(found), sep="\n", flush=True)
+    if given.print:
+        print(*matrix(found), limits_table(found), sep="\n\n")
+        return
+    if given.target:
+        sys.exit("--target: only with --print, as the page is of all")
+    kept = [str(row) for row in bounds.rows()] if given.bounds else carried()
+    (DOCS / "faults.md").write_text(page(found, kept), encoding="utf-8")
+    write_table(found, DOCS / "faults.csv")
+    picture(found, DOCS / "images" / "faults.png")
 
 
 if __name__ == "__main__":

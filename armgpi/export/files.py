@@ -359,7 +359,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         Template(template("README.md"))
         .substitute(
             title=f"{type(controller.law).__name__} controller of {plain(robot.name)}",
-            contains=_contains(robot),
+            contains=_contains(robot) + (_STAGE if controller.supervisor.torque_cap is not None else ""),
             version=VERSION,
             source=source_of(robot),
             samples=samples,
@@ -416,6 +416,7 @@ def _faults(controller: Supervised) -> dict[str, str]:
     rate = ""
     if given.torque_rate is not None:
         rate = f" It changes by at most {_few(bounds.rate)} N m or N from sample to sample, in every state."
+        rate += " The deceleration of a stop builds up and goes at half of that."
     return {
         "action": action,
         "rate": rate,
@@ -446,6 +447,13 @@ def _faults(controller: Supervised) -> dict[str, str]:
     }
 
 
+_STAGE = """
+
+**This is a stage of a bring-up**, with its caps compiled in: no torque is beyond CAP below, and a joint
+beyond SPEED is a fault. Every stage is an export of its own. In the order of `stages.yaml`: run it between
+the points of its `reference`, save the log as STAGE.armlog beside its file, and `armgpi bringup check` all
+logs so far: it says what is wrong, what nothing has tested yet, and which stage is next. The last one has no
+caps."""
 _FLOAT = """\
 In single precision the integrators round at 6e-8 of what they hold. In a replay, where no loop is closed
 around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it

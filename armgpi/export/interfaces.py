@@ -20,6 +20,7 @@ class Interface(NamedTuple):
         joints: number of joints; None for any.
         dt: sample time [s]; None for any.
         rate: highest rate of torque that it takes [N m/s]; None where none is stated.
+        delays: samples from a measurement to its torque, beyond the sample itself: usual, and at most.
         adds: what the robot adds to the torque by itself, "gravity" or "friction".
         echo: where it says which torque it applies; "" where it does not.
         late: how a packet that comes once more is known.
@@ -32,6 +33,7 @@ class Interface(NamedTuple):
     joints: int | None
     dt: float | None
     rate: float | None
+    delays: tuple[int, int]
     adds: tuple[str, ...]
     echo: str
     late: str
@@ -39,7 +41,8 @@ class Interface(NamedTuple):
 
 
 #: Versions by the changelogs of libfranka and of UR's client library, and ur_rtde's own page; the rate is
-#: libfranka's kMaxTorqueRate, "without gravity and friction" its franka::Torques.
+#: libfranka's kMaxTorqueRate, "without gravity and friction" its franka::Torques. Delays are set by hand, for
+#: robots that nobody has measured: tools/faults.py and tools/bringup.py take them.
 _FR3 = Interface(
     target="fci",
     robot="Franka Research 3, system 5.7.2",
@@ -47,6 +50,7 @@ _FR3 = Interface(
     joints=7,
     dt=1e-3,
     rate=1000.0,
+    delays=(0, 1),
     adds=("gravity", "friction"),
     echo="tau_J_d",
     late="period",
@@ -66,6 +70,7 @@ INTERFACES = (
         joints=6,
         dt=2e-3,
         rate=None,
+        delays=(2, 3),
         adds=("gravity",),
         echo="",
         late="timestamp",
@@ -78,12 +83,27 @@ INTERFACES = (
         joints=None,
         dt=None,
         rate=None,
+        delays=(0, 1),
         adds=(),
         echo="",
         late="all joints alike to the bit",
         tried="compiled with stubs, compared with 4.27.0, 4.46.0, 5.16.0, 6.0.0, 6.8.0",
     ),
-    Interface("bare", "any", "none (C99)", None, None, None, (), "", "the caller's", "compiled, simulated"),
+    Interface(
+        *(
+            "bare",
+            "any",
+            "none (C99)",
+            None,
+            None,
+            None,
+            (0, 0),
+            (),
+            "",
+            "the caller's",
+            "compiled, simulated",
+        )
+    ),
 )
 #: Target -> the interface whose robot adds gravity itself.
 COMPENSATING = {each.target: each for each in reversed(INTERFACES) if "gravity" in each.adds}
@@ -92,7 +112,7 @@ COMPENSATING = {each.target: each for each in reversed(INTERFACES) if "gravity" 
 def table() -> str:
     """Return the table as Markdown."""
     head = (
-        *("target", "robot", "library", "joints", "sample time", "torque rate, N m/s"),
+        *("target", "robot", "library", "joints", "sample time", "torque rate, N m/s", "late, samples"),
         *("adds itself", "echoes", "repeated packet by", "tried; never on hardware"),
     )
     rows = [
@@ -100,6 +120,7 @@ def table() -> str:
             *(f"`{each.target}`", each.robot, each.library, str(each.joints or "any")),
             "any" if each.dt is None else f"{each.dt:g} s",
             "not stated" if each.rate is None else f"{each.rate:g}",
+            "yours" if each.target == "bare" else "{} to {}".format(*each.delays),
             *(" and ".join(each.adds) or "nothing", f"`{each.echo}`" if each.echo else "nothing"),
             *(each.late, each.tried),
         )

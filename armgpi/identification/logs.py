@@ -65,8 +65,8 @@ def read_log(log: Any, robot: Robot, rollout: int = 0) -> Log:
 
     Args:
         log: a :class:`Log`; a rollout, whose measured positions and commanded torques are taken until it
-            ends; or the path of a log (:mod:`armgpi.loop.log`), of a CSV file with the columns ``time`` [s],
-            ``q_<joint>`` and ``tau_<joint>``, or of a NetCDF file with a rollout.
+            ends; a log of an arm (:mod:`armgpi.loop.log`) or its path; or the path of a CSV file with the
+            columns ``time`` [s], ``q_<joint>`` and ``tau_<joint>``, or of a NetCDF file with a rollout.
         robot: whose joints they are.
         rollout: which one of several.
 
@@ -79,6 +79,8 @@ def read_log(log: Any, robot: Robot, rollout: int = 0) -> Log:
     check_type(robot, "robot", Robot, "a Robot")
     if isinstance(log, (str, Path)):
         log = _read_file(check_path(log, "log"), robot, rollout)
+    if isinstance(log, ArmLog):
+        log = _of_arm_log(log, robot)
     if hasattr(log, "data_vars"):
         log = _of_rollout(log, robot, rollout)
     if not isinstance(log, Log):

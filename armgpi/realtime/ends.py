@@ -152,7 +152,8 @@ class ArmEnd:
         # Torques cut one by one would drive joints by what the others lack: all brake less then.
         effort = self.model.limits.effort
         room = np.where(effort > 0.0, np.maximum(effort + np.sign(brake) * gravity, 0.0), np.inf)
-        damped = gravity - brake * min(1.0, np.min(room / np.maximum(np.abs(brake), 1e-300)))
+        share_left = np.min(room / np.maximum(np.abs(brake), 1e-300), axis=-1, keepdims=True)
+        damped = gravity - brake * np.minimum(1.0, share_left)
         return np.asarray(self.command + share * (damped - self.command))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +25,8 @@ QUESTIONS = {
     "sign": "positions count the way the file says",
     "unit": "positions are in rad or m",
     "zero": "positions are zero where the file's are",
-    "weight": "the model carries the arm's weight, by the torque that the robot reports",
+    "weight": "the model carries the arm's weight where it stands, by the torque that the robot reports",
+    "mounting": "the base stands as the file says: 20 degrees off would show in that weight",
     "command order": "each torque reaches its joint",
     "command sign": "a torque moves its joint the way it points",
     "command unit": "torques are in N m or N, at the joint",
@@ -43,6 +45,8 @@ _MOVED, _TOO_FAR, _ALONG, _START, _RATIO = 0.05, 1.0, 0.4, 0.1, 1.6
 #: Torque beside the model's weight that friction explains: a share of what a joint is moved with, and
 #: of the arm's largest weight.
 _FRICTION, _WEIGHT = 0.06, 0.12
+#: A base tilted by this has to show, or its mounting was not tested [rad].
+_TILT = math.radians(20.0)
 #: The torque that a robot reports over that weight: this far from 1 is another unit or scale.
 _SCALE = 0.3
 #: What a joint of a pulse goes at least, as a share of its way; others at most.
@@ -264,11 +268,21 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
             "look at the load, the mounting, the file's masses, the unit and the sign",
         )
     tested["weight"] = seen.names
+    if _tells_mounting(robot, seen.q[0], allowed):
+        tested["mounting"] = seen.names
 
 
 def _borne(robot: Any, q: Array, weight: Array) -> Array:
     """Return the torque beside the arm's weight that friction bears [N m or N], (n,)."""
     return np.asarray(np.maximum(_FRICTION * moving_torque(robot, q), _WEIGHT * np.abs(weight).max()))
+
+
+def _tells_mounting(robot: Any, q: Array, allowed: Array) -> bool:
+    """Tell whether a base that is tilted either way would show where the arm stands."""
+    down = 9.81 * math.cos(_TILT)
+    tilts = [(9.81 * math.sin(_TILT), 0.0, -down), (0.0, 9.81 * math.sin(_TILT), -down)]
+    apart = (robot.with_gravity(tilt).gravity(q) - robot.gravity(q) for tilt in tilts)
+    return all((np.abs(each) > allowed).any() for each in apart)
 
 
 def _of_echo(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> Iterator[Finding]:
@@ -321,6 +335,8 @@ def _of_stage(
             "look at the load, who adds gravity, the mounting, the masses, the unit",
         )
     tested["carried"] = seen.names
+    if _tells_mounting(upright, seen.q[-1], allowed):
+        tested["mounting"] = seen.names
     for question in ("command order", "command sign"):
         tested[question] = stage.joints
     if not compensated(robot):  # its torque carries the arm

@@ -13,6 +13,9 @@ from typer.testing import CliRunner
 from armgpi import GPI, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config
 from armgpi.cli import app
 from armgpi.errors import ConfigError
+from armgpi.export.code import generate
+from armgpi.export.files import _readme
+from armgpi.identification.logs import read_log
 from armgpi.loop import log as logs
 from armgpi.realtime import run, stages
 from armgpi.realtime.judge import QUESTIONS, judge
@@ -67,6 +70,14 @@ def test_each_stage_has_a_file_with_caps_that_grow(folder: Folder) -> None:
         before = own.cap
 
 
+def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> None:
+    for stage in (kinds(folder, "pulse")[0], folder.stages[-1]):
+        experiment = folder.experiment(stage)
+        supervised = Supervised(next(iter(experiment.controllers.values())), experiment.supervisor)
+        text = _readme(generate(supervised, "double"), 0, 0, None)
+        assert ("bringup check" in text) == (stage.kind == "pulse")
+
+
 def test_a_dry_run_tells_positions_and_never_what_only_a_torque_tells(folder: Folder) -> None:
     path, outcome = recorded(folder, folder.stages[0])
     assert outcome.log.fault is None
@@ -114,6 +125,30 @@ def test_a_dry_run_tells_what_is_wrong_with_positions(folder: Folder, change: An
     finding = verdict.findings[0]
     assert finding.question == question
     assert finding.joint not in verdict.passed[question]
+
+
+def test_a_mounting_is_tested_where_a_tilted_base_would_show(folder: Folder) -> None:
+    path, outcome = recorded(folder, folder.stages[0])
+    robot, rows = folder.experiment(folder.stages[0]).robot, outcome.log.rows.copy()
+    tilts = [(a * np.sin(np.radians(20.0)), b * np.sin(np.radians(20.0))) for a, b in ((1, 0), (0, 1))]
+
+    def found(weight: Any) -> Any:
+        rows["applied"] = weight.gravity(rows["q_measured"])
+        logs.write(outcome.log._replace(rows=rows), path)
+        return judge(folder, [path])
+
+    down = -np.cos(np.radians(20.0))
+    shown = [bool(found(robot.with_gravity(9.81 * np.array([*xy, down]))).findings) for xy in tilts]
+    verdict = found(robot)
+    assert verdict.passed["weight"] == folder.stages[0].joints
+    assert bool(verdict.passed["mounting"]) == all(shown)
+
+
+def test_a_log_is_identified_from_memory_as_from_its_file(folder: Folder) -> None:
+    path, outcome = recorded(folder, folder.stages[0])
+    robot = folder.experiment(folder.stages[0]).robot
+    for one, other in zip(read_log(outcome.log, robot)[:3], read_log(path, robot)[:3], strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_motor_that_turns_the_other_way_is_found_by_its_pulse(folder: Folder) -> None:

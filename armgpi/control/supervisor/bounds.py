@@ -27,6 +27,8 @@ _POSES = 16
 _BITS = 16
 #: Standard deviations of noise that count as resolution: a normal one passes them once in 5e8 samples.
 _SIGMAS = 6.0
+#: Share of the torque's rate by which the deceleration of a stop builds up and goes: the law has the rest.
+_STOP_RATE = 0.5
 #: A measurement that does not change for so long [s], while it should, is frozen. Set by hand; healthy draws
 #: that it stops are counted by tools/alarms.py.
 _FROZEN_TIME = 0.05
@@ -196,6 +198,7 @@ class Bounds(NamedTuple):
         following: largest distance from the reference [rad or m].
         travel: of the reference, which asks a position to change [rad or m].
         slowing: change of velocity in a sample of a stop [rad or m per sample].
+        jerk: change of that from sample to sample, as the torque's rate allows it [rad or m per sample].
         stop_velocity: at which a stop begins, at most [rad or m per sample].
         rate: change of torque in a sample, at most [N m or N].
         speed: largest velocity, smoothed [rad or m per sample].
@@ -210,6 +213,7 @@ class Bounds(NamedTuple):
     following: Array
     travel: Array
     slowing: Array
+    jerk: Array
     stop_velocity: Array
     rate: Array
     speed: Array
@@ -247,6 +251,7 @@ def bounds_of(law: Controller, given: Supervisor) -> Bounds:
     # A smoothed velocity is off by a share of a count, at most, whatever the motion.
     most = np.minimum(most, dt * joints("speed_cap", LARGEST)) + smoothing(dt, SMOOTHING) * count
     lowest, highest = np.maximum(lower - margin, -FARTHEST), np.minimum(upper + margin, FARTHEST)
+    slowing = dt * (dt * joints("deceleration"))
     shape = np.broadcast_shapes(count.shape, lowest.shape, np.shape(steps))
     return Bounds(
         jump=np.minimum(np.broadcast_to(jumps, shape), LARGEST),
@@ -256,7 +261,8 @@ def bounds_of(law: Controller, given: Supervisor) -> Bounds:
         upper=highest,
         following=joints("following"),
         travel=COUNTS * count,
-        slowing=dt * (dt * joints("deceleration")),
+        slowing=slowing,
+        jerk=np.minimum(_STOP_RATE * dt**3 * joints("torque_rate", LARGEST) / heaviest(law), slowing),
         stop_velocity=dt * joints("stop_velocity", known),
         rate=dt * joints("torque_rate", LARGEST),
         speed=np.minimum(np.broadcast_to(most, shape), LARGEST),
@@ -299,8 +305,14 @@ def turning(law: Controller) -> tuple[Array, Array]:
 
 def least_acceleration(law: Controller) -> Array:
     """Return each joint's least acceleration by all its torque, the others held [rad/s^2 or m/s^2]."""
-    most = np.max([np.diagonal(inertia, axis1=-2, axis2=-1) for inertia in _inertias(law)], axis=0)
-    return np.asarray(np.minimum(law.effort, LARGEST) / most)
+    return np.asarray(np.minimum(law.effort, LARGEST) / heaviest(law))
+
+
+def heaviest(law: Controller) -> Array:
+    """Return each joint's largest inertia, the others held [kg m^2 or kg]."""
+    return np.asarray(
+        np.max([np.diagonal(inertia, axis1=-2, axis2=-1) for inertia in _inertias(law)], axis=0)
+    )
 
 
 def _inertias(law: Controller) -> Iterator[Array]:

@@ -49,6 +49,7 @@ class Stop:
 
     def __init__(self, law: Controller, on_fault: str, bounds: Bounds) -> None:
         self.bounds, self._dt, self._on_fault = bounds, law.dt, on_fault
+        self._rated = bool((bounds.jerk < bounds.slowing).any())
         rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
         one, geared = 1.0 / own_inverse_inertia(law), model_of(law).armature > 0.0
         self.damping = np.asarray(rate * one)
@@ -90,13 +91,26 @@ class Stop:
         own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
         r, v = np.where(apart, seen.q, watch.r), np.where(apart, own, watch.rv)
         v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
-        less = np.minimum(np.maximum(v, -self.bounds.slowing), self.bounds.slowing)
+        most = self._deceleration(v, watch)
+        less = np.minimum(np.maximum(v, -most), most)
         # A joint that does not follow the stop tells nothing of where it goes: it comes to rest there.
         strays = stopping & ~entering & seen.failing & (watch.status < float(State.FAULT))
         after = np.where(strays, 0.0, v - less)
         way = np.where(stopping, after, target.q - watch.r)
         q = np.where(stopping, r + 0.5 * (v + after), target.q)
         return Target(q, way * (1.0 / self._dt), np.where(stopping, less * (-1.0 / self._dt**2), 0.0)), way
+
+    def _deceleration(self, v: Array, watch: Watch) -> Array:
+        """Return by how much a stop slows down in a sample, at most [rad or m per sample].
+
+        Where torques have a rate it builds up and goes no faster than they can.
+        """
+        jerk = self.bounds.jerk
+        if not self._rated:
+            return self.bounds.slowing
+        # Steps of `jerk` from here down to rest add up to v.
+        ending = np.sqrt(0.25 * jerk * jerk + 2.0 * jerk * np.abs(v)) - 0.5 * jerk
+        return np.minimum(np.minimum(self.bounds.slowing, ending), jerk * (1.0 + watch.since))
 
     def open_loop(
         self,
