@@ -638,7 +638,8 @@ def _per_joint(
     if ax is not None:
         own = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
         if len(own) != len(names) or not all(isinstance(each, Axes) for each in own):
-            raise ParameterError("ax", ax, f"axes for each of {', '.join(names)}")
+            expected = f"axes for each of {', '.join(names)}: plt.subplots({len(names)}), or name joints"
+            raise ParameterError("ax", ax, expected)
         for place, joint in zip(own, names, strict=True):
             plot(place, rollout, joint)
         return own[0].figure
