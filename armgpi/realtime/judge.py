@@ -274,7 +274,8 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
 
 def _borne(robot: Any, q: Array, weight: Array) -> Array:
     """Return the torque beside the arm's weight that friction bears [N m or N], (n,)."""
-    return np.asarray(np.maximum(_FRICTION * moving_torque(robot, q), _WEIGHT * np.abs(weight).max()))
+    unknown = np.maximum(_FRICTION * moving_torque(robot, q), _WEIGHT * np.abs(weight).max())
+    return np.asarray(unknown + robot.friction.coulomb)
 
 
 def _tells_mounting(robot: Any, q: Array, allowed: Array) -> bool:

@@ -41,7 +41,7 @@ _OF_CAP = 0.6
 
 
 class Caps(NamedTuple):
-    """What a kind of stage allows. Torques are shares of :func:`moving_torque`.
+    """What a kind of stage allows. Torques are shares of :func:`moving_torque`, beside the file's friction.
 
     Attributes:
         torque: beside what holds the model, of a joint that moves.
@@ -229,7 +229,7 @@ def _file(
         section["omega"] = dict(zip(robot.joint_names, _round(omega), strict=True))
     shares = np.array([caps.torque if name in moving else caps.held for name in robot.joint_names])
     bounds = {
-        "torque_cap": shares * moving_torque(robot, experiment.reference.at(0.0).q),
+        "torque_cap": shares * moving_torque(robot, experiment.reference.at(0.0).q) + robot.friction.coulomb,
         "speed_cap": np.minimum(caps.speed, _fastest(robot)),
     }
     for key, values in bounds.items():

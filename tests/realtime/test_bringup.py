@@ -70,6 +70,17 @@ def test_each_stage_has_a_file_with_caps_that_grow(folder: Folder) -> None:
         before = own.cap
 
 
+def test_friction_that_the_file_tells_stops_no_sound_arm(tmp_path: Path) -> None:
+    text = ARM.replace("rotor_inertia: 0.02", "rotor_inertia: 0.02, friction: {coulomb: 1.0}")
+    (tmp_path / "arm.yaml").write_text(text.replace("plant: {", "plant: {friction: urdf, "))
+    loaded = config.read(tmp_path / "arm.yaml")
+    folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
+    stage = kinds(folder, "pulse")[2]
+    path, outcome = recorded(folder, stage)
+    assert np.abs(outcome.rollout["tau"].values[:, 2]).max() > 1.0  # friction was overcome
+    assert not judge(folder, [path]).findings
+
+
 def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> None:
     for stage in (kinds(folder, "pulse")[0], folder.stages[-1]):
         experiment = folder.experiment(stage)
