@@ -104,7 +104,7 @@ def shares(made: Any) -> str:
     # What is left is what the reference moves on within a sample.
     parts["velocity of the reference"] += 1 - sum(parts.values())
     found = sorted(((float(x), name) for name, x in parts.items()), reverse=True)
-    return ", ".join(f"{name} {100.0 * x:.2g} %" for x, name in found if x > _SMALL)
+    return ", ".join(f"{name} {100.0 * x:.3g} %" for x, name in found if x > _SMALL)
 
 
 def _price(robot: Any, law: Any) -> list[str]:
