@@ -33,8 +33,8 @@ PACKAGES = ("robot", "plants", "loop", "studies", "certification")
 #: Tests of these packages: folders, and files beside them.
 FOLDERS = ("laws", "plants", "certification", "search")
 FILES = """
-    drives dynamics from_pinocchio kinematics log metrics mimic prepared reality robot robots rollout rotors
-    runner simulation studies sweep units what_varies zoo
+    drives dynamics friends from_pinocchio kinematics log meshes metrics mimic prepared reality robot
+    robots rollout rotors runner simulation studies sweep units urdf what_varies zoo
 """
 #: Processor time that the tests of one mutant take at most without it [s].
 SECONDS = 40.0

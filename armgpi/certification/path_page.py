@@ -60,14 +60,14 @@ def _tubes(found: PathBound, run: Any) -> list[str]:
     """Return a picture for each joint: its error in a run between the ends of the tube."""
     every = max(1, len(run["time"]) // _POINTS)
     t = run["time"].values[::every]
-    error = (run["q"].values - run["q_ref"].values)[::every]
+    error = run["q"].values - run["q_ref"].values
     figures = []
     for j, name in enumerate(found.wish.controller.robot.joint_names):
         most = float(found.error[j])
         drawing = Drawing((float(t[0]), float(t[-1])), (-1.2 * most, 1.2 * most), height=150)
         ends = ((y, colour) for y, colour in ((most, _RED), (0.0, _QUIET), (-most, _RED)))
         parts = [drawing.line([(t[0], y), (t[-1], y)], colour) for y, colour in ends]
-        parts.append(drawing.line(list(zip(t, error[:, j], strict=True)), _BLUE))
+        parts.append(drawing.line(list(zip(t, error[::every, j], strict=True)), _BLUE))
         largest = float(np.abs(error[:, j]).max())
         unit = POSITION.symbol(found.wish.controller.robot.prismatic[j])
         said = f"{name}: at most {most:.3g} {unit}; in this run {largest:.3g}"

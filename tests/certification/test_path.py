@@ -17,6 +17,7 @@ import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
 from armgpi.certification.channels import channel, sampled_loops
 from armgpi.certification.path import PathBound
+from armgpi.certification.path_page import write_page
 from armgpi.control.gains import Tuning, betas
 from armgpi.errors import ParameterError
 
@@ -242,6 +243,14 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     refused = cli("bound", file)
     assert refused.code == 2
     assert "rigid arms with encoders" in refused.err
+
+
+def test_a_page_shows_the_errors_of_its_run() -> None:
+    made = bound_path(LAW, PATH, 2.6)
+    run = armgpi.simulate(armgpi.RigidBodyPlant(ARM), LAW, PATH, 2.6, progress=False)
+    told = re.findall(r"in this run ([\d.e-]+)</figcaption>", write_page(made, run))
+    e, _ = errors(made, np.zeros((2600, 3)), ARM)
+    assert told == [f"{x:.3g}" for x in np.abs(e).max(axis=0)]
 
 
 def test_a_law_for_gears_that_twist_is_bounded_on_a_rigid_arm(cli: Any) -> None:

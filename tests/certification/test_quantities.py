@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -11,7 +13,7 @@ from strategies import robots
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.certification.quantities import Points, Setting, functions, motion, searched, slopes
+from armgpi.certification.quantities import Points, Setting, functions, largest, motion, searched, slopes
 from armgpi.control.family import Member
 from armgpi.control.payload import certified_sector, largest_payload, payload_range
 
@@ -86,6 +88,23 @@ def test_speed_scales_what_depends_on_it() -> None:
     assert fast.sigma.value == pytest.approx(2.0 * slow.sigma.value, rel=1e-9)
     assert fast.kappa_v.value == pytest.approx(2.0 * slow.kappa_v.value, rel=1e-9)
     assert fast.kappa_e == slow.kappa_e
+
+
+def test_a_search_comes_to_each_end_of_its_box_and_no_further() -> None:
+    # A box on neither side of zero: coordinates are largest and smallest at its ends, by hand.
+    lower, upper, radius = np.array([-0.3, 0.2, -1.4]), np.array([1.1, 0.7, -0.5]), np.array([0.1, 0.02, 0.3])
+    case = setting()._replace(lower=lower, upper=upper, radius=radius)
+    for j, sign in itertools.product(range(3), (1.0, -1.0)):
+
+        def along(_: Setting, arm: armgpi.Robot, at: Points, j: int = j, sign: float = sign) -> Array:
+            return sign * at.star[:, j]
+
+        def away(_: Setting, arm: armgpi.Robot, at: Points, j: int = j, sign: float = sign) -> Array:
+            return sign * (at.q - at.star)[:, j]
+
+        end = upper[j] if sign > 0.0 else -lower[j]
+        assert largest(case, along) == pytest.approx(end, abs=1e-15)
+        assert largest(case, away) == pytest.approx(radius[j], abs=1e-15)
 
 
 def test_slopes_are_derivatives() -> None:
