@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from armgpi.errors import ArmgpiError
 from armgpi.robot.meshes import MeshFinder
 
 MANIFEST = "<package><name>{}</name></package>"
-DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></library_images></COLLADA>"
 
 
 @pytest.fixture
@@ -170,44 +168,3 @@ def test_a_text_has_no_folder_but_those_given(package: Path) -> None:
 
 
 # --- Textures of COLLADA files -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "file"),
-    [
-        ("wood.png", "wood.png"),
-        ("./wood.png", "wood.png"),
-        ("../pictures/steel.jpg", "steel.jpg"),
-        ("file:wood.png", "wood.png"),
-        ("../../../secret.png", None),
-        ("/etc/hostname", None),
-        ("file:///etc/hostname", None),
-        ("http://127.0.0.1/x.png", None),
-        ("../urdf/arm.urdf", None),  # in the package, and no picture
-    ],
-)
-def test_textures_are_confined_to_the_package_too(
-    package: Path, tmp_path: Path, name: str, file: str | None
-) -> None:
-    (tmp_path / "secret.png").write_text("x")
-    (package / "pictures").mkdir()
-    (package / "pictures" / "steel.jpg").write_text("x")
-    (package / "meshes" / "wood.png").write_text("x")
-    (package / "meshes" / "link.dae").write_text(DAE.format(name))
-    finder = MeshFinder(package / "urdf" / "arm.urdf")
-    (found,) = finder.textures(finder.find("package://arm_description/meshes/link.dae"))
-    assert (None if found.path is None else found.path.name) == file
-
-
-@pytest.mark.parametrize("text", ["<COLLADA>", f"<!DOCTYPE a [<!ENTITY b 'c'>]>{DAE}", ""])
-def test_a_mesh_that_is_no_xml_is_refused(package: Path, text: str) -> None:
-    (package / "meshes" / "link.dae").write_text(text)
-    finder = MeshFinder(package / "urdf" / "arm.urdf")
-    with pytest.raises(ArmgpiError, match=r"link\.dae"):
-        finder.textures(finder.find("../meshes/link.dae"))
-
-
-def test_other_meshes_have_no_textures(package: Path) -> None:
-    finder = MeshFinder(package / "urdf" / "arm.urdf")
-    assert finder.textures(finder.find("../meshes/link.stl")) == ()
-    assert finder.textures(finder.find("gone.dae")) == ()

@@ -1,8 +1,8 @@
 """Where a URDF's meshes are: found as ROS finds them, read only inside the robot's own package folders.
 
 Dynamics never need a mesh; a viewer does, and the health report lists those that are missing. A URDF may
-come from anywhere and can name any file of this machine, and so can the textures of a mesh. So whatever a
-name leads to must lie, links resolved, in a folder of the robot: the package that its URDF is in, a
+come from anywhere and can name any file of this machine; textures are never read. So whatever a name leads
+to must lie, links resolved, in a folder of the robot: the package that its URDF is in, a
 package that a ``package://`` name finds, or a folder that the user gave.
 """
 
@@ -16,29 +16,9 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
-from xml.parsers import expat
-
-from armgpi.errors import ArmgpiError
 
 MAX_MESH_BYTES = 256 * 1024 * 1024
 MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf", ".mesh", ".stlb"})
-PICTURES = frozenset(
-    {
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".tga",
-        ".bmp",
-        ".gif",
-        ".tif",
-        ".tiff",
-        ".dds",
-        ".webp",
-        ".psd",
-        ".exr",
-        ".hdr",
-    }
-)
 #: How far up from the URDF its package is looked for.
 _PARENTS = 8
 #: Folders of a package in which URDFs are kept: what is beside them belongs to the robot, too.
@@ -46,7 +26,7 @@ _URDF_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "models", "model")
 
 
 class Found(NamedTuple):
-    """What a mesh's or texture's name leads to.
+    """What a mesh's name leads to.
 
     Attributes:
         name: the name as written.
@@ -89,7 +69,7 @@ class MeshFinder:
         # ROS forgives package:/x and file:/x; a lone letter is a drive of Windows.
         match = re.match(r"([A-Za-z][\w+.-]+):/(/?)(.*)", name, re.DOTALL)
         if match is None:
-            return self._first(name, self._plain(name), MESHES)
+            return self._first(name, self._plain(name))
         scheme, double, rest = match[1].lower(), match[2], match[3]
         if scheme in ("package", "model"):
             return self._in_package(name, rest)
@@ -97,27 +77,8 @@ class MeshFinder:
             host, _, path = rest.partition("/") if double else ("", "", rest)
             if host not in ("", "localhost"):
                 return Found(name, None, reason=f"it is on another machine ({host})")
-            return self._first(name, ((Path("/", unquote(path)), self.roots),), MESHES)
+            return self._first(name, ((Path("/", unquote(path)), self.roots),))
         return Found(name, None, reason=f"{scheme}:// is not fetched; save the file beside the URDF")
-
-    def textures(self, mesh: Found) -> tuple[Found, ...]:
-        """Return the files that a mesh in COLLADA names as pictures, confined as meshes are.
-
-        Raises:
-            ArmgpiError: when the mesh is no well-formed XML, has a DTD or is too large.
-        """
-        if mesh.path is None or mesh.path.suffix.lower() != ".dae":
-            return ()
-        # A picture may lie anywhere in the package of the mesh, which another robot's URDF may have named.
-        roots = (*self.roots, _package_of(mesh.path.parent))
-        found = []
-        for name in dict.fromkeys(_picture_names(mesh.path)):
-            if re.match(r"[A-Za-z][\w+.-]+:", name) and not name.lower().startswith("file:"):
-                found.append(Found(name, None, reason="only files are read"))
-                continue
-            path = Path(unquote(re.sub(r"^file:(//(localhost)?(?=/))?", "", name, flags=re.IGNORECASE)))
-            found.append(self._first(name, ((mesh.path.parent / path, roots),), PICTURES))
-        return tuple(found)
 
     def _plain(self, name: str) -> Iterator[tuple[Path, tuple[Path, ...]]]:
         """Give the places of a name that is a path, absolute or relative."""
@@ -136,7 +97,7 @@ class MeshFinder:
         if not package or not path or package in (".", ".."):
             return Found(name, None, reason="expected package://PACKAGE/PATH")
         places = [(root / path, (*self.roots, root)) for root in self._packages(package)]
-        found = self._first(name, places, MESHES)
+        found = self._first(name, places)
         if found.path is None and not places:
             return found._replace(reason=f"there is no package {package!r} here; give its folder")
         return found
@@ -168,10 +129,8 @@ class MeshFinder:
                 if manifest == package or (candidate.name == package and (manifest or trusted)):
                     yield _real(candidate)
 
-    def _first(
-        self, name: str, places: Iterable[tuple[Path, tuple[Path, ...]]], suffixes: frozenset[str]
-    ) -> Found:
-        """Return the first place that is a file of the right kind and inside its roots."""
+    def _first(self, name: str, places: Iterable[tuple[Path, tuple[Path, ...]]]) -> Found:
+        """Return the first place that is a mesh's file and inside its roots."""
         tried: list[Path] = []
         reason = ""
         for path, roots in places:
@@ -183,8 +142,8 @@ class MeshFinder:
                 continue
             if not any(real.is_relative_to(root) for root in roots):
                 reason = reason or f"{real} is outside the robot's folders; give its folder to allow it"
-            elif real.suffix.lower() not in suffixes:
-                reason = reason or f"{real} is not one of {', '.join(sorted(suffixes))}"
+            elif real.suffix.lower() not in MESHES:
+                reason = reason or f"{real} is not one of {', '.join(sorted(MESHES))}"
             elif not stat.S_ISREG(status.st_mode):
                 reason = reason or f"{real} is no regular file"
             elif status.st_size > MAX_MESH_BYTES:
@@ -215,43 +174,6 @@ def _manifest_name(folder: Path) -> str | None:
         return None
     match = re.search(r"<name>\s*([^<\s]+)\s*</name>", text)
     return None if match is None else match[1]
-
-
-def _picture_names(path: Path) -> list[str]:
-    """Return what the <init_from> of a COLLADA file's images say."""
-    names: list[str] = []
-    text: list[str] | None = None
-    parser = expat.ParserCreate()
-
-    def start(tag: str, _: dict[str, str]) -> None:
-        nonlocal text
-        if tag.rpartition(":")[2] in ("init_from", "ref"):
-            text = []
-
-    def end(tag: str) -> None:
-        nonlocal text
-        if text is not None and tag.rpartition(":")[2] in ("init_from", "ref"):
-            names.append("".join(text).strip())
-            text = None
-
-    def characters(data: str) -> None:
-        if text is not None:
-            text.append(data)
-
-    def doctype(*_: object) -> None:
-        raise ArmgpiError(f"{path}: has a document type declaration (DTD); remove it")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = characters, doctype
-    try:
-        with path.open("rb") as file:
-            parser.ParseFile(file)
-    except expat.ExpatError as error:
-        raise ArmgpiError(f"{path}: is not well-formed XML: {error}") from None
-    except OSError as error:
-        raise ArmgpiError(f"{path}: cannot be read: {error.strerror or error}") from None
-    # In <surface>, <init_from> names an image of the file itself; a picture's file has a dot or a slash.
-    return [name for name in names if "." in name or "/" in name or "\\" in name]
 
 
 def _folders_of(variable: str) -> list[Path]:

@@ -59,11 +59,6 @@ def canvas_dashes(look: Look) -> list[float]:
     return [] if look.dashes == "-" else [2.0 * length for length in look.dashes[1]]
 
 
-def hex_number(color: str) -> int:
-    """Return "#rrggbb" as the number that MeshCat takes."""
-    return int(color.removeprefix("#"), 16)
-
-
 def shorten(name: str, longest: int = LONGEST) -> str:
     """Return a name on one line, its middle left out where it is long, without control characters."""
     clean = "".join(c if c.isprintable() else " " for c in name)

@@ -285,7 +285,6 @@ def test_controllers_that_are_compared_the_most_are_seen_on_white() -> None:
 def test_colours_can_be_told_apart() -> None:
     # Okabe and Ito's palette; its relative luminances differ, so that it also works in grey.
     assert len({style.look(i) for i in range(28)}) == 28
-    assert style.hex_number("#0072B2") == 0x0072B2
 
 
 def test_a_torque_that_jumps_between_its_limits_is_marked_at_each_by_itself() -> None:
