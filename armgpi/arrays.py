@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.errors import ArrayError, NameNotFound, ParameterError, shown
+from armgpi.errors import ArrayError, NameNotFound, ParameterError, show_value
 
 #: A native float64 array.
 Array = npt.NDArray[np.float64]
@@ -292,12 +292,12 @@ def _convert(value: Any, name: str) -> Array:
         )
     try:
         if _holds_other_than_numbers(value):
-            raise ArrayError(name, f"expected numbers, got {shown(value)}")
+            raise ArrayError(name, f"expected numbers, got {show_value(value)}")
         array = np.ascontiguousarray(value, dtype=np.float64).reshape(np.shape(value))
     except ArrayError:
         raise
     except Exception as error:  # of NumPy, or of an object of the user's that says it is an array
-        raise ArrayError(name, f"expected an array of numbers, got {shown(value)} ({error})") from None
+        raise ArrayError(name, f"expected an array of numbers, got {show_value(value)} ({error})") from None
     return array
 
 

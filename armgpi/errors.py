@@ -77,7 +77,7 @@ class ArmgpiWarning(UserWarning):
     """Something that does not stop the work but that the user should know."""
 
 
-def shown(value: object) -> str:
+def show_value(value: object) -> str:
     """Return what a value looks like, its type where it cannot even say that."""
     try:
         return repr(value)
@@ -110,7 +110,7 @@ class ParameterError(ArmgpiError):
         """Describe the bad parameter: its name, its value and what was expected."""
         self.name = name
         self.value = value
-        super().__init__(f"{name} must be {expected}, got {shown(value)}")
+        super().__init__(f"{name} must be {expected}, got {show_value(value)}")
 
 
 class NameNotFound(ArmgpiError):
@@ -128,9 +128,9 @@ class NameNotFound(ArmgpiError):
         self.name = name
         self.valid = tuple(valid)
         folded = {each.casefold(): each for each in reversed(self.valid)}
-        said = name.casefold() if isinstance(name, str) else shown(name)
+        said = name.casefold() if isinstance(name, str) else show_value(name)
         near = [folded[n] for n in get_close_matches(said, folded, n=3, cutoff=0.5)]
-        text = f"there is no {kind} named {shown(name)}"
+        text = f"there is no {kind} named {show_value(name)}"
         if near:
             text += f"; did you mean {' or '.join(repr(n) for n in near)}?"
         if self.valid:

@@ -29,7 +29,7 @@ def in_si(value: object) -> str:
     return f"write {float(found[1]) * unit[1]:.6g} ({unit[0]})" if found and unit else ""
 
 
-def shown(value: object, *, lines: bool = False) -> str:
+def printable(value: object, *, lines: bool = False) -> str:
     r"""Return text with everything that cannot be seen written out, as in ``\x1b`` and ``\u202e``.
 
     That is what Unicode calls control, format and surrogate characters, separators but the space, private and
@@ -45,7 +45,7 @@ def shown(value: object, *, lines: bool = False) -> str:
     return "".join(c if c.isprintable() or (lines and c == "\n") else _written_out(c) for c in text)
 
 
-def quoted(value: object, most: int = 80) -> str:
+def quote(value: object, most: int = 80) -> str:
     """Return a value as Python writes it, cut where it is long."""
     text = repr(value)
     return text if len(text) <= most else f"{text[: most - 3]}..."
@@ -64,7 +64,7 @@ def json_data(value: Any) -> Any:
 
 def html_text(value: object) -> str:
     """Return text as HTML that shows it to the letter."""
-    return html.escape(shown(value, lines=True), quote=True)
+    return html.escape(printable(value, lines=True), quote=True)
 
 
 def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -52,7 +52,7 @@ def write(path: str | PathLike[str], content: str | bytes) -> Path:
         RolloutError: when it cannot be written.
     """
     target = Path(path)
-    with replaced([target], str(target)) as (partial,):
+    with replace_files([target], str(target)) as (partial,):
         _fill(partial, content)
     return target
 
@@ -73,7 +73,7 @@ def write_set(folder: Path, contents: Mapping[str, str | bytes], also: Sequence[
             changed.
     """
     paths = [*(folder / name for name in contents), folder / SUMS]
-    with replaced(paths, str(folder)) as partials:
+    with replace_files(paths, str(folder)) as partials:
         for partial, content in zip(partials, contents.values(), strict=False):
             _fill(partial, content)
         places = {**dict(zip(contents, partials, strict=False)), **{name: folder / name for name in also}}
@@ -112,7 +112,7 @@ _REMEDY = f"it was changed, or a run that wrote here did not end: run again, or 
 
 
 @contextmanager
-def replaced(targets: Sequence[Path], what: str) -> Iterator[list[Path]]:
+def replace_files(targets: Sequence[Path], what: str) -> Iterator[list[Path]]:
     """Give files to write in place of some; they take those places, in this order, when all are written.
 
     Raises:

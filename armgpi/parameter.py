@@ -37,7 +37,7 @@ from armgpi.arrays import (
     positive,
     sizes,
 )
-from armgpi.errors import ArrayError, NameNotFound, ParameterError, shown
+from armgpi.errors import ArrayError, NameNotFound, ParameterError, show_value
 
 
 class _Required(Enum):
@@ -218,7 +218,7 @@ class Parameter:
         high = values < self.most if self.below else values <= self.most
         return low & high & (values == np.rint(values)) if self.kind == "integer" else low & high
 
-    def checked(self, value: Any, joint_names: Sequence[str] | None = None) -> Any:
+    def check_value(self, value: Any, joint_names: Sequence[str] | None = None) -> Any:
         """Return a value as it is to be kept: a number, or for per-joint ones an array.
 
         Args:
@@ -450,7 +450,7 @@ class Parametrised:
         """
         for name, declared in parameters(type(self)).items():
             if only is None or only(declared):
-                self.keep(name, declared.checked(getattr(self, name), joint_names))
+                self.keep(name, declared.check_value(getattr(self, name), joint_names))
 
     def keep(self, name: str, value: Any) -> None:
         """Put a checked value in the place of what the constructor was given: for ``__post_init__`` alone."""
@@ -478,7 +478,7 @@ class Parametrised:
 
     def __repr__(self) -> str:
         """Return the class with its parameters."""
-        said = ", ".join(f"{name}={shown(value)}" for name, value in self.values().items())
+        said = ", ".join(f"{name}={show_value(value)}" for name, value in self.values().items())
         return f"{type(self).__name__}({said})"
 
 

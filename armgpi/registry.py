@@ -94,7 +94,7 @@ def load() -> None:
         import_module(name)
 
 
-def registered(base: type) -> dict[str, Any]:
+def classes_of(base: type) -> dict[str, Any]:
     """Return the classes that come from `base` and have a name, by their names.
 
     Raises:

@@ -20,7 +20,7 @@ from armgpi.plants.loads import Load as _Load
 from armgpi.plants.plant import Wrapper as _Wrapper
 from armgpi.plants.reality import Reality as _Reality
 from armgpi.references.paths import Path as _Path
-from armgpi.registry import registered as _all_registered
+from armgpi.registry import classes_of as _all_registered
 
 project = "armgpi"
 author = "The armgpi developers"

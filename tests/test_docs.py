@@ -34,7 +34,7 @@ from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
 from armgpi.references.paths import Path as ToolPath
-from armgpi.registry import registered
+from armgpi.registry import classes_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -194,7 +194,7 @@ def test_every_declared_parameter_is_in_a_table_with_its_sentence() -> None:
     text = page_of_the_command_line()
     declared_ones = [each for kind in schema.KINDS.values() for each in kind.parameters.values()]
     for base in (Load, Wrapper, ToolPath):
-        for cls in registered(base).values():
+        for cls in classes_of(base).values():
             if cls.__module__.startswith("armgpi."):  # not what a page declared before, in this process
                 declared_ones += [each for each in parameters(cls).values() if each.in_file]
     assert len(declared_ones) > 40
@@ -216,7 +216,7 @@ def test_every_key_of_the_experiment_file_is_in_the_page_of_the_command_line() -
 def test_the_page_of_what_is_supported_names_every_target_back_end_plant_and_python() -> None:
     text = (ROOT / "docs" / "support.md").read_text(encoding="utf-8")
     versions = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    engines = [name for name, cls in registered(Arm).items() if cls.__module__.startswith("armgpi.")]
+    engines = [name for name, cls in classes_of(Arm).items() if cls.__module__.startswith("armgpi.")]
     assert len(versions) > 2
     assert len(engines) > 2
     for name in (*TARGETS, *BACKENDS, *engines):

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from strategies import Array, State, states, urdf_texts
 
 from armgpi import Robot, robots
-from armgpi.robot.dynamics import PinocchioDynamics, stacked
+from armgpi.robot.dynamics import PinocchioDynamics, stack_dynamics
 
 SAME = 1e-13
 #: Arm -> joints to lock. Not finger_edu: it has an infinitely thin rod, which MuJoCo refuses.
@@ -127,7 +127,7 @@ def three_robots() -> list[Robot]:
 
 def test_every_row_of_a_stack_is_the_answer_of_its_own_robot() -> None:
     parts = [robot.dynamics for robot in three_robots()]
-    together = stacked(parts)
+    together = stack_dynamics(parts)
     q, v, x = np.random.default_rng(2).uniform(-2.0, 2.0, (3, len(parts), 3))
     x[1] = 0.0
     for name, arguments in {

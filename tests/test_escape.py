@@ -19,7 +19,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from armgpi.cli import main
-from armgpi.escape import in_si, shown
+from armgpi.escape import in_si, printable
 from armgpi.viz.page import text as in_html
 
 #: What commands a terminal, hides, or turns other text around; a few that are known for it.
@@ -79,18 +79,18 @@ xml = st.text(
 @given(nasty)
 @example(FAMOUS)
 def test_what_is_shown_is_printable_and_says_what_it_was(text: str) -> None:
-    assert shown(text).isprintable()
-    assert forbidden(shown(text, lines=True).replace("\n", "")) == []
+    assert printable(text).isprintable()
+    assert forbidden(printable(text, lines=True).replace("\n", "")) == []
     assert forbidden(in_html(text).replace("\n", "")) == []
     if "\\" not in text:
-        assert shown(text).encode("ascii", "backslashreplace").decode("unicode_escape") == text
+        assert printable(text).encode("ascii", "backslashreplace").decode("unicode_escape") == text
 
 
 def test_ordinary_text_is_shown_as_it_is() -> None:
     for text in ("q1", "Gelenk äöü", "関節", "rad s²", "\\alpha", "a b", ""):
-        assert shown(text) == text
-    assert shown("a\nb") == "a\\nb"
-    assert shown("a\nb", lines=True) == "a\nb"
+        assert printable(text) == text
+    assert printable("a\nb") == "a\\nb"
+    assert printable("a\nb", lines=True) == "a\nb"
     assert in_html("<a> & \x1b\n") == "&lt;a&gt; &amp; \\x1b\n"
 
 

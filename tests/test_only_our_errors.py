@@ -472,7 +472,7 @@ CASES: dict[str, Case] = {
     "LoadRange": Case(
         LoadRange,
         {"lightest": 0.0, "heaviest": 0.1, "frame": TIP, "com": (0.0, 0.0, 0.0)},
-        lambda made: made.found(ARM, DT, 0.0),
+        lambda made: made.choose(ARM, DT, 0.0),
         slow=True,
     ),
     "payload_range": Case(

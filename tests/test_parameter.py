@@ -25,7 +25,7 @@ from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import StatefulWrapper, Wrapper
 from armgpi.references.paths import Path as ToolPath
-from armgpi.registry import registered, subclasses
+from armgpi.registry import classes_of, subclasses
 
 ARM = Robot.load("anthropomorphic3")
 ROOT = Path(__file__).parents[1]
@@ -163,18 +163,18 @@ def test_a_declaration_says_what_it_has_to(cls: type) -> None:
         for ends in (each.search, each.slider):
             assert ends is None or each.inside(np.array(ends, dtype=float)).all(), name
         if each.default is not REQUIRED and each.default is not None and each.kind not in ("box", "vector"):
-            each.checked(each.default)
+            each.check_value(each.default)
 
 
 def test_options_written_down_are_those_of_the_classes(tmp_path: Path) -> None:
     wanted = {
         name: next(each for each in parameters(cls).values() if each.in_file)
-        for name, cls in registered(Wrapper).items()
+        for name, cls in classes_of(Wrapper).items()
         if cls.__module__.startswith("armgpi.")  # no class of another test
         and sum(each.in_file for each in parameters(cls).values()) == 1
     }
     owners: dict[str, list[str]] = {}
-    for cls in registered(Arm).values():
+    for cls in classes_of(Arm).values():
         kinds = ("number", "integer", "choice")
         wanted |= {n: each for n, each in parameters(cls).items() if each.in_file and each.kind in kinds}
     for kind, made in schema.KINDS.items():
@@ -292,7 +292,7 @@ def test_a_name_belongs_to_one_class() -> None:
 
     try:
         with pytest.raises(ConfigError, match="config_name 'step' is that of"):
-            registered(Load)
+            classes_of(Load)
     finally:
         First.config_name = None
 

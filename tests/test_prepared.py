@@ -257,9 +257,9 @@ def test_other_numbers_trace_and_compile_nothing(name: str, monkeypatch: pytest.
         raise AssertionError("compiled anew")
 
     monkeypatch.setattr(build, "library", refused)
-    monkeypatch.setattr(build, "known", refused)
+    monkeypatch.setattr(build, "find_library", refused)
     monkeypatch.setattr("armgpi.compiled.run.trace_used", refused)
-    monkeypatch.setattr("armgpi.codegen.kernels.Arm._made", refused)
+    monkeypatch.setattr("armgpi.codegen.kernels.Arm._build_kernel", refused)
     # A scale of 1 and a payload of 0 in a whole batch are values like others.
     zero = {key: 0.0 * value for key, value in values.items() if key == "plant.payload.mass"}
     for seed in (1, 2):

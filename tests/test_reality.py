@@ -191,10 +191,10 @@ def test_the_lowest_mode_of_an_arm_with_gears_is_the_one_drawn() -> None:
 
 def test_an_arm_is_held_where_a_law_with_the_truth_has_little_sensitivity() -> None:
     slow = {"sample_time": [0.004], "delay": (3, 3)}
-    assert not health.held(Reality("elastic", 1, mode=(1.0, 1.0), **slow).draw(ARM, 0))
+    assert not health.ideal_law_holds(Reality("elastic", 1, mode=(1.0, 1.0), **slow).draw(ARM, 0))
     fast = {"sample_time": [0.001], "delay": (1, 1), "gear_damping": (0.05, 0.05)}
-    assert health.held(Reality("elastic", 1, mode=(25.0, 25.0), **fast).draw(ARM, 0))
-    assert health.held(Reality("geared", 1, **slow).draw(ARM, 0))
+    assert health.ideal_law_holds(Reality("elastic", 1, mode=(25.0, 25.0), **fast).draw(ARM, 0))
+    assert health.ideal_law_holds(Reality("geared", 1, **slow).draw(ARM, 0))
 
 
 def test_what_dies_out_or_returns_once_is_no_swinging() -> None:

@@ -24,7 +24,7 @@ GEARS = {PANDA: [14e3] * 4 + [8e3] * 3, UR5: [20e3, 20e3, 15e3, 5e3, 5e3, 5e3]}
 
 
 def test_the_time_is_that_of_the_drives_to_fit_and_holds_for_those_held_out() -> None:
-    assert rotors.fitted() == pytest.approx(rotors.SPIN_UP, rel=0.01)
+    assert rotors.mean_spin_up() == pytest.approx(rotors.SPIN_UP, rel=0.01)
     held_out = [rotors.spin_up(x) / rotors.SPIN_UP for x in rotors.PUBLISHED if x.part == "held-out"]
     off = np.maximum(held_out, np.reciprocal(held_out))
     assert np.mean(off <= rotors.SCATTER) >= 0.9
@@ -36,11 +36,11 @@ def test_the_time_is_that_of_the_drives_to_fit_and_holds_for_those_held_out() ->
 def test_what_nothing_tells_is_believed_and_what_somebody_tells_is_not() -> None:
     arm = rotors.believe(UR5)
     np.testing.assert_allclose(arm.armature, rotors.SPIN_UP * UR5.limits.effort / UR5.limits.velocity)
-    assert rotors.believed(arm) == UR5.joint_names
+    assert rotors.believed_joints(arm) == UR5.joint_names
     assert "wrist_3_joint 0.2" in rotors.describe(arm)
     told = UR5.with_armature({"elbow_joint": 0.7})
     assert rotors.believe(told).armature[2] == 0.7
-    assert "elbow_joint" not in rotors.believed(rotors.believe(told))
+    assert "elbow_joint" not in rotors.believed_joints(rotors.believe(told))
     none = rotors.without_rotors(UR5)
     assert rotors.believe(none) is none
     assert rotors.told_none(none) == UR5.joint_names
@@ -133,7 +133,7 @@ def test_an_experiment_with_the_rule_simulates_what_it_believes_and_writes_it_do
     np.testing.assert_array_equal(real.armature, rotors.believe(UR5).armature)
     again = config.build(config.check(made.config.model_dump(), config.Origin()))
     np.testing.assert_array_equal(again.robot.armature, made.robot.armature)
-    assert rotors.believed(again.robot) == UR5.joint_names
+    assert rotors.believed_joints(again.robot) == UR5.joint_names
     data["controllers"] = [{"type": "gpi"}]
     assert not config.build(config.check(data, config.Origin())).robot.armature.any()
     data["robot"] = {"name": "ur5", "drives": "believed"}

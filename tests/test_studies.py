@@ -151,8 +151,8 @@ def test_draws_depend_on_seed_rollout_and_name_alone() -> None:
     whole = Sweep.of(*parse(TEXT, "study.yaml"))
     other = TEXT.replace("omega: 20", "omega: 25").replace("  plant.delay: {choices: [0, 1, 2]}\n", "")
     fewer = Sweep.of(*parse(other, "study.yaml"))
-    a = dict(zip(whole.drawn, whole.numbers(2, 16).T, strict=True))
-    b = dict(zip(fewer.drawn, fewer.numbers(2, 16).T, strict=True))
+    a = dict(zip(whole.drawn_names, whole.numbers(2, 16).T, strict=True))
+    b = dict(zip(fewer.drawn_names, fewer.numbers(2, 16).T, strict=True))
     for name, values in b.items():
         np.testing.assert_array_equal(values, a[name], err_msg=name)
     # Neither on how rollouts are cut into chunks.
@@ -473,8 +473,8 @@ def test_a_cluster_whose_workers_stand_elsewhere_writes_the_same_bytes(
                 worker.kill()
             return progress(*_)
 
-        progress = workers._finished
-        monkeypatch.setattr(workers, "_finished", one_lost)
+        progress = workers._task_result
+        monkeypatch.setattr(workers, "_task_result", one_lost)
         assert not called("sweep", *many, "--out", "there", "--cluster", address)
         assert worker.poll() is not None
         assert contents(tmp_path / "there") == contents(tmp_path / "here")
@@ -485,7 +485,7 @@ def test_a_cluster_whose_workers_stand_elsewhere_writes_the_same_bytes(
             scheduler.kill()
             return progress(*_)
 
-        monkeypatch.setattr(workers, "_finished", none_left)
+        monkeypatch.setattr(workers, "_task_result", none_left)
         assert called("sweep", *many, "--out", "cut", "--cluster", address) == 2
         said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
         assert len(said) == 1

@@ -265,7 +265,7 @@ def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) ->
     found.enter(tmp_path)
     once, last, check = rare.simulate(found, found.enter(tmp_path), 300)
     drawn = np.vstack([found.numbers(i, 16) for i in range(128)])
-    failed = found.failed(found.table(drawn, np.arange(len(drawn))))
+    failed = found.fails(found.table(drawn, np.arange(len(drawn))))
     plain = clopper_pearson(int(failed.sum()), len(failed))
     assert max(plain.lower, once.probability.lower) < min(plain.upper, once.probability.upper)
     assert 1e-3 < plain.value < 0.1
@@ -307,7 +307,7 @@ def test_the_command_of_rare_failures(tmp_path: Path, capsys: pytest.CaptureFixt
     assert not called("sweep", str(file), "--rare", "--rollouts", "200", "--out", str(out))
     said = json.loads((out / "rare.json").read_text())
     assert f"{said['probability of failure']['value']:.3g}" in capsys.readouterr().out
-    assert set(said["failures are at"]) == set(made(RARE).drawn)
+    assert set(said["failures are at"]) == set(made(RARE).drawn_names)
     assert len(list((out / "rare" / "worst").iterdir())) == 10
     assert called("sweep", str(file), "--rare", "--workers", "2", "--out", str(out)) == 2
     assert "--workers" in capsys.readouterr().err
@@ -492,7 +492,7 @@ def test_a_broken_chunk_is_named_and_not_fatal(tmp_path: Path, monkeypatch: pyte
     found = made()
     found.enter(tmp_path)
     monkeypatch.setattr(build, "library", lambda *_: (_ for _ in ()).throw(ArmgpiError("no disk")))
-    monkeypatch.setattr(build, "known", lambda *_: None)
+    monkeypatch.setattr(build, "find_library", lambda *_: None)
     monkeypatch.setattr("armgpi.compiled.run._generated", {})
     counted: list[int] = []
     broken = workers.run(tmp_path, [(0, 16)], counted.append)
@@ -550,7 +550,7 @@ def test_the_command(done: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "of 40 rollouts" in said
     assert "95 % Clopper-Pearson" in said
     text = page.read_text(encoding="utf-8")
-    assert text.count("<figure>") == len(made().metrics) + len(made().drawn)
+    assert text.count("<figure>") == len(made().metrics) + len(made().drawn_names)
     for wrong in ("0", "many", "1.5"):
         assert called("sweep", str(file), "--rollouts", wrong, "--out", str(done)) == 2
         assert "--rollouts" in capsys.readouterr().err
@@ -581,8 +581,8 @@ def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> N
     margins = np.full(100, 0.5)
     margins[7] = 0.6
     level = np.column_stack([np.zeros((100, 2)), margins])
-    assert rare._bound(level, 0.5) == (0.6, 0.01)
-    assert rare._bound(level, 0.6) == (0.6, 1.0)
+    assert rare._level_bound(level, 0.5) == (0.6, 0.01)
+    assert rare._level_bound(level, 0.6) == (0.6, 1.0)
 
 
 def test_bars_of_a_picture_stand_on_one_line() -> None:
@@ -608,9 +608,9 @@ def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:
 
 def test_levels_that_random_rollouts_do_not_confirm_are_said_to_be_wrong() -> None:
     said = {"value": 0.02, "rollouts": 1000, "lower": 0.01, "upper": 0.04, "by the levels": 0.03}
-    assert "WRONG" not in rare._checked(said)
-    assert "WRONG" in rare._checked({**said, "by the levels": 0.05})
-    assert "WRONG" in rare._checked({**said, "by the levels": 0.005})
+    assert "WRONG" not in rare._describe_check(said)
+    assert "WRONG" in rare._describe_check({**said, "by the levels": 0.05})
+    assert "WRONG" in rare._describe_check({**said, "by the levels": 0.005})
 
 
 def test_parameters_say_whether_they_vary() -> None:

@@ -123,7 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
                 )
             )
             search.run()
-            for each in search.validated():
+            for each in search.validate():
                 found[each.budget].append((each.row.objective, each.held_out.objective))
         cells = [
             " / ".join(f"{x:.3g}" for x in np.median(each, axis=0)) if each else "-"

@@ -22,7 +22,7 @@ import numpy as np
 import targets
 
 from armgpi import ExportedController, RigidBodyPlant, Saturated, Supervised, config
-from armgpi.export.targets import compensated
+from armgpi.export.targets import compensates_gravity
 from armgpi.loop import log as logs
 from armgpi.realtime import judge, stages
 from armgpi.realtime.datagram import Datagram
@@ -141,8 +141,8 @@ class WrongArm(ArmEnd):
     def __init__(self, experiment: Any, mistake: Mistake, target: str, dry: bool) -> None:
         """Put the arm where the stage begins."""
         model = experiment.robot
-        own = model.with_gravity(UPRIGHT) if compensated(model) else model
-        self.adding = float(compensated(model))
+        own = model.with_gravity(UPRIGHT) if compensates_gravity(model) else model
+        self.adding = float(compensates_gravity(model))
         if mistake.adds is not None:
             self.adding = 1.0 - self.adding
         true = mistake.arm(own).with_friction(
@@ -180,7 +180,7 @@ class WrongArm(ArmEnd):
         before = self.plant.true_state(self.state)
         for _ in range(self.mistake.rate):
             if self.guide is not None:
-                tau = self._guided(self.guide) + np.sign(self.guide.at(self.k * self.dt).v) * (
+                tau = self._guide_torque(self.guide) + np.sign(self.guide.at(self.k * self.dt).v) * (
                     self.plant.robot.friction.coulomb
                 )
             else:

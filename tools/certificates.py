@@ -28,7 +28,7 @@ from armgpi import ArmgpiWarning, FixedGains, Robot
 from armgpi.certification.adversary import worst
 from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import Certificate, certificate
-from armgpi.certification.quantities import searched
+from armgpi.certification.quantities import search_numbers
 from armgpi.errors import ArmgpiError
 from armgpi.health.zoo import fingers
 from armgpi.robot import robots
@@ -66,7 +66,7 @@ def attempt(robot: Robot, loads: list[float], speed: float) -> Attempt | str:
             except ArmgpiError as error:
                 said = str(error)
                 continue
-            found = searched(asked.setting) if found is None else found
+            found = search_numbers(asked.setting) if found is None else found
             made = certificate(asked, found)
             spent += time.perf_counter() - begin
             if made.certified:
@@ -119,7 +119,7 @@ def disturbed(asked: Asked, made: Certificate) -> tuple[Asked, Certificate]:
     options["acceleration"] = asked.setting.speed
     for load in (asked.loads[1], *(x for x in JUMPS if x < asked.loads[1])):
         stated = ask(asked.robot, 1e-3, payload=(0.0, load), torque=torque, jump=True, **options)
-        found = certificate(stated, searched(stated.setting))
+        found = certificate(stated, search_numbers(stated.setting))
         if {"jump", "start"} <= set(found.data["solutions"]):
             break
     return stated, found

@@ -91,7 +91,7 @@ def _rival(arm: str, law: str, setting: Setting, budget: float) -> list[float]:
             whole._replace(budgets=(budget,), evaluations=setting.evaluations // len(BUDGETS) + 1)
         )
         search.run()
-        rows.append([(x.held_out.objective, x.held_out.means["total_variation"]) for x in search.validated()])
+        rows.append([(x.held_out.objective, x.held_out.means["total_variation"]) for x in search.validate()])
     values = np.array([row[0] if row else (math.inf, math.inf) for row in rows])
     return [float(x) for x in np.median(values, axis=0)]
 

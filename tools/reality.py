@@ -108,7 +108,7 @@ def experiments(
         told(name)
         try:
             found = {own: health.draws(reality, name, every, own) for own in drives}
-            holds = {draw.index: health.held(draw) for draw in found[drives[0]]}
+            holds = {draw.index: health.ideal_law_holds(draw) for draw in found[drives[0]]}
             rows = {
                 label: health.outcomes(found[own], name, law, backend, holds)
                 for label, (law, own) in each.items()
@@ -212,7 +212,7 @@ def main(arguments: list[str] | None = None) -> int:
     }
     print(", ".join(f"{name}: {health.share(row)} %" for name, row in shares.items()), "\n")
     for label, law in laws.items():
-        print(f"{label}: measures {health.known(law)}")
+        print(f"{label}: measures {health.describe_knowledge(law)}")
     if given.warned:
         for label, law in laws.items():
             print(f"\n{warned(drawn, done.found[label], law, label)}", end="")

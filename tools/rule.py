@@ -167,8 +167,8 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
         print(f"{len(search.rows)}: {best.objective:.4f} {at}, {time.monotonic() - begun:.0f} s", flush=True)
 
     search.run(told, study.part)
-    given, chosen = search.given(), search.ranked()[:6]
-    held = search.judged(search.problem.held_out, [row.x for row in chosen])
+    given, chosen = search.judge_start(), search.rank()[:6]
+    held = search.judge(search.problem.held_out, [row.x for row in chosen])
     best = min(held, key=lambda row: row.objective)
     print(f"other draws of these arms: {given.objective:.4f} today, {best.objective:.4f} the best one")
     return {name: float(f"{value:.3g}") for name, value in space.keys(best.x).items()}

@@ -92,7 +92,7 @@ def ask(
     if controller == "gpi":
         law, rule = GPI(robot, dt, delay=delay * dt, payload=payload, **options), None
     else:
-        law, rule = _untuned(robot, dt, delay * dt, bits, payload, options)
+        law, rule = _untuned_law(robot, dt, delay * dt, bits, payload, options)
     _check_linear(law)
 
     def each(value: Any, name: str, above: bool = False) -> Array:
@@ -121,7 +121,7 @@ def ask(
     return Asked(robot, law, where, setting, away, delay, friction, jump, bits, start, rule)
 
 
-def _untuned(
+def _untuned_law(
     robot: Robot, dt: float, delay: float, bits: int | None, payload: Any, options: dict[str, Any]
 ) -> tuple[GPI, Array]:
     """Return the controller that the rule makes, its least bandwidth for all joints, and its bandwidths."""

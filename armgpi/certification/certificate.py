@@ -20,10 +20,10 @@ from armgpi import files
 from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
-from armgpi.certification.proofs import proved
-from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, searched
-from armgpi.certification.reasons import beyond, unsolved
-from armgpi.certification.solve import Solution, merged, solvable, solve
+from armgpi.certification.proofs import prove_numbers
+from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, search_numbers
+from armgpi.certification.reasons import beyond, explain_unsolved
+from armgpi.certification.solve import Solution, merge_facts, solvable, solve
 from armgpi.certification.words import table
 from armgpi.control.gains import FixedGains
 from armgpi.control.network import BSplineNetwork
@@ -209,9 +209,9 @@ def certify(
     asked = ask(robot, dt, **options)
     law_of(asked)  # before what takes long
     if prove:
-        numbers = proved(asked.setting, budget=budget, progress=progress)
+        numbers = prove_numbers(asked.setting, budget=budget, progress=progress)
     else:
-        numbers = searched(asked.setting, progress=progress)
+        numbers = search_numbers(asked.setting, progress=progress)
     progress("solving")
     if rate is None:
         return certificate(asked, numbers)
@@ -292,12 +292,12 @@ class _Known:
         hopeless = len(self.law["omega"]) > 1 and not solvable(self.law, self.numbers, inputs)
         solution = None if hopeless else solve(self.law, self.numbers, inputs)
         if solution is None:
-            self.said += unsolved(self.asked, self.law, self.numbers, inputs)
+            self.said += explain_unsolved(self.asked, self.law, self.numbers, inputs)
             return
         rest, unit = (self.bounds(solution, {**inputs, "torque": size}) for size in "01")
         spare = [
             (most - low) / (high - low)
-            for what, ends in self.allowed(inputs).items()
+            for what, ends in self.allowed_ranges(inputs).items()
             for low, high, most in zip(rest[what], unit[what], ends, strict=True)
         ]
         largest = float(min(spare)) * (1.0 - _ROUNDED)
@@ -327,10 +327,10 @@ class _Known:
 
     def bounds(self, solution: Solution, inputs: Any, claim: str = "") -> Any:
         """Return what a solution bounds."""
-        facts = merged(self.limits, self.law, self.numbers, inputs)
+        facts = merge_facts(self.limits, self.law, self.numbers, inputs)
         return checker.bounds(facts, checker.exact(solution._asdict()), claim)
 
-    def allowed(self, inputs: Any) -> dict[str, Any]:
+    def allowed_ranges(self, inputs: Any) -> dict[str, Any]:
         """Return what bounds must stay within: what the numbers were taken over, and what the motors give."""
         limits = checker.exact(self.limits)
         return {
@@ -341,7 +341,7 @@ class _Known:
 
     def leaves(self, inputs: Any, found: Any) -> bool:
         """Tell whether any bound is not within what is allowed."""
-        most = self.allowed(inputs)
+        most = self.allowed_ranges(inputs)
         return any(x > y for key in most for x, y in zip(found[key], most[key], strict=True))
 
     def _claim(self, name: str, solution: Solution, inputs: Any) -> None:

@@ -272,7 +272,7 @@ def bound_path(
     reasons = [tube.reasons(tube.known.torque, force) for tube in tubes]
     if all(reasons):
         return _none(wish, min(reasons, key=len))
-    return tubes[reasons.index([])].bound(tubes)
+    return tubes[reasons.index([])].path_bound(tubes)
 
 
 def _none(wish: Wish, reasons: Sequence[str]) -> PathBound:
@@ -404,11 +404,11 @@ def _start(wish: Wish, at: _Around, rng: Any) -> Array:
     first, controller = at.target.q[:1], wish.controller
     seen = first + wish.hidden * np.vstack([0.0 * first, rng.uniform(-1.0, 1.0, (_HIDDEN, len(wish.hidden)))])
 
-    def asked(q: Array) -> Array:
+    def virtual(q: Array) -> Array:
         return np.asarray(-controller.init(Measurement(q), _at_rest(first)).law.lam)
 
-    slope = slopes(asked, seen).swapaxes(1, 2)
-    return np.asarray(np.abs(at.v[:1] - asked(first)) + (np.abs(slope) @ wish.hidden).max(axis=0))
+    slope = slopes(virtual, seen).swapaxes(1, 2)
+    return np.asarray(np.abs(at.v[:1] - virtual(first)) + (np.abs(slope) @ wish.hidden).max(axis=0))
 
 
 def _moments(wish: Wish, every: Target, rng: Any) -> tuple[Array, Array]:
@@ -556,7 +556,7 @@ class _Tube:
         """Return the tube of other numbers."""
         return _Tube(self.wish, self.radius, self.fastest, self.known._replace(**numbers))
 
-    def bound(self, tubes: Sequence[_Tube]) -> PathBound:
+    def path_bound(self, tubes: Sequence[_Tube]) -> PathBound:
         """Return the bound, and what is borne in any of several tubes."""
         wish, known, loop = self.wish, self.known, self.loop
         found = self.solve(known.torque, wish.force)

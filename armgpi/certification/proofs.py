@@ -36,7 +36,7 @@ from armgpi.certification.quantities import (
     corners,
     norms,
 )
-from armgpi.certification.trigonometric import Cell, Polynomial, pieces, polynomials_of, stacked
+from armgpi.certification.trigonometric import Cell, Polynomial, pieces, polynomials_of, stack_polynomials
 
 #: Share by which every bound is raised.
 OUTWARD = 1e-6
@@ -98,7 +98,7 @@ class Quantity(ABC):
         """Return bounds on some members in a cell, exact where they exceed x."""
 
 
-def proved(
+def prove_numbers(
     setting: Setting, tolerance: float = 0.1, budget: float = 30.0, progress: Progress = lambda _: None
 ) -> Numbers:
     """Return the numbers of an arm, each proved, or searched where a budget leads to no bound of use.
@@ -167,8 +167,8 @@ class _Prover:
         low = Number(1.0, "proved")
         # Loads add to D, so the nominal model with the heaviest one is at least the true D.
         if not np.array_equal(first.D.coefficients, first.D_nominal.coefficients):
-            above = self.number(_inverted(made.delta_low), lambda m: Norm(m.D_nominal, _one(m.D)))
-            low = _inverted(above)
+            above = self.number(_reciprocal(made.delta_low), lambda m: Norm(m.D_nominal, _one(m.D)))
+            low = _reciprocal(above)
         sigma = self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), v))
         axes = [x._replace(value=math.sqrt(x.value)) for x in made.inverse]
         made_of = [Lengths(m.D, _axes(m.D), together=False) for m in self.models]
@@ -203,14 +203,14 @@ class _Prover:
             return found
         # What D loses over twice the radius, at most as fast as sigma says.
         share = math.exp(-2.0 * float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
-        made = [Stiffness(m, self._held(m), torque(m), self.setting.radius, share) for m in self.models]
+        made = [Stiffness(m, self._residual(m), torque(m), self.setting.radius, share) for m in self.models]
         return self.each([found], made, self.star)[0]
 
     def of_torques(self, found: Numbers) -> dict[str, Any]:
         """Return what the motors must give, and what a jump of the load does, from what is proved of D."""
         low, high, n = found.delta_low, found.delta_high, len(self.star)
         nominal, radius = self.models[0].D_nominal, self.setting.radius
-        light, heavy = (self._held(m) for m in (self.models[0], self.models[-1]))
+        light, heavy = (self._residual(m) for m in (self.models[0], self.models[-1]))
         changed = light._replace(coefficients=heavy.coefficients - light.coefficients)
         # The length of v* in the metric of D^, and of its change between the loads.
         jump, *lengths = (
@@ -224,7 +224,7 @@ class _Prover:
         held = self.each(found.hold, [Sizes(m.G, np.eye(n), together=False) for m in self.models], self.star)
         # By how much D^ v* changes within the radius.
         more = np.einsum("k,kij,j->i", radius, most(_slopes(nominal), self.around), largest_v)
-        diagonal = nominal.mapped(lambda c: c[:, range(n), range(n)])
+        diagonal = nominal.map_values(lambda c: c[:, range(n), range(n)])
         squares = self.each(
             [x._replace(value=x.value**2) for x in found.reach],
             [Sizes(diagonal, np.eye(n), together=False)],
@@ -267,20 +267,20 @@ class _Prover:
         if setting.velocity.any():
             stiffness = found.kappa_e
             if setting.feedforward != "none":
-                stiffness = self.stiffness(found.kappa_e, found.sigma, self._held)
+                stiffness = self.stiffness(found.kappa_e, found.sigma, self._residual)
             moved = made["velocity"]
             size = stiffness.value * moved.value * self.grown(found.sigma) / low.value
             made["shift"] = _from(size, stiffness, moved, low, found.sigma)
         return made
 
-    def _held(self, model: Model) -> Polynomial:
+    def _residual(self, model: Model) -> Polynomial:
         """Return D^ v*: what the feedforward holds, v* does not."""
         if self.setting.feedforward == "none":
             return model.G
         return model.G._replace(coefficients=model.G.coefficients - model.G_known.coefficients)
 
 
-def _inverted(number: Number) -> Number:
+def _reciprocal(number: Number) -> Number:
     """Return one over a number."""
     return number._replace(value=1.0 / number.value)
 
@@ -615,7 +615,7 @@ class Stiffness(Quantity):
         D is at least a share of D at a place within twice that radius.
         """
         # d(D^ e_k)/dq for every joint k.
-        moves = _slopes(model.D_nominal).mapped(lambda c: c.transpose(0, 3, 2, 1))
+        moves = _slopes(model.D_nominal).map_values(lambda c: c.transpose(0, 3, 2, 1))
         gradients = _gradient(torque), _gradient(held)
         self.polynomials = (model.D, model.D_nominal, held, *gradients, moves, _slopes(model.D))
         self.radius, self.share = radius, share
@@ -627,7 +627,7 @@ class Stiffness(Quantity):
 
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
         """Return what is known in a cell of references."""
-        known = self._turned(cell)
+        known = self._in_metrics(cell)
         if known is None:
             return _nothing(1)
         values, (less, loose, held_more, torque_more, *slopes_more, M_more, rates_more) = known
@@ -680,7 +680,7 @@ class Stiffness(Quantity):
         lost = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
         return _roots(D - lost - more * np.eye(len(lost)), less)
 
-    def _turned(self, cell: Cell) -> tuple[list[Array], list[Array]] | None:
+    def _in_metrics(self, cell: Cell) -> tuple[list[Array], list[Array]] | None:
         """Return values at the corners and at the center, the last, and what is beyond, in the metrics there.
 
         What was M is there twice: as dD^/dq_j, with j in between, and as M.
@@ -713,27 +713,27 @@ class Stiffness(Quantity):
 
 def _one(P: Polynomial) -> Polynomial:
     """Return a polynomial as the only one of several."""
-    return P.mapped(lambda c: c[:, None])
+    return P.map_values(lambda c: c[:, None])
 
 
 def _slopes(D: Polynomial) -> Polynomial:
     """Return the partial derivatives of D, shape (n, n, n), the joint first."""
-    return stacked([D.derivative(j) for j in range(len(D.center))])
+    return stack_polynomials([D.derivative(j) for j in range(len(D.center))])
 
 
 def _christoffel(D: Polynomial) -> Polynomial:
     """Return the matrices C_k of C(q, v) = sum of v_k C_k, shape (n, n, n)."""
 
-    def combined(S: Array) -> Array:
+    def combine(S: Array) -> Array:
         return np.asarray(0.5 * (S + S.transpose(0, 3, 2, 1) - S.transpose(0, 3, 1, 2)))
 
-    return _slopes(D).mapped(combined)
+    return _slopes(D).map_values(combine)
 
 
 def _gradient(G: Polynomial) -> Polynomial:
     """Return dG_i/dq_j, shape (n, n)."""
-    slopes = stacked([G.derivative(j) for j in range(len(G.center))])
-    return slopes.mapped(lambda c: c.transpose(0, 2, 1))
+    slopes = stack_polynomials([G.derivative(j) for j in range(len(G.center))])
+    return slopes.map_values(lambda c: c.transpose(0, 2, 1))
 
 
 def _constant(like: Polynomial, value: Array) -> Polynomial:

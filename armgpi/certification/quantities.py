@@ -5,7 +5,7 @@ stands for all joints. What motion and gravity add to it are norms in the same m
 a box of configurations, to loads and to speeds (:class:`Setting`). Where the maximum over loads is at one
 of the two ends, and what is done where it is not, is in docs/proof.md.
 
-A search finds values that are too small at most, so :func:`searched` adds a share to what it found. What
+A search finds values that are too small at most, so :func:`search_numbers` adds a share to them. What
 proves numbers takes a :class:`Setting` too, and returns :class:`Numbers` whose status is "proved".
 """
 
@@ -154,7 +154,7 @@ class Points(NamedTuple):
     between: Array
 
 
-def searched(setting: Setting, seed: int = 0, progress: Progress = lambda _: None) -> Numbers:
+def search_numbers(setting: Setting, seed: int = 0, progress: Progress = lambda _: None) -> Numbers:
     """Return the numbers of an arm, each searched over configurations and at both ends of the loads.
 
     Args:
@@ -166,7 +166,7 @@ def searched(setting: Setting, seed: int = 0, progress: Progress = lambda _: Non
 
 
 def at_ends(setting: Setting, seed: int = 0, progress: Progress = lambda _: None) -> Numbers:
-    """Return the numbers at both ends of the loads alone; see :func:`searched`."""
+    """Return the numbers at both ends of the loads alone; see :func:`search_numbers`."""
     every = functions(setting)
     found = {}
     for place, (name, function) in enumerate(every.items(), start=1):

@@ -26,7 +26,7 @@ _BANDWIDTHS = (0.5, 0.7, 0.85, 1.2, 1.5, 2.0)
 _SHARES = (0.5, 0.25, 0.1)
 
 
-def unsolved(
+def explain_unsolved(
     asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
 ) -> list[str]:
     """Return why the inequality has no solution: the sector, the number in the way, and what would do.

@@ -73,7 +73,7 @@ def refute(
         _look(asked, arms, low + width * share, worst)
     found = []
     for name, (value, q) in worst.items():
-        claimed, sign = _claimed(certificate, name), -1.0 if name.startswith("-") else 1.0
+        claimed, sign = _claimed_value(certificate, name), -1.0 if name.startswith("-") else 1.0
         if claimed is not None and value > sign * claimed + _ROUNDING * abs(claimed) + TINY:
             found.append(Refuted(name.lstrip("-"), claimed, sign * value, q))
     return found
@@ -112,7 +112,7 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
         checker.facts(data)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore", ArmgpiWarning)
-            asked = _asked(certificate, robot)
+            asked = _request_of(certificate, robot)
             same = law_of(asked) == data["law"] and limits_of(asked) == data["limits"]
         shares = sum(_share(checker.section(data["shares"], "shares", _SHARES), name) for name in _SHARES)
         inputs = [x for name, x in data["inputs"].items() if name != "gain"]
@@ -137,7 +137,7 @@ def _unknown(error: BaseException) -> ParameterError:
     return ParameterError("certificate", said, "what a certificate of this version says")
 
 
-def _asked(certificate: Certificate, robot: Robot) -> Asked:
+def _request_of(certificate: Certificate, robot: Robot) -> Asked:
     """Return what a certificate was asked for; any error for what no certificate says."""
     data = certificate.data
     known, law, limits = data["robot"], data["law"], data["limits"]
@@ -192,7 +192,7 @@ def _asked(certificate: Certificate, robot: Robot) -> Asked:
     )
 
 
-def _claimed(certificate: Certificate, name: str) -> float | None:
+def _claimed_value(certificate: Certificate, name: str) -> float | None:
     """Return what a certificate says of a number; None where it says it in another way."""
     name, numbers = name.lstrip("-"), certificate.data["numbers"]
     group, _, joint = name.partition(".")

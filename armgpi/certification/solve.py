@@ -61,32 +61,32 @@ def solve(*facts: Mapping[str, Any]) -> Solution | None:
     Raises:
         MissingPackage: when Clarabel is not installed.
     """
-    exact = merged(*facts)
-    problem = _Problem.made(_floats(exact))
+    exact = merge_facts(*facts)
+    problem = _Problem.from_facts(_floats(exact))
     if problem is None:
         return None
     found: list[tuple[float, float, Array]] = []
     for alpha in _ALPHAS:
         values = problem.attempt(alpha)
         if values is not None:
-            found.append((problem.bound(values, alpha), alpha, values))
+            found.append((problem.error_bound(values, alpha), alpha, values))
         if found and (values is None or found[-1][0] > _WORSE * min(each[0] for each in found)):
             break  # what is too fast at one rate is so at every larger one
     for _, alpha, values in sorted(found, key=lambda each: each[0]):
-        solution = problem.rounded(values, alpha)
+        solution = problem.to_decimals(values, alpha)
         if checker.holds(exact, checker.exact(solution._asdict())):
             return solution
     return None
 
 
-def merged(*facts: Mapping[str, Any]) -> dict[str, Any]:
+def merge_facts(*facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return parts of a certificate as the checker takes them: one mapping of exact numbers."""
     return {key: checker.exact(x) for part in facts for key, x in part.items()}
 
 
 def solvable(*facts: Mapping[str, Any]) -> bool:
     """Tell whether the inequality has a solution at a low rate of decay, as floats have it."""
-    problem = _Problem.made(_floats(merged(*facts)))
+    problem = _Problem.from_facts(_floats(merge_facts(*facts)))
     if problem is None:
         return False
     return problem.attempt(_ALPHAS[0]) is not None
@@ -109,7 +109,7 @@ class _Problem:
         self._choose(start)
 
     @classmethod
-    def made(cls, facts: Any) -> _Problem | None:
+    def from_facts(cls, facts: Any) -> _Problem | None:
         """Return the problem; None where a sample adds too much for any solution."""
         known = checker.sample(facts)
         (f, wide), rest, ends, gains, sizes, *_ = known
@@ -167,7 +167,7 @@ class _Problem:
     def attempt(self, alpha: float) -> Array | None:
         """Return unknowns that solve the inequality as floats have it, None when there seem to be none."""
         for margin in _MARGINS:
-            values = self.solved(alpha, margin)
+            values = self.solve_at(alpha, margin)
             if values is None:
                 return None
             if self.violation(values, alpha) < 0.0:
@@ -177,7 +177,7 @@ class _Problem:
                 self._choose(P)  # nearer to a solution the solver sees better
         return None
 
-    def solved(self, alpha: float, margin: float) -> Array | None:
+    def solve_at(self, alpha: float, margin: float) -> Array | None:
         """Return the unknowns as Clarabel has them; None for numbers that are not finite."""
         clarabel = _clarabel()
         n, (unknowns, corners, size, _) = self.n, self.basis.shape
@@ -219,7 +219,7 @@ class _Problem:
         missed = np.tensordot(inner, self._matrices - alpha * self._units, 1)
         return max(-float(np.linalg.eigvalsh(_matrix(each))[0]) for each in missed)
 
-    def rounded(self, x: Array, alpha: float) -> Solution:
+    def to_decimals(self, x: Array, alpha: float) -> Solution:
         """Return a solution in decimal numbers."""
         P, t, a = _split(x, self.n, self.used)
         return Solution(
@@ -229,7 +229,7 @@ class _Problem:
             [_text(each) for each in a],
         )
 
-    def bound(self, x: Array, alpha: float) -> float:
+    def error_bound(self, x: Array, alpha: float) -> float:
         """Return what the error is bounded by, but for a factor."""
         P, _, a = _split(x, self.n, self.used)
         return float(np.linalg.inv(P)[0, 0] * (a[self.used.a] @ self.sizes**2) / alpha)

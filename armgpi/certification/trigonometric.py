@@ -75,7 +75,7 @@ class Polynomial(NamedTuple):
         size = self.coefficients.shape[joint]
         return self._replace(coefficients=_along(self.coefficients, joint, matrix[:size, :size]))
 
-    def mapped(self, function: Callable[[Array], Array]) -> Polynomial:
+    def map_values(self, function: Callable[[Array], Array]) -> Polynomial:
         """Return the polynomial whose values a linear function makes of these; it takes (k, *shape)."""
         terms = self.coefficients.shape[: len(self.center)]
         values = function(self.coefficients.reshape(-1, *self.shape))
@@ -184,10 +184,10 @@ class _Cut:
         self.table, self.sups = table, [sup[:size] for sup, size in zip(most, terms, strict=True)]
         self._back = [np.linalg.inv(each) for each in bases]
         scale = _scale(first)
-        self.counts = [0 if size < 5 else self._counted(j, scale) for j, size in enumerate(terms)]
+        self.counts = [0 if size < 5 else self._count_parts(j, scale) for j, size in enumerate(terms)]
         self.widths = half / np.maximum(self.counts, 1)
 
-    def _counted(self, j: int, scale: Array) -> int:
+    def _count_parts(self, j: int, scale: Array) -> int:
         """Return into how many parts a joint's range has to be cut."""
         count = max(1, math.ceil(float(self.half[j]) / _WIDEST))
         # Parts that are narrower than the margin leave out no less.
@@ -303,7 +303,7 @@ def _sum(table: Array, weights: Sequence[Array]) -> Array:
     return table
 
 
-def stacked(polynomials: Sequence[Polynomial]) -> Polynomial:
+def stack_polynomials(polynomials: Sequence[Polynomial]) -> Polynomial:
     """Return polynomials as one, with a first axis of its values for which."""
     first = polynomials[0]
     joints = len(first.center)
@@ -338,7 +338,7 @@ def polynomials_of(robots: Sequence[Robot], center: Array) -> list[tuple[Polynom
             table = _along(table, joint, np.asarray(np.linalg.inv(functions.T), float))
         whole = Polynomial(center, robot.prismatic, table)
         _check(each, whole)
-        found.append((whole.mapped(lambda c: c[..., :-1]), whole.mapped(lambda c: c[..., -1])))
+        found.append((whole.map_values(lambda c: c[..., :-1]), whole.map_values(lambda c: c[..., -1])))
     return found
 
 

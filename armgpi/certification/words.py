@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from armgpi.certification.solve import checker, merged
+from armgpi.certification.solve import checker, merge_facts
 from armgpi.loop.units import POSITION, TORQUE
 
 #: Numbers of the arm: their names in the file, what they are and their units.
@@ -46,7 +46,7 @@ def table(made: Any) -> list[str]:
         f"{robot['name']}, taken as rigid: loads {light:g} to {heavy:g} kg, omega {_omega(law)} rad/s, "
         f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
         f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late",
-        f"  reference {course}, speed {_joined(limits['speed'])} rad/s or m/s; start {robot['start']}",
+        f"  reference {course}, speed {_join(limits['speed'])} rad/s or m/s; start {robot['start']}",
         *_price(robot, law),
         f"  box [rad or m]: {', '.join(_ends(limits))}",
     ]
@@ -95,7 +95,7 @@ def shares(made: Any) -> str:
     data = made.data
     if "stated" not in data["solutions"]:
         return ""
-    known = merged(data["limits"], data["law"], data["numbers"], data["inputs"]["stated"])
+    known = merge_facts(data["limits"], data["law"], data["numbers"], data["inputs"]["stated"])
     (growth, _), *_, whole, _ = checker.sample(known)
     if not whole:
         return ""
@@ -112,12 +112,12 @@ def _price(robot: Any, law: Any) -> list[str]:
     if robot["rule"] is None:
         return []
     return [
-        f"  the untuned law, but with one omega: the rule gives the joints {_joined(robot['rule'])} rad/s",
-        f"  its dead zone, {_joined(robot['dead_zone'])} rad or m, is in all claims but the error per torque",
+        f"  the untuned law, but with one omega: the rule gives the joints {_join(robot['rule'])} rad/s",
+        f"  its dead zone, {_join(robot['dead_zone'])} rad or m, is in all claims but the error per torque",
     ]
 
 
-def _joined(values: Any) -> str:
+def _join(values: Any) -> str:
     """Return numbers for the joints, one where they are the same."""
     texts = [f"{float(x):.4g}" for x in values]
     return ", ".join(texts) if len(set(texts)) > 1 else texts[0]

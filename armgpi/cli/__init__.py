@@ -21,7 +21,7 @@ import typer
 from armgpi.cli.commands import Commands
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, in_options, with_options
 from armgpi.cli.terminal import say
-from armgpi.escape import shown
+from armgpi.escape import printable
 
 #: How often Python looks for garbage.
 _USUAL = gc.get_threshold()
@@ -60,7 +60,7 @@ def _usage_shown() -> Iterator[None]:
     except Exception as error:
         if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
             message, context = vars(error)["message"], vars(error).get("ctx")
-            message = shown(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
+            message = printable(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
             vars(error)["message"] = message
             if context is not None and "\n" not in message:  # the whole help stays as it is
                 # Click puts a sentence of its own before no message.

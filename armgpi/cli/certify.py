@@ -173,7 +173,7 @@ def certify(
     arm = load_arm(robot, how, rotor_inertia, drives)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     if refute is not None:
-        _refuted(refute, arm)
+        _refute_file(refute, arm)
     note_believed(arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
@@ -182,10 +182,10 @@ def certify(
     stated = {"bits": encoder_bits, "friction": friction, "jump": jump, "start": start}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     proof |= {"payload": load_ends(payload), "box": None if box is None else read_box(box)}
-    options = {**vectors, **_chosen(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
+    options = {**vectors, **_chosen_parts(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)
-    sys.exit(_told(found, arm, out, report, as_json))
+    sys.exit(_publish(found, arm, out, report, as_json))
 
 
 def note_believed(arm: Any) -> None:
@@ -196,7 +196,7 @@ def note_believed(arm: Any) -> None:
     from armgpi.robot import rotors
 
     ratio = math.sqrt(certified_sector().upper)
-    if rotors.believed(arm):
+    if rotors.believed_joints(arm):
         say(
             f"no certificate: rotors are believed within a factor of {rotors.SCATTER:g}, and a certificate "
             f"takes D as exact; within a factor of {ratio:.2g}, without load, there could be one: "
@@ -211,7 +211,7 @@ def note_believed(arm: Any) -> None:
         )
 
 
-def _told(found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool) -> int:
+def _publish(found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool) -> int:
     """Write and print a certificate, and return the exit code."""
     if out is not None:
         write(out, found.text, "--out")
@@ -224,7 +224,7 @@ def _told(found: Certificate, arm: Any, out: Path | None, report: Path | None, a
     return OK if found.certified else FAILED
 
 
-def _refuted(file: Path, arm: Any) -> None:
+def _refute_file(file: Path, arm: Any) -> None:
     """Say which numbers of a certificate drawn configurations exceed, and end."""
     from armgpi.certification.certificate import Certificate
     from armgpi.certification.refute import refute
@@ -285,7 +285,7 @@ def _loop_of(
     )
 
 
-def _chosen(law: dict[str, Any]) -> dict[str, Any]:
+def _chosen_parts(law: dict[str, Any]) -> dict[str, Any]:
     """Return the parts of the law; of an untuned one the rule chooses them."""
     usual = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none"}
     if law["controller"] != "untuned":

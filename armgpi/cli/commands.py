@@ -169,7 +169,7 @@ class _Loaded(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         """Return a command."""
         if name not in self._made:
-            self._made[name] = _made(name, ENTRIES[name])
+            self._made[name] = _build_command(name, ENTRIES[name])
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -181,7 +181,7 @@ class _Loaded(Mapping[str, Any]):
         return len(ENTRIES)
 
 
-def _made(name: str, entry: Entry) -> Any:
+def _build_command(name: str, entry: Entry) -> Any:
     """Return a command as the library of the command line has it: the only one of an app of its own."""
     function = getattr(import_module(f"armgpi.cli.{entry.module}"), name)
     kind: type[Command] = Command

@@ -91,7 +91,7 @@ class DeclaredCommand(Command):
         return [*own, *_click_options(each for each in options() if each.flag not in taken), help_option]
 
 
-def given(context: typer.Context) -> list[tuple[Option, Any]]:
+def values_of(context: typer.Context) -> list[tuple[Option, Any]]:
     """Return the options that a command was given, with their values."""
     typed = context.meta.get(_META)
     if not typed:
@@ -115,16 +115,16 @@ class Declared(NamedTuple):
 
 def options() -> list[Option]:
     """Return the options for all declared parameters that have one."""
-    return _declared().options
+    return _read_declared().options
 
 
 def names() -> dict[str, str]:
     """Return what help shows for {controllers}, {plants} and {paths}."""
-    return _declared().names
+    return _read_declared().names
 
 
 @cache
-def _declared() -> Declared:
+def _read_declared() -> Declared:
     """Return what was written down, where it is of the modules that there are; else what the classes say."""
     kept = Declared(**json.loads(files("armgpi.cli").joinpath("declared.json").read_text(encoding="utf-8")))
     kept = kept._replace(options=[Option(*row) for row in kept.options])
@@ -146,7 +146,7 @@ def read_classes() -> Declared:
     from armgpi.plants.arm import Arm
     from armgpi.references.paths import Path
 
-    kinds = {"controllers": KINDS, "plants": registry.registered(Arm), "paths": registry.registered(Path)}
+    kinds = {"controllers": KINDS, "plants": registry.classes_of(Arm), "paths": registry.classes_of(Path)}
     found = {key: ", ".join(sorted(every)) for key, every in kinds.items()}
     return Declared(registry.modules(), found, _read_options())
 
@@ -159,7 +159,7 @@ def _read_options() -> list[Option]:
     from armgpi.plants.plant import Wrapper
 
     found: dict[str, Option] = {}
-    for name, wrapper in registry.registered(Wrapper).items():
+    for name, wrapper in registry.classes_of(Wrapper).items():
         own = [each for each in parameters(wrapper).values() if each.in_file]
         if len(own) == 1:
             found[name] = _option(_flag(name), name, (), own[0])
@@ -167,7 +167,7 @@ def _read_options() -> list[Option]:
         for key, each in _having(kind.parameters):
             owners = (*(found[key].owners if key in found else ()), owner)
             found[key] = _option(_flag(key), key, owners, each)
-    for arm in registry.registered(Arm).values():
+    for arm in registry.classes_of(Arm).values():
         for key, each in _having(parameters(arm)):
             # One that a controller has as well begins with plant.
             flag = _flag(f"plant-{key}" if key in found else key)

@@ -77,7 +77,7 @@ def diagnose() -> list[Check]:
         _example_robot_data(),
         *(_extra(name, packages) for name, packages in _EXTRAS.items()),
         _compiler(),
-        _described(),
+        _check_descriptions(),
         _shadows(),
     ]
     ros = [key for key in ("ROS_DISTRO", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH") if os.environ.get(key)]
@@ -163,7 +163,7 @@ def _example_robot_data() -> Check:
     return Check("ok", "example-robot-data", found)
 
 
-def _described() -> Check:
+def _check_descriptions() -> Check:
     """Return whether robot_descriptions is there."""
     from armgpi.robot import robots
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.declared import given
+from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
 from armgpi.cli.terminal import say
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @stoppable
-@opt.shared(opt.experiment, opt.results)
+@opt.add_options(opt.experiment, opt.results)
 def run(
     context: typer.Context,
     robot: opt.RobotName = None,
@@ -39,13 +39,14 @@ def run(
     """  # noqa: D301 (\b keeps the lines apart)
     sys.exit(
         _run(
-            {"robot": robot, "controllers": controller, "declared": given(context), **options}, compare=False
+            {"robot": robot, "controllers": controller, "declared": values_of(context), **options},
+            compare=False,
         )
     )
 
 
 @stoppable
-@opt.shared(opt.experiment, opt.results)
+@opt.add_options(opt.experiment, opt.results)
 def compare(
     context: typer.Context,
     robot: opt.RobotName = None,
@@ -60,7 +61,8 @@ def compare(
     """  # noqa: D301 (\b keeps the lines apart)
     sys.exit(
         _run(
-            {"robot": robot, "controllers": controllers, "declared": given(context), **options}, compare=True
+            {"robot": robot, "controllers": controllers, "declared": values_of(context), **options},
+            compare=True,
         )
     )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.declared import given
+from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
@@ -86,7 +86,7 @@ _JUST_BELOW = 1.0 - 1e-6
 
 
 @stoppable
-@opt.shared(opt.experiment, opt.printing)
+@opt.add_options(opt.experiment, opt.printing)
 def export(
     context: typer.Context,
     robot: opt.RobotName = None,
@@ -109,7 +109,7 @@ def export(
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
     own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller, "target": target}
-    sys.exit(_export({**own, "declared": given(context), **options, "supervised": True}))
+    sys.exit(_export({**own, "declared": values_of(context), **options, "supervised": True}))
 
 
 def _export(options: dict[str, Any]) -> int:
@@ -217,13 +217,13 @@ def _target(options: dict[str, Any]) -> str:
 
 def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
     """Print what the exported code takes."""
-    from armgpi.export.targets import compensated
+    from armgpi.export.targets import compensates_gravity
 
     measured, typical, worst_case = done.measured, done.code.typical, done.code.worst_case
     facts: dict[str, Any] = {
         "controller": label,
         "real": done.code.real,
-        "gravity": "robot" if compensated(done.code.law.controller.robot) else "arm",
+        "gravity": "robot" if compensates_gravity(done.code.law.controller.robot) else "arm",
         "samples": len(log.samples),
         "state_bytes": done.state_bytes,
         "operations": sum(typical),

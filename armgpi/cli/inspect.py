@@ -16,7 +16,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say
-from armgpi.escape import shown
+from armgpi.escape import printable
 
 if TYPE_CHECKING:
     from armgpi.health.findings import Finding
@@ -120,16 +120,18 @@ def _show(report: HealthReport) -> None:
 def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
     """Return in sentences what the model is."""
     said = [
-        f"{shown(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
+        f"{printable(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
         f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
         f"from {facts['base']!r} to {facts['tip']!r}",
-        f"file: {shown(facts['source'])}",
+        f"file: {printable(facts['source'])}",
     ]
-    said[1:1] = [shown(facts[key]) for key in ("rotors", "gears") if facts[key]]
+    said[1:1] = [printable(facts[key]) for key in ("rotors", "gears") if facts[key]]
     if facts["sag"]:
         said.append(facts["sag"])
     if facts["locked"]:
-        said.append("locked: " + ", ".join(f"{shown(name)} at {x:g}" for name, x in facts["locked"].items()))
+        said.append(
+            "locked: " + ", ".join(f"{printable(name)} at {x:g}" for name, x in facts["locked"].items())
+        )
     return said
 
 
@@ -144,7 +146,7 @@ def _what_follows(facts: Mapping[str, Any]) -> list[str]:
         f"{motion['kappa_v']:.3g} 1/s (Coriolis), kappa_e = {motion['kappa_e']:.3g} 1/s^2 (gravity)",
         f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
         f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column",
-        *_untuned(facts),
+        *_untuned_lines(facts),
         f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
         f"true one; with it, and the load gone, 1 to {more:.3g}; mu = {load['mobility']:.3g} 1/kg: a "
         f"load that comes and goes may have a certificate up to {_mass(load['largest_certifiable'])}",
@@ -166,7 +168,7 @@ def _mass(kg: float) -> str:
     return f"{kg:.3g} kg" if math.isfinite(kg) else "any mass"
 
 
-def _untuned(facts: Mapping[str, Any]) -> list[str]:
+def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
     """Return what GPI takes for the arm when nobody tunes it."""
     if (law := facts["untuned"]) is None:
         return []
@@ -179,7 +181,7 @@ def _untuned(facts: Mapping[str, Any]) -> list[str]:
         f"untuned: {law['integrators']} integrator, roll-off {law['rolloff']}, nominal load "
         f"{law['nominal_load']:.2g} kg, omega_c = {slowest:.3g} to {fastest:.3g} rad/s; phase margin "
         f"{math.degrees(phase):.3g} deg, stable for delta {low:.2g} to {high:.2g}, delay margin "
-        f"{1e3 * delay:.3g} ms; one count moves the torque of {shown(name[j])} by "
+        f"{1e3 * delay:.3g} ms; one count moves the torque of {printable(name[j])} by "
         f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
         f"untuned: {law['verdict']}",
     ]
@@ -202,7 +204,7 @@ def _page(report: HealthReport) -> str:
         "Joints": page.table(["joint", *(column.heading for column in _COLUMNS)], joints, label="joints"),
         "What a controller will do with it": page.bullets(_what_follows(facts)),
     }
-    verdict = f"<p class={kind}>{page.text(_counted(report.findings))}</p>"
+    verdict = f"<p class={kind}>{page.text(_count_findings(report.findings))}</p>"
     # Of the file its name alone: a page is passed on.
     said = page.bullets(_what_it_is({**facts, "source": Path(facts["source"]).name}))
     return page.document(facts["name"], verdict + said, sections)
@@ -225,12 +227,12 @@ def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longe
     from rich.table import Table
 
     table = Table()
-    least = min(_FOLDED, max(len(shown(joint["name"])) for joint in joints))
+    least = min(_FOLDED, max(len(printable(joint["name"])) for joint in joints))
     table.add_column("joint", overflow="fold", min_width=least, max_width=longest)
     for column in columns:
         table.add_column(column.heading, justify="right", no_wrap=True)
     for joint in joints:
-        table.add_row(shown(joint["name"]), *(column.text(joint) for column in columns))
+        table.add_row(printable(joint["name"]), *(column.text(joint) for column in columns))
     return table
 
 
@@ -241,11 +243,11 @@ def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
         option = _option(finding)
         with_run = "" if option.split(" ")[0] in OFFERED else "run with "
         remedy = f"{'; ' if finding.repair else ' -> '}{with_run}{option}" if option else ""
-        console.print(f"{finding.level}: {shown(f'{finding}{remedy}')}", style=styles[finding.level])
-    console.print(_counted(findings))
+        console.print(f"{finding.level}: {printable(f'{finding}{remedy}')}", style=styles[finding.level])
+    console.print(_count_findings(findings))
 
 
-def _counted(findings: tuple[Finding, ...]) -> str:
+def _count_findings(findings: tuple[Finding, ...]) -> str:
     """Return how many findings there are."""
     levels = [finding.level for finding in findings]
     return f"{levels.count('error')} errors, {levels.count('warning')} warnings, {levels.count('info')} infos"

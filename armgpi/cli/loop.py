@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.declared import given
+from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stoppable
 from armgpi.cli.terminal import say
 
@@ -83,7 +83,7 @@ View = Annotated[
 
 
 @stoppable
-@opt.shared(opt.experiment, opt.printing)
+@opt.add_options(opt.experiment, opt.printing)
 def loop(
     context: typer.Context,
     robot: opt.RobotName = None,
@@ -119,7 +119,7 @@ def loop(
     from armgpi.realtime import Injected, Watchdog, run
 
     as_json = options.pop("as_json")
-    options |= {"robot": robot, "controllers": controller, "declared": given(context)}
+    options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
     options |= {"out": out, "force": force}
     experiment = configuration.build(*settings(options, compare=False))
     check_out(options, experiment)
@@ -145,13 +145,13 @@ def loop(
             watch=_watcher(experiment, stack) if view else None,
         )
     found = outcome.report(None if dry_run else experiments.run(experiment, label, progress=False))
-    for path in _written(experiment, outcome, found, out, report, log):
+    for path in _write_files(experiment, outcome, found, out, report, log):
         say(f"wrote {path}", err=True)
     say(json.dumps(found)) if as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
 
 
-def _written(
+def _write_files(
     experiment: Experiment,
     outcome: Outcome,
     found: dict[str, Any],

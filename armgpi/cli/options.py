@@ -120,7 +120,7 @@ Repair = Annotated[
 ]
 
 
-def _searched(folders: list[Path] | None) -> list[Path] | None:
+def _search_folders(folders: list[Path] | None) -> list[Path] | None:
     """Have meshes looked for in folders, as in those of ROS_PACKAGE_PATH but before them."""
     from armgpi.cli.parsing import refusal
 
@@ -139,7 +139,7 @@ PackageDir = Annotated[
     list[Path] | None,
     typer.Option(
         "--package-dir",
-        callback=_searched,
+        callback=_search_folders,
         metavar="FOLDER",
         help="Folder of a package, or of packages, in which meshes are looked for; may be repeated.",
     ),
@@ -381,7 +381,7 @@ def experiment(
     gravity: Gravity = None,
     settings: Settings = None,
 ) -> None:
-    """List the options that describe an experiment, for :func:`shared`."""
+    """List the options that describe an experiment, for :func:`add_options`."""
 
 
 def results(
@@ -396,14 +396,14 @@ def results(
     interactive: Interactive = False,
     as_json: Json = False,
 ) -> None:
-    """List the options of what a run becomes, for :func:`shared`."""
+    """List the options of what a run becomes, for :func:`add_options`."""
 
 
 def printing(as_json: Json = False) -> None:
-    """List the options of what is printed, for :func:`shared`."""
+    """List the options of what is printed, for :func:`add_options`."""
 
 
-def shared(*lists: Callable[..., None]) -> Callable[[_Command], _Command]:
+def add_options(*lists: Callable[..., None]) -> Callable[[_Command], _Command]:
     """Put lists of options in the place of a command's ``**options``."""
 
     def decorate(command: _Command) -> _Command:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.declared import given
+from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
@@ -27,7 +27,7 @@ Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open the p
 
 
 @stoppable
-@opt.shared(opt.experiment)
+@opt.add_options(opt.experiment)
 def play(
     context: typer.Context,
     robot: opt.RobotName = None,
@@ -46,7 +46,7 @@ def play(
     armgpi play panda --lock panda_finger_joint1 --lock panda_finger_joint2 -o panda.html
     armgpi play --config experiment.yaml --open
     """  # noqa: D301 (\b keeps the lines apart)
-    own = {"robot": robot, "controllers": controller, "declared": given(context), **options}
+    own = {"robot": robot, "controllers": controller, "declared": values_of(context), **options}
     sys.exit(_play(own, out, open_, frame))
 
 

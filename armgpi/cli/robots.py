@@ -52,7 +52,7 @@ def robots(
     from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, description_names, names
 
     found = names()
-    rows = [_row(name) if check else _known(name) for name in found]
+    rows = [_row(name) if check else _known_facts(name) for name in found]
     if as_json:
         say(json.dumps(rows))
     elif check:
@@ -68,7 +68,7 @@ def robots(
         say(text, err=True)
 
 
-def _known(name: str) -> dict[str, Any]:
+def _known_facts(name: str) -> dict[str, Any]:
     """Return what is known of a robot before it is loaded."""
     from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, locate
 

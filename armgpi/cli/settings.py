@@ -28,7 +28,7 @@ class _Overlay:
         self.options, self.data = options, data
         self.sources: dict[str, str] = {}
 
-    def given(self, name: str) -> bool:
+    def is_given(self, name: str) -> bool:
         """Tell whether an option was typed."""
         return self.options[name] not in (None, [])
 
@@ -39,7 +39,7 @@ class _Overlay:
 
     def take(self, name: str, *path: str | int, read: Callable[[Any], Any] = lambda value: value) -> None:
         """Put an option that may have been typed; what it is called follows from its name."""
-        if self.given(name):
+        if self.is_given(name):
             self.put(f"--{name.replace('_', '-')}", read(self.options[name]), *path)
 
 
@@ -65,7 +65,7 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     for index in range(len(data["controllers"])):
         over.take("inertia_scale", "controllers", index, "inertia_scale")
     for option, value in options["declared"]:
-        _declared(over, option, value)
+        _set_declared(over, option, value)
     _reference(over)
     for text in options.get("settings") or ():
         _set(over, text)
@@ -97,7 +97,7 @@ def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
 
 def _robot(over: _Overlay) -> None:
     """Put the options about the arm."""
-    if over.given("robot"):
+    if over.is_given("robot"):
         over.data["robot"] = {}
         over.put("ROBOT", over.options["robot"], "robot", "name")
     if "robot" not in over.data:
@@ -122,7 +122,7 @@ def _plant(over: _Overlay) -> None:
             over.put(option.flag, value, "plant", option.key)
 
 
-def _declared(over: _Overlay, option: Option, value: Any) -> None:
+def _set_declared(over: _Overlay, option: Option, value: Any) -> None:
     """Put the option of a declared parameter of the controllers that have it."""
     if not option.owners:
         return  # of a sensor or actuator
@@ -138,26 +138,26 @@ def _declared(over: _Overlay, option: Option, value: Any) -> None:
 def _reference(over: _Overlay) -> None:
     """Put the options about where to."""
     options, data = over.options, over.data
-    if over.given("trajectory"):
-        if over.given("to") or over.given("start") or over.given("path"):
+    if over.is_given("trajectory"):
+        if over.is_given("to") or over.is_given("start") or over.is_given("path"):
             raise refusal("--trajectory", "is mutually exclusive with --to, --from and --path")
         data["reference"] = {}
         over.put("--trajectory", str(options["trajectory"]), "reference", "file")
-    if over.given("path"):
-        if over.given("to") or over.given("start"):
+    if over.is_given("path"):
+        if over.is_given("to") or over.is_given("start"):
             raise refusal("--path", "is mutually exclusive with --to and --from")
         data["reference"] = {}
         over.put("--path", {"type": options["path"]}, "reference", "path")
-    if over.given("direction"):
+    if over.is_given("direction"):
         if "path" not in (data.get("reference") or {}):
             raise refusal("--direction", "requires a path")
         over.take("direction", "reference", "direction", read=lambda text: per_joint(text, "--direction"))
-    if over.given("to"):
-        begin = per_joint(options["start"], "--from") if over.given("start") else {}
+    if over.is_given("to"):
+        begin = per_joint(options["start"], "--from") if over.is_given("start") else {}
         data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}
         over.put("--from", begin, "reference", "points", 0)
         over.put("--to", per_joint(options["to"], "--to"), "reference", "points", 1)
-    elif over.given("start"):
+    elif over.is_given("start"):
         raise refusal("--from", "requires --to")
     over.take("duration", "reference", "durations")
 

@@ -79,10 +79,10 @@ def sweep(
             raise refusal(option, "--rare has its levels one after the other in this process, and no page")
         _rare(asked, study, count, as_json)
         return
-    sys.exit(FAILED if _ran(asked, study, count, workers, cluster, report, as_json) else OK)
+    sys.exit(FAILED if _run_sweep(asked, study, count, workers, cluster, report, as_json) else OK)
 
 
-def _ran(
+def _run_sweep(
     sweep: Sweep,
     study: Study,
     count: int,

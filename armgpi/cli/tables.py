@@ -26,7 +26,7 @@ from armgpi.control.advice import COUNT_SHARE
 from armgpi.control.geared import is_known
 from armgpi.control.gpi import GPI
 from armgpi.control.supervisor.reasons import remedy
-from armgpi.escape import shown
+from armgpi.escape import printable
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
@@ -43,9 +43,9 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     console = console_of(width)
     robot, chosen = experiment.robot, metrics.shown_in("terminal")
     slides = bool(robot.prismatic.all())
-    title = f"{shown(robot.name)}, {experiment.t_final:.4g} s"
+    title = f"{printable(robot.name)}, {experiment.t_final:.4g} s"
     if len(records) == 1:
-        title = f"{shown(records[0]['label'])} on {title}"
+        title = f"{printable(records[0]['label'])} on {title}"
     tables = [(title, chosen)]
     if narrow := natural_width(console, _table(title, records, chosen, slides)) > console.width:
         tables = [(f"{title}: {group}", [m for m in chosen if m.group == group]) for group in metrics.GROUPS]
@@ -56,14 +56,14 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
             console.width = max(console.width, natural_width(console, folded))
         console.print(_table(heading, records, columns, slides))
     if note := units.note(robot.joint_names, robot.prismatic):
-        console.print(shown(note))
+        console.print(printable(note))
     for record in records:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
         measured = describe_measurement(record["measurement"], record["knows"])
-        console.print(f"{shown(record['label'])}: {record['end']}; measures {measured}{left}")
+        console.print(f"{printable(record['label'])}: {record['end']}; measures {measured}{left}")
         if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
-            console.print(shown(remedy(stopped[1])))
+            console.print(printable(remedy(stopped[1])))
         controller = experiment.controllers.get(record["label"])
         if isinstance(controller, GPI):
             console.print(_loop(controller, experiment))
@@ -88,8 +88,8 @@ def write_table(experiment: Experiment, records: list[dict[str, Any]], path: Pat
         heads.append(f"{metric.heading} [{unit}]" if unit else metric.heading)
     rows = [
         [
-            shown(record["label"]),
-            shown(joint),
+            printable(record["label"]),
+            printable(joint),
             *(_exact(record["metrics"][metric.name][index], path.suffix) for metric in chosen),
         ]
         for record in records
@@ -153,7 +153,7 @@ def _loop(controller: GPI, experiment: Experiment) -> str:
     unit = "N" if experiment.robot.prismatic[j] else "N m"
     much = ": more than 1 %, which shakes an arm" if share[j] > COUNT_SHARE else ""
     return (
-        f"{said}; one encoder count moves the torque of {shown(experiment.robot.joint_names[j])} by "
+        f"{said}; one encoder count moves the torque of {printable(experiment.robot.joint_names[j])} by "
         f"{torque[j]:.2g} {unit}, {100 * share[j]:.2g} % of its effort{much}"
     )
 
@@ -167,8 +167,8 @@ def _table(
 ) -> Table:
     """Return a table of some metrics, its names folded to a length."""
     table = Table(title=title, title_style="bold")
-    labels = [shown(record["label"]) for record in records]
-    joints = [shown(joint) for record in records for joint in record["joints"]]
+    labels = [printable(record["label"]) for record in records]
+    joints = [printable(joint) for record in records for joint in record["joints"]]
     names_of = {"controller": labels, "joint": joints}
     if len(records) == 1:  # the title says which
         del names_of["controller"]
@@ -180,7 +180,7 @@ def _table(
         table.add_column(heading, justify="right", no_wrap=True)
     for record in records:
         for index, joint in enumerate(record["joints"]):
-            names = [shown(record["label"]) if index == 0 else "", shown(joint)][-len(names_of) :]
+            names = [printable(record["label"]) if index == 0 else "", printable(joint)][-len(names_of) :]
             values = [metric.text(record["metrics"][metric.name][index]) for metric in columns]
             table.add_row(*names, *values, end_section=index == len(record["joints"]) - 1)
     return table

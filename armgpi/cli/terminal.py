@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from armgpi.escape import shown
+from armgpi.escape import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,7 +24,7 @@ def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool =
         fg: its colour, on a terminal.
         lines: whether it is several lines, of which the last may be ended already.
     """
-    line = shown(text, lines=lines)
+    line = printable(text, lines=lines)
     typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
 
 
@@ -33,14 +33,14 @@ def progress() -> Iterator[Callable[[str], None]]:
     """Give what says on stderr how far something long is, where somebody looks; nothing of it stays."""
     looks = sys.stderr is not None and sys.stderr.isatty()
 
-    def told(text: str) -> None:
+    def rewrite_line(text: str) -> None:
         if looks:
-            typer.secho(f"\r{shown(text):<40}" + ("" if text else "\r"), err=True, nl=False)
+            typer.secho(f"\r{printable(text):<40}" + ("" if text else "\r"), err=True, nl=False)
 
     try:
-        yield told
+        yield rewrite_line
     finally:
-        told("")
+        rewrite_line("")
 
 
 def console(width: int | None, **options: Any) -> Console:
@@ -53,7 +53,7 @@ def console(width: int | None, **options: Any) -> Console:
 
         def render_str(self, text: str, **options: Any) -> Text:
             """Return text as it may be shown."""
-            return super().render_str(shown(text, lines=True), **options)
+            return super().render_str(printable(text, lines=True), **options)
 
     return Plain(width=width, markup=False, emoji=False, highlight=False, **options)
 

@@ -61,7 +61,7 @@ def tune(
     study, search = results.enter(out, wanted, resume, accept_code), Search(wanted.problem)
     begun = time.monotonic()
     search.run(lambda search: _progress(search, time.monotonic() - begun), study.part)
-    found, default = search.validated(), search.given()
+    found, default = search.validate(), search.judge_start()
     paths = results.finish(out, wanted, search, found, default)
     text = results.report(search, found, default)
     data = json_data(results.as_data(search, found, default)) if as_json else None

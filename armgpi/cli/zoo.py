@@ -67,9 +67,9 @@ def zoo(
         raise refusal("--tune", "an arm is tuned on geared drives; leave --reality out")
     arms = names or list(robots.names())
     if reality is not None:
-        shown = _drawn(arms, reality, seed, count)
+        shown = _run_draws(arms, reality, seed, count)
     else:
-        shown = _nominal(arms) if tune is None else _tuned(arms, tune, seed, count)
+        shown = _nominal(arms) if tune is None else _tune_arms(arms, tune, seed, count)
     if out is not None:
         write(out, shown.table, "--out")
     if report is not None:
@@ -127,7 +127,7 @@ def _each(names: list[str], run: Callable[[str], list[Any]]) -> tuple[list[Any],
     return rows, remarks
 
 
-def _drawn(names: list[str], reality: str, seed: int, count: int) -> _Shown:
+def _run_draws(names: list[str], reality: str, seed: int, count: int) -> _Shown:
     """Return what comes of draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
     from armgpi.errors import ParameterError
     from armgpi.health.reality import draws, markdown, outcomes
@@ -144,7 +144,7 @@ def _drawn(names: list[str], reality: str, seed: int, count: int) -> _Shown:
     return _Shown(found, table, remarks, not found)
 
 
-def _tuned(names: list[str], evaluations: int, seed: int, count: int) -> _Shown:
+def _tune_arms(names: list[str], evaluations: int, seed: int, count: int) -> _Shown:
     """Tune arms and return them beside the rule."""
     from armgpi.studies.zoo import MOST, markdown, run
 

@@ -71,18 +71,18 @@ class Compiler(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def _probed(command: tuple[str, ...], path: str | None) -> Compiler | None:
+def _probe(command: tuple[str, ...], path: str | None) -> Compiler | None:
     """Return a compiler that answers, None when it does not; `path` is the PATH that it is looked for in."""
     if shutil.which(command[0], path=path) is None:
         return None
     try:
-        said = called([*command, "--version"], 30.0)
+        said = run_program([*command, "--version"], 30.0)
     except (OSError, subprocess.SubprocessError):
         return None
     return None if said.returncode else Compiler(command, said.stdout.decode(errors="replace"))
 
 
-def called(
+def run_program(
     command: Sequence[str], patience: float, folder: Path | None = None
 ) -> subprocess.CompletedProcess[bytes]:
     """Run a program and return what it says, in English; on Ctrl-C, or without an answer in time, end it.
@@ -132,7 +132,7 @@ def compiler() -> Compiler:
     """
     asked = os.environ.get("CC", "")
     for command in _commands(asked):
-        found = _probed(command, os.environ.get("PATH"))
+        found = _probe(command, os.environ.get("PATH"))
         if found is not None:
             return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
@@ -233,7 +233,7 @@ def _key(found: Compiler, *parts: str) -> str:
     return hashlib.sha256("\0".join([*parts, found.version, *found.command, cpu()]).encode()).hexdigest()[:32]
 
 
-def known(name: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL | None:
+def find_library(name: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL | None:
     """Return the library that was given this name once, by this version of the package; None without one.
 
     Raises:
@@ -241,8 +241,8 @@ def known(name: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL | None:
     """
     key = _key(compiler(), name, package(), *flags)
     if key not in _loaded:
-        with suppress(OSError), _opened(cache_folder()) as (place, opened):
-            if (kept := _kept(place, opened, key)) is not None:
+        with suppress(OSError), _open_folder(cache_folder()) as (place, opened):
+            if (kept := _load_kept(place, opened, key)) is not None:
                 _loaded[key] = kept
     return _loaded.get(key)
 
@@ -258,7 +258,7 @@ def library(source: str, flags: tuple[str, ...] = FLAGS, name: str = "") -> ctyp
     Args:
         source: the C.
         flags: of the compiler.
-        name: under which :func:`known` finds it without its source.
+        name: under which :func:`find_library` finds it without its source.
 
     Raises:
         BackendError: when there is no compiler, or it fails.
@@ -291,11 +291,11 @@ def _from(
     Raises:
         OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
     """
-    with _opened(folder) as (place, opened):
-        kept = _kept(place, opened, key)
+    with _open_folder(folder) as (place, opened):
+        kept = _load_kept(place, opened, key)
         if kept is None:
-            _compiled(source, key, found, flags, place)
-            kept = _kept(place, opened, key)
+            _compile(source, key, found, flags, place)
+            kept = _load_kept(place, opened, key)
         if kept is None:
             raise BackendError(f"{place}: what was compiled cannot be read back")
         for name in os.listdir(opened) if alias else ():
@@ -306,7 +306,7 @@ def _from(
 
 
 @contextmanager
-def _opened(folder: Path) -> Iterator[tuple[Path, int]]:
+def _open_folder(folder: Path) -> Iterator[tuple[Path, int]]:
     """Make a folder and open it: its path, and the descriptor of what was checked.
 
     Raises:
@@ -322,14 +322,14 @@ def _opened(folder: Path) -> Iterator[tuple[Path, int]]:
             raise _Untrusted(f"{place} is a link") from None
         raise error
     try:
-        if reason := _shared(os.fstat(opened)):
+        if reason := _why_shared(os.fstat(opened)):
             raise _Untrusted(f"{place} {reason}")
         yield place, opened
     finally:
         os.close(opened)
 
 
-def _shared(info: os.stat_result) -> str:
+def _why_shared(info: os.stat_result) -> str:
     """Return why somebody else can write to a file or folder, empty when nobody can."""
     if info.st_uid != os.geteuid():
         return f"belongs to the user {info.st_uid}, not to {os.geteuid()}"
@@ -355,7 +355,7 @@ def _check_above(place: Path) -> None:
             raise _Untrusted(f"{folder}, above {place.name}, can be written by others than you and root")
 
 
-def _kept(folder: Path, opened: int, key: str) -> ctypes.CDLL | None:
+def _load_kept(folder: Path, opened: int, key: str) -> ctypes.CDLL | None:
     """Return a whole library of ours from an opened folder; what is damaged or not ours is removed."""
     # By the descriptor, so that it comes from the folder that was checked.
     base = Path(f"/proc/self/fd/{opened}")
@@ -383,7 +383,7 @@ def _is_whole(name: str, folder: int) -> bool:
         return False
     with open(opened, "rb") as file:
         info = os.fstat(opened)
-        if not stat.S_ISREG(info.st_mode) or _shared(info):
+        if not stat.S_ISREG(info.st_mode) or _why_shared(info):
             return False
         if hashlib.sha256(file.read()).hexdigest()[:16] != name[:-3].rpartition("-")[2]:
             return False
@@ -392,7 +392,7 @@ def _is_whole(name: str, folder: int) -> bool:
     return True
 
 
-def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...], folder: Path) -> None:
+def _compile(source: str, key: str, found: Compiler, flags: tuple[str, ...], folder: Path) -> None:
     """Compile, and move the library to its place in a folder.
 
     Raises:
@@ -403,7 +403,7 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...], fo
     try:
         (work / "loop.c").write_text(source, encoding="utf-8")
         built = work / "loop.so"
-        translated(found.command, [*flags, "-o", str(built), str(work / "loop.c"), "-lm"], built, _PATIENCE)
+        run_compiler(found.command, [*flags, "-o", str(built), str(work / "loop.c"), "-lm"], built, _PATIENCE)
         built.chmod(0o700)  # whatever the umask
         digest = hashlib.sha256(built.read_bytes()).hexdigest()[:16]
         built.replace(folder / f"{key}-{digest}.so")
@@ -414,7 +414,7 @@ def _compiled(source: str, key: str, found: Compiler, flags: tuple[str, ...], fo
     _prune(folder)
 
 
-def translated(compiler: Sequence[str], arguments: Sequence[str], file: Path, patience: float) -> None:
+def run_compiler(compiler: Sequence[str], arguments: Sequence[str], file: Path, patience: float) -> None:
     """Run a compiler that makes a file.
 
     Args:
@@ -429,7 +429,7 @@ def translated(compiler: Sequence[str], arguments: Sequence[str], file: Path, pa
     """
     name = " ".join(compiler)
     try:
-        said = called([*compiler, *arguments], patience)
+        said = run_program([*compiler, *arguments], patience)
     except subprocess.TimeoutExpired:
         raise BackendError(f"{name} took longer than {patience:g} s") from None
     if said.returncode or not file.is_file():

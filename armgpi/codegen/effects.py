@@ -37,7 +37,7 @@ class _Place(NamedTuple):
     restore: Callable[[], object]
 
     @property
-    def changed(self) -> bool:
+    def has_changed(self) -> bool:
         now, before = self.look(), self.before
         # Things must be the same ones, not equal ones: == of arrays or symbols is no bool.
         if isinstance(before, list):
@@ -75,20 +75,20 @@ class SideEffects:
             value, name = waiting.pop()
             if id(value) not in self._seen:
                 self._seen[id(value)] = value
-                waiting += self._reached(value, name)
+                waiting += self._follow(value, name)
 
     def changes(self) -> list[str]:
         """Return the names of what is not as it was."""
-        return [place.name for place in self._places if place.changed]
+        return [place.name for place in self._places if place.has_changed]
 
     def restore(self) -> None:
         """Make everything as it was."""
         # Only what changed: putting back what is the same could call a user's setter.
         for place in self._places:
-            if place.changed:
+            if place.has_changed:
                 place.restore()
 
-    def _reached(self, value: Any, name: str) -> Iterable[tuple[Any, str]]:
+    def _follow(self, value: Any, name: str) -> Iterable[tuple[Any, str]]:
         """Watch one thing, and return with their names those that it leads to."""
         for kinds, watch in _WAYS:
             if isinstance(value, kinds):

@@ -176,11 +176,11 @@ def _graph(function: Any, inputs: Sequence[str], dialect: Dialect) -> _Graph:
         else:
             operands = tuple(names[place] for place in function.instruction_input(i))
             names[out] = f"x{i}"
-            graph.steps[names[out]] = _selected(graph.steps, kind, operands) or _Step(kind, operands)
+            graph.steps[names[out]] = _as_selection(graph.steps, kind, operands) or _Step(kind, operands)
     return graph
 
 
-def _selected(steps: dict[str, _Step], kind: int, operands: tuple[str, ...]) -> _Step | None:
+def _as_selection(steps: dict[str, _Step], kind: int, operands: tuple[str, ...]) -> _Step | None:
     """Return a choice between two numbers as one step, where CasADi adds one of them to zero."""
     parts = [steps.get(text) for text in operands]
     if kind != ca.OP_ADD or any(part is None or part.kind != ca.OP_IF_ELSE_ZERO for part in parts):
@@ -243,7 +243,7 @@ class _Writer:
                 self.code.operations += 1
             text = f"{numbers[0]} * {self._inverses[operands[1]]}"
         elif kind in (ca.OP_FMIN, ca.OP_FMAX):
-            text = self._clamped(kind, numbers[0], numbers[1])
+            text = self._clamp(kind, numbers[0], numbers[1])
         elif kind in _NUMBER:
             text = _NUMBER[kind].format(*numbers)
         elif kind in _COMPARISON:
@@ -264,7 +264,7 @@ class _Writer:
         self.code.lines.append(f"const {kept} {name} = {text};")
         self.code.operations += 1
 
-    def _clamped(self, kind: int, a: str, b: str) -> str:
+    def _clamp(self, kind: int, a: str, b: str) -> str:
         """Return the lower or upper of two numbers; where one is never NaN, by the faster way."""
         # The hardware's minimum gives its second operand where one is NaN: with a bound that never is, one
         # instruction does.

@@ -105,7 +105,7 @@ class Placed(NamedTuple):
     sites: list[CallSite]
 
 
-def placed(
+def place_calls(
     calls: Sequence[Call],
     argument: Callable[[int, int, int], str],
     result: Callable[[int, int], str],
@@ -148,7 +148,7 @@ class Arm:
             NotElementwise: for dynamics that are not Pinocchio's, or arms that differ in their joints.
         """
         bases, self._rows, self.scale = _parts(dynamics)
-        models, couplings = zip(*map(_unpacked, bases), strict=True)
+        models, couplings = zip(*map(_unpack, bases), strict=True)
         ratio, offset = couplings[0]
         varied = varied_of(dynamics)
         for other_ratio, other_offset in couplings[1:]:
@@ -185,10 +185,10 @@ class Arm:
         """Return a kernel by the name of the method of :class:`armgpi.robot.dynamics.Dynamics`."""
         # When it is asked for: most loops use a few of them, and making and checking one takes time.
         if name not in self.kernels:
-            self.kernels[name] = self._made(name)
+            self.kernels[name] = self._build_kernel(name)
         return self.kernels[name]
 
-    def _made(self, name: str) -> Kernel:
+    def _build_kernel(self, name: str) -> Kernel:
         n, model = self.model.n, self.model
         count = {"forward": 3, "inverse": 3, "inverse_where": 3, "gravity": 1, "mass_matrix": 1}.get(name, 2)
         symbols = [[Scalar(ca.SX.sym(f"{letter}{i}")) for i in range(n)] for letter in "qxy"[:count]]
@@ -208,7 +208,7 @@ class Arm:
             result = model.inverse(q, None, arrays[1], weight=False)
         elif name == "inertia_solve":
             # The saturation residual, which is zero in most samples.
-            result, skip = model.solved(q, arrays[1]), 1
+            result, skip = model.solve_inertia(q, arrays[1]), 1
         elif name == "nonlinear_effects":
             result = model.inverse(q, arrays[1], None)
         elif name == "gravity":
@@ -266,40 +266,40 @@ class TracedDynamics:
 
     def forward(self, q: Any, v: Any, tau: Any) -> Symbols:
         """Return the acceleration."""
-        return self._called("forward", q, v, tau)
+        return self._call("forward", q, v, tau)
 
     def inverse(self, q: Any, v: Any, a: Any) -> Symbols:
         """Return the torque."""
-        return self._called("inverse", q, v, a)
+        return self._call("inverse", q, v, a)
 
     def inverse_where(self, on: Any, q: Any, v: Any, a: Any) -> Symbols:
         """Return the torque where it is asked for."""
-        return self._called("inverse_where", on, q, v, a)
+        return self._call("inverse_where", on, q, v, a)
 
     def inertia_times(self, q: Any, a: Any) -> Symbols:
         """Return D(q) a."""
-        return self._called("inertia_times", q, a)
+        return self._call("inertia_times", q, a)
 
     def inertia_solve(self, q: Any, tau: Any) -> Symbols:
         """Return D(q)^-1 tau; zero, and no call, of what is zero: a law without torque limits cuts none."""
         if all(ca.SX(x).is_zero() for x in flat(tau)):
             return Symbols(np.zeros(self.arm.model.n).astype(object))
-        return self._called("inertia_solve", q, tau)
+        return self._call("inertia_solve", q, tau)
 
     def nonlinear_effects(self, q: Any, v: Any) -> Symbols:
         """Return C(q, v) v + G(q)."""
-        return self._called("nonlinear_effects", q, v)
+        return self._call("nonlinear_effects", q, v)
 
     def gravity(self, q: Any) -> Symbols:
         """Return G(q)."""
-        return self._called("gravity", q)
+        return self._call("gravity", q)
 
     def mass_matrix(self, q: Any) -> Symbols:
         """Return D(q)."""
         n = self.arm.model.n
-        return self._called("mass_matrix", q).reshape(n, n)
+        return self._call("mass_matrix", q).reshape(n, n)
 
-    def _called(self, name: str, *arguments: Any) -> Symbols:
+    def _call(self, name: str, *arguments: Any) -> Symbols:
         """Note a call and return the symbols of its result."""
         kernel = self.arm.kernel(name)
         expressions = []
@@ -353,14 +353,14 @@ def _parts(dynamics: Dynamics) -> tuple[list[Dynamics], npt.NDArray[np.int64], f
     return bases, which, 1.0 if (scale == 1.0).all() else scale
 
 
-def _unpacked(dynamics: Dynamics) -> tuple[Any, tuple[Array | None, Array | None]]:
+def _unpack(dynamics: Dynamics) -> tuple[Any, tuple[Array | None, Array | None]]:
     """Return the `pin.Model` behind dynamics, and how its joints follow others."""
     if isinstance(dynamics, PinocchioDynamics):
         return dynamics.model, (None, None)
     if isinstance(dynamics, VariedDynamics):
         return dynamics.base.model, (None, None)
     if isinstance(dynamics, CoupledDynamics):
-        return _unpacked(dynamics.whole)[0], (dynamics.ratio, dynamics.offset)
+        return _unpack(dynamics.whole)[0], (dynamics.ratio, dynamics.offset)
     raise NotElementwise(f"its dynamics are {type(dynamics).__name__}, not Pinocchio's")
 
 

@@ -54,8 +54,8 @@ def bodies(model: Any) -> tuple[list[Body], Array]:
         about_origin = np.array(inertia.inertia) + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
         numbers = np.concatenate(
             [
-                _snapped(motion[3:] if turns else motion[:3]),
-                _snapped(np.array(placement.rotation).ravel()),
+                _snap(motion[3:] if turns else motion[:3]),
+                _snap(np.array(placement.rotation).ravel()),
                 np.array(placement.translation),
                 [mass],
                 mass * lever,
@@ -110,7 +110,7 @@ def varied_table(model: Any, dynamics: VariedDynamics, own: Array) -> Array:
     return np.hstack(parts)
 
 
-def regrouped(found: Sequence[Body]) -> list[Body]:
+def regroup_bodies(found: Sequence[Body]) -> list[Body]:
     """Return bodies of the same equations of motion with fewer numbers (Khalil and Bennis 1987).
 
     What a turning joint does not notice of its body goes to the parent: its mass, its first moment along
@@ -184,7 +184,7 @@ class SymbolicModel:
         rows, gravity = zip(*(bodies(model) for model in models), strict=True)
         if len(models) == 1:
             # Of several arms more numbers would differ after this than before.
-            rows = (regrouped(rows[0]),)
+            rows = (regroup_bodies(rows[0]),)
         self._bodies = rows[0]
         shape = [(body.parent, body.turns) for body in self._bodies]
         if any([(body.parent, body.turns) for body in row] != shape for row in rows):
@@ -223,7 +223,7 @@ class SymbolicModel:
         # Of each body, in its own axes: angular velocity, its derivative, acceleration of the origin (gravity
         # is one upwards), and the matrix that makes a point's acceleration of its position.
         states: list[tuple[Expressions, ...]] = []
-        places = [self._placed(i, q[i]) for i in range(len(self._bodies))]
+        places = [self._placement(i, q[i]) for i in range(len(self._bodies))]
         for i, body in enumerate(self._bodies):
             axis = self._numbers[i][:3]
             rotation, position = places[i]
@@ -239,7 +239,7 @@ class SymbolicModel:
                 w = w + speed
             else:
                 at = at + gain + 2.0 * _cross(w, speed)
-            states.append((w, dw, at, _spread(w, dw)))
+            states.append((w, dw, at, _acceleration_matrix(w, dw)))
         forces = [zero] * len(self._bodies)
         moments = [zero] * len(self._bodies)
         tau: Expressions = np.zeros(len(self._bodies), dtype=object)
@@ -278,7 +278,7 @@ class SymbolicModel:
     def _composite(self, q: Expressions) -> Expressions:
         """Return D(q) by composite rigid bodies (Featherstone 2008, ch. 6)."""
         q, count = self._all(q), len(self._bodies)
-        places = [self._placed(i, q[i]) for i in range(count)]
+        places = [self._placement(i, q[i]) for i in range(count)]
         masses, firsts, seconds = ([self._split(i)[k] for i in range(count)] for k in (3, 4, 5))
         matrix: Expressions = np.zeros((count, count), dtype=object)
         for i in reversed(range(count)):
@@ -305,7 +305,7 @@ class SymbolicModel:
                 masses[parent] = masses[parent] + masses[i]
                 firsts[parent] = firsts[parent] + first + masses[i] * position
                 shift = _outer(position, first) + _outer(first + masses[i] * position, position)
-                turned = self._turned(i, q[i], seconds[i])
+                turned = self._rotate_tensor(i, q[i], seconds[i])
                 seconds[parent] = seconds[parent] + turned + np.eye(3) * np.trace(shift) - shift
         if self._ratio is None:
             return matrix
@@ -315,7 +315,7 @@ class SymbolicModel:
         """Return D(q)^-1 (tau - C(q, v) v - G(q))."""
         return solve(self.mass_matrix(q), tau - self.inverse(q, v, None, weight=True))
 
-    def solved(self, q: Expressions, tau: Expressions) -> Expressions:
+    def solve_inertia(self, q: Expressions, tau: Expressions) -> Expressions:
         """Return D(q)^-1 tau."""
         return solve(self.mass_matrix(q), tau, bounded=True)
 
@@ -327,14 +327,14 @@ class SymbolicModel:
         """Return velocities or accelerations of all bodies' joints."""
         return x if x is None or self._ratio is None else self._ratio @ x
 
-    def _placed(self, i: int, q: Any) -> tuple[Expressions, Expressions]:
+    def _placement(self, i: int, q: Any) -> tuple[Expressions, Expressions]:
         """Return rotation and position of a body in its parent."""
         axis, rotation, position, *_ = self._split(i)
         if self._bodies[i].turns:
             return rotation @ _rotation(axis, q), position
         return rotation, position + rotation @ axis * q
 
-    def _turned(self, i: int, q: Any, tensor: Expressions) -> Expressions:
+    def _rotate_tensor(self, i: int, q: Any, tensor: Expressions) -> Expressions:
         """Return a symmetric tensor of a body's axes in its parent's."""
         axis, rotation, *_ = self._split(i)
         if self._bodies[i].turns:
@@ -390,7 +390,7 @@ def _outer(a: Expressions, b: Expressions) -> Expressions:
     return a[:, None] * b[None, :]
 
 
-def _spread(w: Expressions, dw: Expressions) -> Expressions:
+def _acceleration_matrix(w: Expressions, dw: Expressions) -> Expressions:
     """Return [dw]x + [w]x [w]x: what makes of a point's position its acceleration about the origin."""
     x, y, z = w
     xx, yy, zz = x * x, y * y, z * z
@@ -426,7 +426,7 @@ def scalars(x: Any) -> Expressions:
     return np.array([Scalar(x[i]) for i in range(x.numel())], dtype=object)
 
 
-def _snapped(x: Array) -> Array:
+def _snap(x: Array) -> Array:
     """Return entries of axes and rotations without the rounding of 0, 1 and -1."""
     nearest = np.rint(x)
     return np.where(np.abs(x - nearest) < _ROUNDING, nearest, x)

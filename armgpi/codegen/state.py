@@ -54,17 +54,17 @@ def unflatten(like: Any, leaves: Iterable[Any]) -> Any:
     waiting = iter(leaves)
     end = object()
 
-    def filled(node: Any) -> Any:
+    def fill(node: Any) -> Any:
         if node is None:
             return None
         if isinstance(node, tuple):
             # A state's own __new__ may check numbers, and these may be symbols.
-            return tuple.__new__(type(node), [filled(part) for part in node])
+            return tuple.__new__(type(node), [fill(part) for part in node])
         if (leaf := next(waiting, end)) is end:
             raise ValueError("fewer leaves than the tree has")
         return leaf
 
-    tree = filled(like)
+    tree = fill(like)
     if next(waiting, end) is not end:
         raise ValueError("more leaves than the tree has")
     return tree

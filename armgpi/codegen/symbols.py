@@ -183,7 +183,7 @@ def _free(*operands: Any) -> None:
     """Take any operands."""
 
 
-def _applied(
+def _lift(
     function: Callable[..., Any], kind: Any = Scalar, check: Callable[..., None] = _numbers
 ) -> Callable[..., Any]:
     """Return a function of CasADi's as one of scalars and numbers; `kind` is what it gives."""
@@ -224,14 +224,14 @@ def _difference(a: Any, b: Any) -> Any:
 
 
 _less, _not_above, _equal, _unequal = (
-    _applied(f, Bool, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
+    _lift(f, Bool, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
 )
 # What these are for has checked the operands.
-_multiply, _add, _subtract = (_applied(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
-_divide = _applied(operator.truediv, check=_free)
-_modulo = _applied(ca.fmod)
-_lower, _higher = _applied(ca.fmin), _applied(ca.fmax)
-_not_zero = _applied(lambda x: x != 0.0, Bool, _free)
+_multiply, _add, _subtract = (_lift(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
+_divide = _lift(operator.truediv, check=_free)
+_modulo = _lift(ca.fmod)
+_lower, _higher = _lift(ca.fmin), _lift(ca.fmax)
+_not_zero = _lift(lambda x: x != 0.0, Bool, _free)
 
 
 def _number(x: Any) -> Any:
@@ -263,8 +263,8 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
     return kind(ca.if_else(condition.sx, _sx(yes), _sx(no)))
 
 
-_both, _either = (_applied(f, Bool, _free) for f in (ca.logic_and, ca.logic_or))
-_not = _applied(ca.logic_not, Bool, _free)
+_both, _either = (_lift(f, Bool, _free) for f in (ca.logic_and, ca.logic_or))
+_not = _lift(ca.logic_not, Bool, _free)
 
 
 #: What NumPy's functions are on one scalar.
@@ -284,28 +284,28 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.logical_and: _both,
     np.logical_or: _either,
     np.logical_not: _not,
-    np.bitwise_and: _applied(ca.logic_and, Bool, _booleans),
-    np.bitwise_or: _applied(ca.logic_or, Bool, _booleans),
-    np.invert: _applied(ca.logic_not, Bool, _booleans),
+    np.bitwise_and: _lift(ca.logic_and, Bool, _booleans),
+    np.bitwise_or: _lift(ca.logic_or, Bool, _booleans),
+    np.invert: _lift(ca.logic_not, Bool, _booleans),
     np.power: operator.pow,
     np.remainder: _remainder,
     np.fmod: _modulo,
-    np.negative: _applied(operator.neg),
-    np.positive: _applied(operator.pos),
-    np.absolute: _applied(ca.fabs),
-    np.fabs: _applied(ca.fabs),
+    np.negative: _lift(operator.neg),
+    np.positive: _lift(operator.pos),
+    np.absolute: _lift(ca.fabs),
+    np.fabs: _lift(ca.fabs),
     np.square: lambda x: x * x,
-    np.sin: _applied(ca.sin),
-    np.cos: _applied(ca.cos),
-    np.sqrt: _applied(ca.sqrt),
-    np.exp: _applied(ca.exp),
-    np.log: _applied(ca.log),
-    np.tan: _applied(ca.tan),
-    np.tanh: _applied(ca.tanh),
-    np.arctan: _applied(ca.atan),
-    np.floor: _applied(ca.floor),
+    np.sin: _lift(ca.sin),
+    np.cos: _lift(ca.cos),
+    np.sqrt: _lift(ca.sqrt),
+    np.exp: _lift(ca.exp),
+    np.log: _lift(ca.log),
+    np.tan: _lift(ca.tan),
+    np.tanh: _lift(ca.tanh),
+    np.arctan: _lift(ca.atan),
+    np.floor: _lift(ca.floor),
     np.rint: lambda x: rint(x) if isinstance(x, Scalar) else float(np.rint(x)),
-    np.sign: _applied(ca.sign),
+    np.sign: _lift(ca.sign),
     np.isfinite: lambda x: _less(abs(x), math.inf),
 }
 _VECTORISED = {ufunc: np.frompyfunc(f, ufunc.nin, 1) for ufunc, f in _ELEMENTWISE.items()}
@@ -362,7 +362,7 @@ class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
 
     def __getitem__(self, index: Any) -> Symbols:
         """Return part of the array."""
-        return _wrapped(self.x[index])
+        return _wrap(self.x[index])
 
     def __setitem__(self, index: Any, value: Any) -> None:
         """Replace part of the array."""
@@ -406,7 +406,7 @@ class Symbols(np.lib.mixins.NDArrayOperatorsMixin):
         result = np.matmul(*arrays) if ufunc is np.matmul else _VECTORISED[ufunc](*arrays)
         (out,) = keywords.get("out", (None,))
         if out is None:
-            return _wrapped(result)
+            return _wrap(result)
         if not isinstance(out, Symbols):
             raise NotElementwise("it writes symbols into an array of numbers")
         out.x[...] = result
@@ -429,7 +429,7 @@ def _objects(x: Any) -> Any:
     return np.asarray(x).astype(object)
 
 
-def _wrapped(x: Any) -> Symbols:
+def _wrap(x: Any) -> Symbols:
     """Return what a function of object arrays gave as symbols; a scalar becomes an array without axes."""
     if not isinstance(x, np.ndarray):
         scalar = np.empty((), dtype=object)
@@ -443,7 +443,7 @@ def _is_float(dtype: Any) -> bool:
     return dtype is None or np.dtype(dtype) == np.float64
 
 
-def _filled(x: Symbols, value: float, dtype: Any) -> Symbols:
+def _fill(x: Symbols, value: float, dtype: Any) -> Symbols:
     """Return so many numbers, all the same."""
     if not _is_float(dtype) or (dtype is None and any(map(is_bool, x.x.ravel()))):
         raise NotElementwise("it makes an array of another type than float64")
@@ -457,7 +457,7 @@ def _as_it_is(x: Symbols, dtype: Any = None) -> Symbols:
     return x
 
 
-def _rounded(x: Any, decimals: int = 0) -> Any:
+def _round(x: Any, decimals: int = 0) -> Any:
     """Return whole numbers."""
     if decimals != 0:
         raise NotElementwise(f"it rounds to {decimals} decimals")
@@ -468,7 +468,7 @@ def _rounded(x: Any, decimals: int = 0) -> Any:
 _LEAST_PIVOT, _MOST_FACTOR = 1e-12, 1e9
 
 
-def _held(x: Any, bounded: bool) -> Any:
+def _clip_factor(x: Any, bounded: bool) -> Any:
     """Return a factor, within bounds that those of an arm never reach."""
     return _lower(_higher(x, -_MOST_FACTOR), _MOST_FACTOR) if bounded else x
 
@@ -499,7 +499,7 @@ def solve(matrix: Scalars, column: Scalars, bounded: bool = False) -> Scalars:
                 below[i, j] = below[i, j] - below[i, k] * below[k, j]
             # Above the diagonal the column before it is divided: D L' there, L below.
             below[j, i] = below[i, j]
-            below[i, j] = _held(below[i, j] * inverse[j], bounded)
+            below[i, j] = _clip_factor(below[i, j] * inverse[j], bounded)
     for i in range(n):
         for k in range(i):
             x[i] = x[i] - below[i, k] * x[k]
@@ -520,21 +520,21 @@ def _solve(matrix: Any, column: Any) -> Symbols:
 
 # Those that laws here use; what is not among them is refused by name, and never done in another way.
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    np.where: lambda c, x, y: _wrapped(_SELECT(_objects(c), _objects(x), _objects(y))),
+    np.where: lambda c, x, y: _wrap(_SELECT(_objects(c), _objects(x), _objects(y))),
     # In NumPy's order: where low is above high the answer is high.
     np.clip: lambda x, low, high: np.minimum(np.maximum(x, low), high),
-    np.zeros_like: lambda x, dtype=None: _filled(x, 0.0, dtype),
-    np.ones_like: lambda x, dtype=None: _filled(x, 1.0, dtype),
+    np.zeros_like: lambda x, dtype=None: _fill(x, 0.0, dtype),
+    np.ones_like: lambda x, dtype=None: _fill(x, 1.0, dtype),
     np.broadcast_to: lambda x, shape: Symbols(np.broadcast_to(_objects(x), shape)),
     np.ascontiguousarray: _as_it_is,
-    np.round: _rounded,
+    np.round: _round,
     np.shape: lambda x: x.shape,
     np.ndim: lambda x: x.ndim,
     np.concatenate: lambda xs, axis=0: Symbols(np.concatenate([_objects(x) for x in xs], axis=axis)),
     np.stack: lambda xs, axis=0: Symbols(np.stack([_objects(x) for x in xs], axis=axis)),
     np.linalg.solve: _solve,
-    np.sum: lambda x, axis=None: _wrapped(np.sum(_COUNTED(_objects(x)), axis=axis)),
-    np.dot: lambda a, b: _wrapped(np.dot(_objects(a), _objects(b))),
+    np.sum: lambda x, axis=None: _wrap(np.sum(_COUNTED(_objects(x)), axis=axis)),
+    np.dot: lambda a, b: _wrap(np.dot(_objects(a), _objects(b))),
 }
 
 

@@ -208,13 +208,13 @@ class Tracer:
         if id(value) in self._copies:
             return self._copies[id(value)]
         if isinstance(value, np.ndarray):
-            return self._noted(value, self.array(value))
+            return self._note(value, self.array(value))
         if numbers and isinstance(value, float):
             return self.array(np.array(value))
         if isinstance(value, _AS_IT_IS):
             return self._plain(value)
         if isinstance(value, tuple | list | dict):
-            return self._noted(value, self._container(value, numbers))
+            return self._note(value, self._container(value, numbers))
         return self._part(value, numbers)
 
     def _plain(self, value: Any) -> Any:
@@ -237,9 +237,9 @@ class Tracer:
             self._side_effects.watch(value.__func__)
             return types.MethodType(value.__func__, self(value.__self__, numbers))
         if _is_dynamics(value):
-            return self._noted(value, self._dynamics(value))
+            return self._note(value, self._dynamics(value))
         if isinstance(value, LoadTable):
-            return self._noted(value, self._loads(self(value.plant, numbers), value.substeps))
+            return self._note(value, self._loads(self(value.plant, numbers), value.substeps))
         if _is_plain_object(value):
             # Numbers of loads and references are inputs of the code: another push compiles nothing.
             return self._object(value, numbers or isinstance(value, Load | Reference))
@@ -280,7 +280,7 @@ class Tracer:
         """Return a copy of an object with copies of its attributes."""
         made = object.__new__(type(value))
         # Before its attributes are copied: one of them may lead back here.
-        self._copies[id(value)] = self._met(made)
+        self._copies[id(value)] = self._repeat_of(made)
         ours = type(value).__module__.startswith("armgpi.")
         self.trace.user_defined |= not ours
         if not ours:
@@ -288,7 +288,7 @@ class Tracer:
         self._kind_of(value)
         varies = _varying(cast(Any, type(value))) if self.declared else _NOTHING
         for name, attribute in vars(value).items():
-            if name in _unused(value):
+            if name in _unused_attributes(value):
                 continue
             if not ours and getattr(attribute, "shape", ()) == (self._rollouts,) * 2 == (self.trace.n,) * 2:
                 raise NotElementwise(
@@ -300,9 +300,9 @@ class Tracer:
                 # Those of a part as it was made stay literals, of which CasADi makes sums with others.
                 given_anew = name in varies and vars(value).get("remade", False)
                 object.__setattr__(made, name, self(attribute, numbers or given_anew))
-        return self._noted(value, made)
+        return self._note(value, made)
 
-    def _met(self, made: Any) -> Any:
+    def _repeat_of(self, made: Any) -> Any:
         """Return what stands for an object that is met again."""
         return made
 
@@ -322,8 +322,8 @@ class Tracer:
             type(values)(*(self(a) if a.ndim == 2 else a for a in values))
             for values in (robot.limits, robot.friction)
         )
-        made = robot._replaced(dynamics=dynamics, limits=limits, friction=friction)
-        return self._noted(robot, made)
+        made = robot._with_attributes(dynamics=dynamics, limits=limits, friction=friction)
+        return self._note(robot, made)
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
         """Return traced dynamics; those of one base share their kernels."""
@@ -340,14 +340,14 @@ class Tracer:
             return made if scale == 1.0 else _Scaled(made, self.array(np.array(scale)))
         return _Scaled(made, self.array(scale))
 
-    def _noted(self, value: Any, made: Any) -> Any:
+    def _note(self, value: Any, made: Any) -> Any:
         """Remember the copy of a value, and return it."""
         self._copies[id(value)] = made
         self._kept.append((value, made, _content(made)))
         return made
 
     @contextmanager
-    def unchanged(self) -> Iterator[None]:
+    def undo_writes(self) -> Iterator[None]:
         """Call laws with symbols: what they write to outside of themselves is put back.
 
         Raises:
@@ -489,7 +489,7 @@ class Inventory(LoopTracer):
                     self(array)
                 else:
                     self.structure.append(array.tobytes())
-        return self._noted(robot, robot)
+        return self._note(robot, robot)
 
     def _dynamics(self, dynamics: Dynamics) -> Any:
         base = dynamics.base if isinstance(dynamics, ScaledDynamics) else dynamics
@@ -512,15 +512,15 @@ class Inventory(LoopTracer):
         return plant
 
     def _kind_of(self, value: Any) -> None:
-        names = [name for name in vars(value) if name not in _unused(value)]
+        names = [name for name in vars(value) if name not in _unused_attributes(value)]
         self.structure.append((type(value), vars(value).get("remade", False), *names))
 
-    def _met(self, made: Any) -> Any:
+    def _repeat_of(self, made: Any) -> Any:
         return ("again", len(self._copies))
 
-    def _noted(self, value: Any, made: Any) -> Any:
+    def _note(self, value: Any, made: Any) -> Any:
         # The thing itself is kept, as an id may be used again.
-        self._copies.setdefault(id(value), self._met(made))
+        self._copies.setdefault(id(value), self._repeat_of(made))
         self._kept.append((value, None, None))
         return value
 
@@ -554,7 +554,7 @@ _UNUSED = ("_as_given", "remade")
 _DECIDED = (*_UNUSED, "payload")
 
 
-def _unused(value: Any) -> tuple[str, ...]:
+def _unused_attributes(value: Any) -> tuple[str, ...]:
     """Return the attributes of an object that are no part of what it computes."""
     return _DECIDED if type(value).__module__.startswith("armgpi.") else _UNUSED
 
@@ -710,8 +710,8 @@ def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool 
     parts = tuple(state[1:])  # of plant and controller: the loop's own count is k
     before = unflatten(parts, [place(leaf.value) for leaf in numbers(parts)])
     result.values.start = columns(parts, rollouts)
-    with tracer.unchanged():
-        result.recorded = _sampled(loop, before, tracer, result, running, signals, usual)
+    with tracer.undo_writes():
+        result.recorded = _trace_sample(loop, before, tracer, result, running, signals, usual)
     if running is not None:
         _add_up(tracer(running), result)
     return result
@@ -747,7 +747,7 @@ def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
     return shape[1:] if rollouts and len(shape) > 1 else shape
 
 
-def _sampled(
+def _trace_sample(
     loop: Any, before: Any, tracer: Tracer, result: Trace, running: Any, signals: bool, usual: bool
 ) -> dict[str, list[Any]]:
     """Take one sample with symbols: note the state after it, and return what is recorded."""

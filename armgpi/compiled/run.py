@@ -97,7 +97,7 @@ def _code_of(
                 return kept[key], found, True
             # What a process before made of a loop of this structure needs no trace.
             name = f"{signals} {lanes} {found.name}" if found.name else ""
-            made = build.known(name, flags) if name else None
+            made = build.find_library(name, flags) if name else None
             if made is None:
                 build.check_patience(loop.plant.robot.n, patience)
                 text = source(trace_used(loop, state, signals, running), lanes)
@@ -205,16 +205,16 @@ class CompiledRun:
     @property
     def sums(self) -> Sums:
         """What was added up, arrays (rollouts, n)."""
-        return tuple(self._unpacked(self._keep["sums"], self._layout.sums))
+        return tuple(self._unpack(self._keep["sums"], self._layout.sums))
 
     @property
     def last(self) -> dict[str, Array]:
         """What there was to record of the last sample, name -> (rollouts, n)."""
         first, names = self._layout.states, self._layout.names
-        rows = self._unpacked(self._keep["state"], first + len(names) * self._layout.n, first)
+        rows = self._unpack(self._keep["state"], first + len(names) * self._layout.n, first)
         return dict(zip(names, rows, strict=True))
 
-    def _unpacked(self, memory: Array, count: int, first: int = 0) -> Array:
+    def _unpack(self, memory: Array, count: int, first: int = 0) -> Array:
         """Return numbers of all rollouts in blocks of `count` vectors, from `first` on: (k, rollouts, n)."""
         rows = memory.reshape(self._blocks, count, self.lanes)[:, first:].swapaxes(0, 1)
         rows = rows.reshape(count - first, -1)[:, : self.rows]
@@ -234,13 +234,13 @@ class CompiledRun:
         return {
             "state": self._start(values.start),
             "shared": np.array([values.shared[i] for i in layout.shared]),
-            "own": self._packed(own),
+            "own": self._pack(own),
             "table": np.empty(0),
             "draws": np.array([draw[2:] for draw in layout.draws], dtype=np.uint64),
             "seeds": np.array(
                 [noise.seeds(seed, self.rows)[self._places] for seed in drawn], dtype=np.uint64
             ),
-            "sums": self._packed(sums),
+            "sums": self._pack(sums),
             "ended": np.full(self.rows, -1, dtype=np.int64),
         }
 
@@ -269,7 +269,7 @@ class CompiledRun:
         for late, size in _TRIALS:
             first = max(0, min(late, last - _COMPARED))  # a reference may end
             try:
-                theirs = self._by_numpy(begin := _moved(state[1:], random, first, size), first)
+                theirs = self._by_numpy(begin := _shifted_copy(state[1:], random, first, size), first)
             except Exception as error:  # a user's law may raise anything
                 raise BackendError(f"this loop has no generated code: NumPy's raises {error!r}") from None
             # The trials' states are copies: a law may write into its state.
@@ -286,7 +286,7 @@ class CompiledRun:
 
     def _by_numpy(self, state: Any, first: int) -> Array:
         """Return q, v and the torque asked for of some samples from a state on: (samples, 3, rollouts, n)."""
-        plant, controller = _moved(state, None)
+        plant, controller = _shifted_copy(state, None)
         rows = []
         for k in range(first, first + _COMPARED):
             truth = self.loop.plant.true_state(plant)
@@ -319,7 +319,7 @@ class CompiledRun:
     def _start(self, columns: Array) -> Array:
         """Return the memory of blocks whose rollouts begin with these numbers (s, rollouts)."""
         recorded = np.zeros((len(self._layout.names) * self._layout.n, columns.shape[1]))
-        return self._packed(np.concatenate([columns, recorded])[:, self._places])
+        return self._pack(np.concatenate([columns, recorded])[:, self._places])
 
     def take(self, count: int) -> int:
         """Take `count` samples and record them."""
@@ -421,25 +421,25 @@ class CompiledRun:
                     late = max(0, int(-(-ended[row] // recording.every)) - begin)
                     rows[late:, row] = values[late:, row]
 
-    def _packed(self, columns: Array) -> Array:
+    def _pack(self, columns: Array) -> Array:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
         # Block by block, as a block's state is all that a core works on: it stays in its cache.
         blocks = np.ascontiguousarray(columns.reshape(len(columns), self._blocks, self.lanes).swapaxes(0, 1))
-        return _aligned(blocks)
+        return _align(blocks)
 
 
-def _moved(state: Any, random: np.random.Generator | None, k: int = 0, size: float = 0.0) -> Any:
+def _shifted_copy(state: Any, random: np.random.Generator | None, k: int = 0, size: float = 0.0) -> Any:
     """Return a copy of a state, `k` samples later and with its numbers moved by some `size` at random."""
 
-    def moved(value: Any) -> Any:
+    def shift(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             return value.copy() if random is None else value + size * random.normal(size=value.shape)
         return value + k if isinstance(value, int) else value
 
-    return map_leaves(moved, state)
+    return map_leaves(shift, state)
 
 
-def _aligned(values: Array) -> Array:
+def _align(values: Array) -> Array:
     """Return a flat copy that begins where vectors of lanes may."""
     spare = _ALIGNMENT // values.itemsize
     buffer = np.empty(values.size + spare)

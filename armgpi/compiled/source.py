@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
-from armgpi.codegen.kernels import Call, Kernel, placed
+from armgpi.codegen.kernels import Call, Kernel, place_calls
 from armgpi.codegen.trace import Seed, Trace, trace
 from armgpi.loop.running import Running
 
@@ -184,7 +184,7 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     def used(i: int, call: Call) -> list[str]:
         return _call(i, call.kernel, own[str(call.parameters[0])] if call.parameters else 0)
 
-    calls = placed(
+    calls = place_calls(
         traced.calls,
         # The arguments of a kernel are one array here, one after the other.
         lambda i, k, j: f"x_{i}[{sum(traced.calls[i].kernel.sizes[:k]) + j}]",
@@ -192,7 +192,7 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         used,
     )
     recorded = [x for name in names for x in traced.recorded[name]]
-    targets = [*calls.targets, *_numbered("z", traced.after), *_numbered("r", recorded)]
+    targets = [*calls.targets, *_entry_names("z", traced.after), *_entry_names("r", recorded)]
     outputs = [*calls.outputs, *traced.after, *recorded]
     order = [*calls.order, *traced.joints, *(i % traced.n for i in range(len(recorded)))]
     sites = list(calls.sites)
@@ -218,7 +218,7 @@ def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     inputs = [
         (traced.k, "k"),
         *_parameters(traced),
-        *zip(traced.sums, _numbered("a", traced.sums), strict=True),
+        *zip(traced.sums, _entry_names("a", traced.sums), strict=True),
     ]
     for name, symbols in traced.seen.items():
         first = names.index(name) * traced.n
@@ -247,21 +247,21 @@ def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
 def _inputs(traced: Trace) -> Iterator[tuple[Any, str]]:
     """Yield the symbols of a trace, each with what it is in C."""
     yield traced.k, "k"
-    yield from zip(traced.state, _numbered("s", traced.state), strict=True)
+    yield from zip(traced.state, _entry_names("s", traced.state), strict=True)
     yield from _parameters(traced)
-    yield from zip(traced.table, _numbered("t", traced.table), strict=True)
+    yield from zip(traced.table, _entry_names("t", traced.table), strict=True)
     draws = [x for draw in traced.draws for x in draw.symbols]
-    yield from zip(draws, _numbered("u", draws), strict=True)
+    yield from zip(draws, _entry_names("u", draws), strict=True)
 
 
 def _parameters(traced: Trace) -> Iterator[tuple[Any, str]]:
     """Yield the symbols of parameters, each with what it is in C."""
     # Shared parameters are plain numbers in memory: a lane's worth of each would be read for nothing.
     yield from ((x, f"v_set(p[{i}])") for i, x in enumerate(traced.shared))
-    yield from zip(traced.own, _numbered("o", traced.own), strict=True)
+    yield from zip(traced.own, _entry_names("o", traced.own), strict=True)
 
 
-def _numbered(array: str, entries: list[Any]) -> list[str]:
+def _entry_names(array: str, entries: list[Any]) -> list[str]:
     """Return the entries of a C array."""
     return [f"{array}[{i}]" for i in range(len(entries))]
 

@@ -23,7 +23,7 @@ from armgpi.config.schema import (
     RobotSection,
 )
 from armgpi.control.controller import Controller
-from armgpi.control.supervisor import Supervised, Supervisor, suited
+from armgpi.control.supervisor import Supervised, Supervisor, complete_settings
 from armgpi.control.untuned import Untuned, Verdict, verdict
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
@@ -38,7 +38,7 @@ from armgpi.references.paths import Eased, Path
 from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
-from armgpi.registry import Context, registered, subclasses
+from armgpi.registry import Context, classes_of, subclasses
 from armgpi.robot import chains, rotors
 from armgpi.robot.changes import change
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
@@ -141,7 +141,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
         engines = ENGINES if engine == "both" else (engine,)
         plants = {each: _plant(config, context, top.at("plant"), each) for each in engines}
     else:
-        config, context, drawn = _drawn(config, robot, top)
+        config, context, drawn = _apply_draw(config, robot, top)
         plants = {ENGINES[0]: drawn}
     controllers: dict[str, Controller] = {}
     sections: list[Any] = []
@@ -183,8 +183,8 @@ def _supervisor(config: ExperimentConfig, controllers: Iterable[Controller], pla
     first, *_ = controllers
     robot: Any = first.robot
     with place.error_context():
-        given = _given(config.supervisor, parameters(Supervisor), robot, place)
-        supervisor = suited(Supervisor(**given), config.plant, first)
+        given = _given_values(config.supervisor, parameters(Supervisor), robot, place)
+        supervisor = complete_settings(Supervisor(**given), config.plant, first)
         return Supervised(first, supervisor).supervisor  # which checks that it fits the arm
 
 
@@ -368,7 +368,9 @@ def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:
     return Context(robot, dt, config.seed, delay * dt, bits, robot)
 
 
-def _drawn(config: ExperimentConfig, robot: Robot, top: _Place) -> tuple[ExperimentConfig, Context, Plant]:
+def _apply_draw(
+    config: ExperimentConfig, robot: Robot, top: _Place
+) -> tuple[ExperimentConfig, Context, Plant]:
     """Return what a draw of a reality says, and the configuration with what it leaves out filled in."""
     place, section = top.at("reality"), config.reality
     assert section is not None
@@ -409,10 +411,10 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
     for index, item in enumerate(section.loads):
         here = place.at("loads", index)
         with here.error_context():
-            kind = registered(Load)[item.type]
-            torques += kind.configured(_given(item, parameters(kind), robot, here, {}, 0.0), context)
+            kind = classes_of(Load)[item.type]
+            torques += kind.configured(_given_values(item, parameters(kind), robot, here, {}, 0.0), context)
     plant = _arm(config, real, torques, context, place, engine)
-    for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: item[1].order):
+    for name, wrapper in sorted(classes_of(Wrapper).items(), key=lambda item: item[1].order):
         value = getattr(section, name, None)  # a class made since then is no key
         given = None
         own = {key: each for key, each in parameters(wrapper).items() if each.in_file}
@@ -422,7 +424,7 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
                 default = declared.default if declared.default is not REQUIRED else None
                 given = {key: _value(declared, value, robot, place.at(name), default)}
             else:
-                given = _given(value, own, robot, place.at(name))
+                given = _given_values(value, own, robot, place.at(name))
         with place.at(name).error_context():
             plant = wrapper.configured(plant, given, context)
     return plant
@@ -433,7 +435,7 @@ def _arm(
 ) -> Plant:
     """Return the arm in a simulator."""
     section = config.plant
-    kind = registered(Arm)[engine]
+    kind = classes_of(Arm)[engine]
     own = {name: each for name, each in parameters(kind).items() if each.in_file}
     keys = {each.key or name for name, each in own.items()}
     for key, others in ARM_KEYS.items():
@@ -441,7 +443,7 @@ def _arm(
             both = ", or both" if set(others.engines) & {*ENGINES} else ""
             raise place.at(key).error(f"requires engine: {' or '.join(others.engines)}{both}")
     friction = "urdf" if section.friction == "urdf" else None
-    values = _given(section, own, context.robot, place)
+    values = _given_values(section, own, context.robot, place)
     for name, each in own.items():
         if each.default is REQUIRED and name not in values:
             raise place.at(each.key or name).error(f"is missing: engine {engine} needs it")
@@ -475,7 +477,7 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
         nominal=context.nominal if scale == 1.0 else context.nominal.scaled_inertia(scale),
         error_context=lambda name: place.at(declared[name].key or name).error_context(),
     )
-    law = _given(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
+    law = _given_values(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
     source: Any = kind.variant or kind.law
     keys = {name: each.key or name for name, each in {**declared, **parameters(source)}.items()}
     told = {key for key in section.model_fields_set if getattr(section, key) is not None}
@@ -490,12 +492,12 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     if robot.batch is None:  # what differs by rollout has no form in a file
         section = type(section).model_validate({**section.model_dump(), **missing})
     if kind.variant is not None:
-        given = _given(section, parameters(kind.variant), robot, place, chosen)
+        given = _given_values(section, parameters(kind.variant), robot, place, chosen)
         law |= {name: value for name, value in chosen.items() if name in declared}
         part = {name: value for name, value in chosen.items() if name not in declared}
         law[kind.part] = kind.variant(**{**part, **given})
     else:
-        law = {**chosen, **_given(section, declared, robot, place, chosen)}
+        law = {**chosen, **_given_values(section, declared, robot, place, chosen)}
     return section, kind.law.configured(law, context)
 
 
@@ -511,7 +513,7 @@ def _as_section(value: Any) -> Any:
     return float(array.flat[0]) if (array == array.flat[0]).all() else array.tolist()
 
 
-def _given(
+def _given_values(
     section: Any,
     declared: Mapping[str, Parameter],
     robot: Robot,
@@ -546,7 +548,7 @@ def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default
     if declared.kind == "group":
         assert declared.group is not None
         with place.error_context():
-            return declared.group(**_given(value, parameters(declared.group), robot, place))
+            return declared.group(**_given_values(value, parameters(declared.group), robot, place))
     if declared.kind == "box" and isinstance(value, BaseModel):
         ends = [_per_joint(getattr(value, end), robot, place.at(end), None) for end in ("lower", "upper")]
         if np.any(ends[0] > ends[1]):
@@ -555,7 +557,7 @@ def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default
         return tuple(ends)
     if declared.kind == "table":
         with place.error_context():
-            return declared.checked(value, robot.joint_names)
+            return declared.check_value(value, robot.joint_names)
     return _per_joint(value, robot, place, default) if declared.per_joint else value
 
 
@@ -598,7 +600,7 @@ def _path(
     section: Any, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
 ) -> tuple[Any, Path]:
     """Return a path, and its section with what was left out chosen for the arm."""
-    kind = registered(Path)[section.type]
+    kind = classes_of(Path)[section.type]
     own = parameters(kind)
     missing = [
         name for name, each in own.items() if each.chosen and getattr(section, each.key or name) is None

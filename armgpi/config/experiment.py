@@ -62,7 +62,7 @@ def record(
         backend=backend,
         supervisor=experiment.supervisor,
     )
-    return loop.recorded(progress, partial)
+    return loop.record(progress, partial)
 
 
 def record_all(
@@ -144,7 +144,7 @@ def records_of(runs: Mapping[str, Recorded]) -> list[dict[str, Any]]:
     found = []
     for label, each in runs.items():
         values = None
-        if each.recording.kept > 1:
+        if each.recording.kept_samples > 1:
             values = {name: x[0] for name, x in metrics.of_recorded(each).items()}
         provenance, joints = Provenance(each.made_from), list(each.robot.joint_names)
         found.append(_record(label, provenance, each.recording.status[0], each.ends()[0], joints, values))
@@ -237,18 +237,18 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
     """
     copied: dict[str, bytes] = {}
     if config.robot.name not in robots.names():
-        name, content = _copied(robots.locate(config.robot.name)[0])
+        name, content = _file_copy(robots.locate(config.robot.name)[0])
         copied[name] = content
         config = config.model_copy(update={"robot": config.robot.model_copy(update={"name": name})})
     if config.reference.file is not None:
-        name, content = _copied(Path(config.reference.file))
+        name, content = _file_copy(Path(config.reference.file))
         copied[name] = content
         reference = config.reference.model_copy(update={"file": name})
         config = config.model_copy(update={"reference": reference})
     return dump(config, full), copied
 
 
-def _copied(source: Path) -> tuple[str, bytes]:
+def _file_copy(source: Path) -> tuple[str, bytes]:
     """Return the name of a copy of a file, and its content."""
     try:
         content = source.read_bytes()

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
 from armgpi.errors import ConfigError, NameNotFound
-from armgpi.escape import in_si, quoted
+from armgpi.escape import in_si, quote
 
 #: Largest size of an experiment file [bytes].
 _MAX_BYTES = 1_000_000
@@ -106,13 +106,13 @@ def parse(text: str, source: str) -> Loaded:
 
 def _data(text: str, source: str) -> tuple[dict[str, Any], Origin]:
     """Return the text of a file as plain data, and where its keys are; errors as :func:`read`."""
-    from armgpi.config.text import parsed  # here: YAML takes long to import, and most runs have no file
+    from armgpi.config.text import parse_text  # here: YAML takes long to import, and most runs have no file
 
     if text.lstrip("\ufeff \n").startswith("<"):
         raise ConfigError(
             source, "", "is XML and no experiment file; `armgpi new URDF` writes one for a robot"
         )
-    data, lines = parsed(text, source)
+    data, lines = parse_text(text, source)
     return data, Origin(source, lines)
 
 
@@ -127,10 +127,10 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
     if isinstance(data.get("robot"), str):
         data["robot"] = {"name": data["robot"]}
     data.setdefault("controllers", [{"type": standard_law(data)}])
-    return checked(ExperimentConfig, data, origin)
+    return check_section(ExperimentConfig, data, origin)
 
 
-def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under: str) -> _Model:
+def check_section(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under: str) -> _Model:
     """Check plain data of any section.
 
     Args:
@@ -165,7 +165,7 @@ def checked(model: type[_Model], data: Mapping[Any, Any], origin: Origin, *under
             message = str(NameNotFound(kind_of.rstrip("s"), context["tag"], known))
         else:
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
-            message = f"{expected[0].lower()}{expected[1:]}, got {quoted(found)}"
+            message = f"{expected[0].lower()}{expected[1:]}, got {quote(found)}"
             message += f"; {hint}" if (hint := in_si(found)) else ""
         raise origin.error((*under, *path), message) from None
 

@@ -38,7 +38,7 @@ from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import Reality
 from armgpi.references.paths import Path
-from armgpi.registry import registered, subclasses
+from armgpi.registry import classes_of, subclasses
 
 
 def _number(value: Any) -> Any:
@@ -176,7 +176,7 @@ class Section(BaseModel):
             mask(getattr(signal, "SIG_SETMASK", 0), before)
 
     @model_serializer(mode="wrap")
-    def _written(self, handler: Any) -> dict[str, Any]:
+    def _to_plain(self, handler: Any) -> dict[str, Any]:
         """Return it as plain data."""
         return {key: x for key, x in handler(self).items() if x is not None or key not in self.quiet}
 
@@ -288,7 +288,7 @@ def one_of(makers: Mapping[str, Callable[[], Any]]) -> Any:
     """Return the type of a section that is one of several, by its `type`; each is made when a file has it."""
     SECTIONS.update(makers)
 
-    def checked(value: Any) -> Any:
+    def check(value: Any) -> Any:
         if isinstance(value, Section):
             return value
         if not isinstance(value, dict):
@@ -301,7 +301,7 @@ def one_of(makers: Mapping[str, Callable[[], Any]]) -> Any:
             raise PydanticKnownError("union_tag_invalid", context)
         return SECTIONS[tag].model_validate(value)
 
-    return Annotated[Any, PlainValidator(checked)]
+    return Annotated[Any, PlainValidator(check)]
 
 
 class FrictionSection(Section):
@@ -355,7 +355,7 @@ def _load(name: str, cls: type) -> Any:
     return section(name, cls, type=(Literal[name], ...))
 
 
-LoadSection: Any = one_of({name: partial(_load, name, cls) for name, cls in registered(Load).items()})
+LoadSection: Any = one_of({name: partial(_load, name, cls) for name, cls in classes_of(Load).items()})
 
 
 class PlantSection(Section):
@@ -405,7 +405,7 @@ class ArmKey(NamedTuple):
 def _arm_keys() -> dict[str, ArmKey]:
     """Return the keys that engines declare."""
     found: dict[str, ArmKey] = {}
-    for engine, cls in registered(Arm).items():
+    for engine, cls in classes_of(Arm).items():
         for name, each in parameters(cls).items():
             if each.in_file:
                 key = each.key or name
@@ -417,9 +417,9 @@ def _arm_keys() -> dict[str, ArmKey]:
 
 
 ARM_KEYS = _arm_keys()
-_WRAPPERS: dict[str, Any] = {name: _wrapper(name, cls) for name, cls in registered(Wrapper).items()}
+_WRAPPERS: dict[str, Any] = {name: _wrapper(name, cls) for name, cls in classes_of(Wrapper).items()}
 if not TYPE_CHECKING:
-    _ENGINES = (Literal[(*registered(Arm), "both")], "armgpi")
+    _ENGINES = (Literal[(*classes_of(Arm), "both")], "armgpi")
     _KEYS = {key: (each.kind, each.default) for key, each in ARM_KEYS.items()}
     PlantSection = create_model(
         "PlantSection", __base__=PlantSection, **{**_KEYS, "engine": _ENGINES, **_WRAPPERS}
@@ -448,12 +448,12 @@ class Kind(NamedTuple):
 
 def _kinds() -> dict[str, Kind]:
     """Return what controllers may be, by their names."""
-    found = {name: Kind(cls) for name, cls in registered(Controller).items()}
+    found = {name: Kind(cls) for name, cls in classes_of(Controller).items()}
     for law in subclasses(Controller):
         own = inspect.get_annotations(law)  # a class that comes from it does not take over its names
         for part in parameters(law).values():
             if part.name in own and part.kind == "variant" and part.group is not None:
-                variants = registered(part.group).items()
+                variants = classes_of(part.group).items()
                 found |= {name: Kind(law, variant, part.name) for name, variant in variants}
     return dict(sorted(found.items()))
 
@@ -477,7 +477,7 @@ def _path(name: str, cls: type[Path]) -> Any:
     return section(name, cls, type=(Literal[name], ...), **eased)
 
 
-PathSection: Any = one_of({name: partial(_path, name, cls) for name, cls in registered(Path).items()})
+PathSection: Any = one_of({name: partial(_path, name, cls) for name, cls in classes_of(Path).items()})
 
 
 def _reality() -> Any:
@@ -581,4 +581,4 @@ SECTIONS.update(
     }
 )
 #: Steps of pydantic's locations that are tags and no keys.
-TAGS = {"number", "list", "table", "mapping", "[key]", "box", *KINDS, *registered(Load), *registered(Path)}
+TAGS = {"number", "list", "table", "mapping", "[key]", "box", *KINDS, *classes_of(Load), *classes_of(Path)}

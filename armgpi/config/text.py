@@ -14,7 +14,7 @@ _MAX_NODES = 100_000
 _MAX_TEXT = 10_000
 
 
-def parsed(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str | int, ...], int]]:
+def parse_text(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str | int, ...], int]]:
     """Return the text of a file as plain data, and the line of each key by its path.
 
     Raises:

@@ -102,7 +102,7 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
 
     Args:
         robot: nominal model.
-        chosen: from :func:`armgpi.control.untuned.untuned`.
+        chosen: from :func:`armgpi.control.untuned.apply_rule`.
         rigid: whether gears are taken as rigid; soft ones make a loop slow by themselves.
     """
     omega: Array | None = chosen.get("omega_c") if rigid else None

@@ -117,7 +117,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
     weights = [rotor, lighter] if (lighter < rotor).any() else [rotor]
     found = []
     for q, (i, own), stiffness in itertools.product(_configurations(robot), enumerate(weights), ends):
-        gears = Gears(own, _filled(stiffness, own), current=current)
+        gears = Gears(own, _fill_unknown(stiffness, own), current=current)
         ratio = told / damping_at_one(robot.mass_matrix(q) - np.diag(robot.armature), gears)
         usual = (DAMPINGS[0], damping) if np.isnan(told).any() else DAMPINGS[:1]
         for where, (k, each) in itertools.product(sides, enumerate(usual)):
@@ -130,7 +130,7 @@ def resonance(robot: Robot) -> float:
     """Return the lowest resonance of an arm with free motors in the middle [Hz]; gears may be believed."""
     soft = believe_gears(robot)
     rotor = _rotor(soft)
-    gears = Gears(rotor, _filled(soft.drives.value("stiffness"), rotor))
+    gears = Gears(rotor, _fill_unknown(soft.drives.value("stiffness"), rotor))
     return float(free_modes(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), gears)[0])
 
 
@@ -145,7 +145,7 @@ def _rotor(robot: Robot) -> Array:
     return np.maximum(robot.armature, _LEAST_ROTOR * links)
 
 
-def _filled(stiffness: Array, rotor: Array) -> Array:
+def _fill_unknown(stiffness: Array, rotor: Array) -> Array:
     """Return stiffness, that of a gear that hardly twists where none is known [N m/rad or N/m], (n,)."""
     return np.where(np.isnan(stiffness), _RIGID * rotor, stiffness)
 
@@ -169,7 +169,7 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
     """
     soft = believe_gears(robot)
     rotor = _rotor(soft)
-    stiffness = _filled(soft.drives.value("stiffness"), rotor)
+    stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
     linear = [(q, law_at(law, q)) for q in _configurations(robot)]
 
     def gears(factor: float) -> Gears:

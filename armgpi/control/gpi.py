@@ -254,9 +254,9 @@ class GPI(Controller):
         if self.payload is not None:
             loads = load_range(self.payload, self.frame, self.com)
             if gains is None:
-                payload = loads.found(self.robot, self.dt, self.delay, member=member)
+                payload = loads.choose(self.robot, self.dt, self.delay, member=member)
             else:  # who brings gains chooses how slow they are
-                payload = loads.found(self.robot, self.dt, self.delay, 1e-9)
+                payload = loads.choose(self.robot, self.dt, self.delay, 1e-9)
             self.keep("payload", payload)
             self.keep("robot", payload.nominal)
         elif self.frame is not None:
@@ -303,7 +303,7 @@ class GPI(Controller):
         omega_c = default_omega(context.dt, context.delay, member=member)
         if payload is not None:
             with context.error_context("payload"):
-                omega_c = payload.found(context.robot, context.dt, context.delay, member=member).omega_c
+                omega_c = payload.choose(context.robot, context.dt, context.delay, member=member).omega_c
         return context._replace(omega_c=omega_c)
 
     @classmethod

@@ -221,7 +221,7 @@ def gain_interval(loop: Loop, sigma: float = 0.0) -> Interval:
     Returns:
         The interval; an empty one (`upper` = `lower`) when the loop is not that fast at 1.
     """
-    numerator, denominator = _shifted(loop, sigma)
+    numerator, denominator = _shift_polynomials(loop, sigma)
     if not _stable(denominator, numerator):
         return Interval(1.0, 1.0)
     # A pole crosses the imaginary axis where L(j w) is real, at delta = -1 / L.
@@ -248,7 +248,7 @@ def sector(loop: Loop, lowest: float = 1.0, sigma: float = 0.0) -> Interval:
     Returns:
         The interval; an empty one (`upper` = `lower`) when the loop is not that fast at its lower end.
     """
-    numerator, denominator = _shifted(loop, sigma)
+    numerator, denominator = _shift_polynomials(loop, sigma)
     if not _stable(denominator, lowest * numerator):
         return Interval(lowest, lowest)
     real = _cross(denominator, numerator)[0]
@@ -362,7 +362,7 @@ def _stable(denominator: Array, numerator: Array) -> bool:
     return bool(np.roots(np.polyadd(denominator, numerator)).real.max() < 0.0)
 
 
-def _shifted(loop: Loop, sigma: float) -> tuple[Array, Array]:
+def _shift_polynomials(loop: Loop, sigma: float) -> tuple[Array, Array]:
     """Return numerator and denominator at s - sigma / 2: what decays faster than that decays there."""
     at = np.poly1d([1.0, -0.5 * sigma / loop.omega])
     return np.poly1d(loop.numerator)(at).coeffs, np.poly1d(loop.denominator)(at).coeffs

@@ -340,12 +340,12 @@ class BSplineNetwork(Boxes, Poles):
         tuning = {name: zero + low for name, low in self._lower._asdict().items()}
         for name, initial in zip(self._adapted, self._initial, strict=True):
             if initial is not None:
-                tuning[name] = self._projected(name, tuning[name] + _dot(a, initial))
+                tuning[name] = self._project(name, tuning[name] + _dot(a, initial))
         if self.p_c is None:
             tuning["p_c"] = tuning["omega_c"]
         return Tuning(**tuning)
 
-    def _projected(self, name: str, output: Array) -> Array:
+    def _project(self, name: str, output: Array) -> Array:
         """Return the output of a network, inside its box where the rule has one."""
         if self.learning == "signed":
             return output
@@ -378,8 +378,8 @@ class BSplineNetwork(Boxes, Poles):
             gain = change / power  # eq. 23
             weights.append(tuple([w + gain * x for w, x in zip(old, a, strict=True)]))
             output = low + (raised + change)  # eq. 22 with the new weights: a a cancels
-            tuning[name] = self._projected(name, output)
-        whole = self._limited(tuning, state.tuning)
+            tuning[name] = self._project(name, output)
+        whole = self._limit_rate(tuning, state.tuning)
         return GainStep(whole, NetworkState(tuple(weights), a, filtered, whole))
 
     def activations(self, e: Array, slope: Array) -> tuple[Array, ...]:
@@ -408,7 +408,7 @@ class BSplineNetwork(Boxes, Poles):
         rate = None if self._rate is None else self._rate.tolist()
         return {**self.values(), **boxes, "rate": rate, "knots": self.basis.knots.tolist()}
 
-    def _limited(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
+    def _limit_rate(self, tuning: Mapping[str, Array], last: Tuning) -> Tuning:
         """Return a whole tuning, omega_c within its rate limit, what is not adapted as it was."""
         omega = tuning.get("omega_c", last.omega_c)
         if self.common:

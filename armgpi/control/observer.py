@@ -76,7 +76,7 @@ def observer_gains(omega_o: Array, dt: float, order: int = 3) -> ObserverGains:
     return ObserverGains(1.0 - b**4, rate, 2.0 * c**3 * (1.0 + b) / dt**2, c**4 / dt**3)
 
 
-def corrected(e: Array, expected: Estimate, gains: ObserverGains) -> Estimate:
+def correct_estimate(e: Array, expected: Estimate, gains: ObserverGains) -> Estimate:
     """Return the estimate after the error `e` was measured."""
     off = e - expected.e
     return Estimate(*(x + gain * off for x, gain in zip(expected, gains, strict=True)))
@@ -188,7 +188,7 @@ class ObserverController(Controller):
         """Return torque and next state; see :meth:`Controller.step`."""
         q = measurement.q
         dynamics = self.robot.dynamics
-        now = corrected(q - target.q, state.expected, self._gains)
+        now = correct_estimate(q - target.q, state.expected, self._gains)
         v = self.law(now, target, state.own)
         if self.cancels:
             rate = target.v + now.rate

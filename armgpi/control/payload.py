@@ -121,7 +121,7 @@ class LoadRange(Parametrised):
         "centre of mass in that frame", unit="m", kind="vector", default=(0.0, 0.0, 0.0), kw_only=True
     )
 
-    def found(
+    def choose(
         self,
         robot: AnyRobot,
         dt: float,

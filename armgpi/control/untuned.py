@@ -80,7 +80,7 @@ def member(given: Mapping[str, Any]) -> Member:
     return Member(**{name: given[name] for name in MEMBER if name in given})
 
 
-def untuned(
+def apply_rule(
     robot: AnyRobot,
     dt: float,
     delay: float = 0.0,
@@ -108,7 +108,7 @@ def untuned(
     given = given or {}
     chosen = _rigid(robot, dt, delay, bits, given)
     if soft := _twists(robot, dt, delay, {**chosen, **given}):
-        chosen = _geared(robot, dt, delay, bits, given)
+        chosen = _choose_geared(robot, dt, delay, bits, given)
     chosen = {name: value for name, value in chosen.items() if name not in given}
     if isinstance(robot, Robot):
         advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 2)
@@ -124,7 +124,7 @@ def arguments(
         robot: nominal model.
         dt: sample time [s].
         delay: transport delay in the loop [s].
-        bits: resolution of the encoders; see :func:`untuned`.
+        bits: resolution of the encoders; see :func:`apply_rule`.
         drives: what is believed of drives that nothing tells; see :func:`armgpi.believe_drives`.
         given: arguments that are not to be chosen.
     """
@@ -133,7 +133,7 @@ def arguments(
     given = {name: value for name, value in given.items() if name != "gains" or value is not None}
     if isinstance(loads := given.get("payload"), tuple | list):
         given["payload"] = load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
-    chosen = untuned(robot, dt, delay, bits, given)
+    chosen = apply_rule(robot, dt, delay, bits, given)
     if "payload" in chosen:  # which the feedforward knows nothing of
         chosen["bias_robot"] = robot
     gains = FixedGains(chosen.pop("omega_c"))
@@ -159,12 +159,12 @@ def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[s
     omega: Array = min(limits) * np.ones(robot.n)
     loads = given.get("payload")
     if isinstance(loads, LoadRange):
-        omega = np.minimum(omega, loads.found(robot, dt, delay, member=law).omega_c)
+        omega = np.minimum(omega, loads.choose(robot, dt, delay, member=law).omega_c)
     elif "payload" not in given:
         most = most_delta(law, float(omega[0]) * late(dt, delay))
         chosen["payload"] = loads = _spare(robot, most)
     if bits is not None:
-        nominal = robot if loads is None else loads.found(robot, dt, delay, 1e-9, law).nominal
+        nominal = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
         omega = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits))
     return {**chosen, "omega_c": omega}
 
@@ -177,7 +177,7 @@ def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) ->
         return bool(known)
     (one,) = known
     loads, bias = law.get("payload"), one if law["feedforward"] == "computed" else None
-    nominal = one if loads is None else loads.found(one, dt, delay, 1e-9, member(law)).nominal
+    nominal = one if loads is None else loads.choose(one, dt, delay, 1e-9, member(law)).nominal
     loops = geared.Loops(geared.cases(one, dt, _samples(dt, delay)), nominal, bias, member(law), dt)
     return not loops.holds(np.ravel(law["omega_c"])[: one.n], geared.RIGID_SENSITIVITY)
 
@@ -187,7 +187,9 @@ def _samples(dt: float, delay: float) -> int:
     return math.ceil(round(delay / dt, 6))
 
 
-def _geared(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+def _choose_geared(
+    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears twist."""
     first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
     link, believed = geared.at_link(first), geared.is_believed(first)
@@ -197,10 +199,10 @@ def _geared(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[
     if link or believed:
         return chosen
     other = _with_structure(GEARED[True], robot, dt, delay, bits, given)
-    return other if _allowed(other) > ROLLOFF_GAIN * _allowed(chosen) else chosen
+    return other if _allowed_bandwidth(other) > ROLLOFF_GAIN * _allowed_bandwidth(chosen) else chosen
 
 
-def _allowed(chosen: Mapping[str, Any]) -> float:
+def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
     """Return the bandwidth that gears allow [rad/s], joints slowed by noise left out; a batch's median."""
     return float(np.median(np.max(chosen["omega_c"], axis=-1)))
 
@@ -225,7 +227,7 @@ def _with_structure(
     highest = min(_limits(law, dt, delay))
 
     def nominal(one: AnyRobot) -> AnyRobot:
-        loaded = one if loads is None else loads.found(one, dt, delay, 1e-9, law).nominal
+        loaded = one if loads is None else loads.choose(one, dt, delay, 1e-9, law).nominal
         return with_heavier_rotors(loaded, factor)
 
     def fastest(one: Robot) -> Array:
@@ -430,4 +432,4 @@ class Untuned(FixedGains):
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
-        return untuned(context.nominal, context.dt, context.delay, context.bits, context.given)
+        return apply_rule(context.nominal, context.dt, context.delay, context.bits, context.given)

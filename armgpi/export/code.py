@@ -16,7 +16,7 @@ import numpy as np
 from armgpi.arrays import check_choice, check_type
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import Dialect, straight_line
-from armgpi.codegen.kernels import Call, Kernel, placed
+from armgpi.codegen.kernels import Call, Kernel, place_calls
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import check_repeatable
 from armgpi.control.controller import Controller
@@ -24,7 +24,7 @@ from armgpi.control.supervisor import COUNTED, Reason, State, Supervised, Superv
 from armgpi.control.supervisor.reasons import REASONS
 from armgpi.errors import BackendError, ParameterError
 from armgpi.export.law import Law, Routine, Table, trace_controller
-from armgpi.export.layout import block, elementary, listed, members, rows
+from armgpi.export.layout import block, comma_lines, elementary, members, rows
 from armgpi.export.names import identifiers, plain, source_of
 from armgpi.loop.log import INPUTS
 from armgpi.parameter import meaning
@@ -121,13 +121,13 @@ def generate(controller: Controller, real: str = "double", supervisor: Superviso
     check_choice(real, "real", _REALS)
     supervised = supervise(controller, supervisor)
 
-    def written() -> Code:
+    def write() -> Code:
         return _Writer(trace_controller(supervised), real).code()
 
     try:
-        code = written()
+        code = write()
         if code.law.user_defined:
-            check_repeatable(code.source, lambda: written().source)
+            check_repeatable(code.source, lambda: write().source)
     except NotElementwise as error:
         raise BackendError(f"{type(supervised.law).__name__} cannot be written as C: {error}") from None
     if real == "float" and code.law.whole:
@@ -199,9 +199,9 @@ class _Writer:
         body = "\n".join([*kernels, *functions])
         inner = type(supervised.law).__name__
         fill = {
-            **self._shared(),
+            **self._shared_values(),
             "tables": "\n".join(map(self.table, self.tables)),
-            "names": listed(f'    "{plain(name)}"' for name in self.names),
+            "names": comma_lines(f'    "{plain(name)}"' for name in self.names),
             "inputs": str(sum(INPUT_BITS.get(name, 0) for name in law.inputs)),
             "dt_double": repr(float(supervised.dt)),
             "real_max": _REALS[self.real][2],
@@ -286,7 +286,7 @@ class _Writer:
         outputs = ca.cse(ca.vertcat(*kernel.outputs))  # a sine is worked out once
         targets = [f"{result}[{i}]" for i in range(kernel.size)]
         lines = straight_line(inputs, [outputs[i] for i in range(kernel.size)], targets, self.dialect).lines
-        self.counts[kernel.name] = _counted(lines)
+        self.counts[kernel.name] = _count_operations(lines)
         kind = _kind(kernel)
         note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").replace(" y", f" {result}", 1)
         parameters = [f"const armgpi_real_t {x}[{n}]" for x, n in zip(letters, kernel.sizes, strict=True)]
@@ -326,7 +326,7 @@ class _Writer:
             ]
         for call in routine.calls:
             self.kernels.setdefault(call.kernel.name, call.kernel)
-        calls = placed(
+        calls = place_calls(
             routine.calls,
             lambda i, k, j: f"given{i}_{k}[{j}]",
             lambda i, j: f"result{i}[{j}]",
@@ -344,14 +344,14 @@ class _Writer:
         for i, call in enumerate(routine.calls):
             buffers += [(f"given{i}_{k}", size) for k, size in enumerate(call.kernel.sizes)]
             buffers.append((f"result{i}", call.kernel.size))
-        self.counts[name] = _counted(lines)
+        self.counts[name] = _count_operations(lines)
         return _with_buffers(lines, buffers)
 
     def _cost(self, name: str, routine: Routine) -> Counts:
         """Return the operations of a routine with all that it calls."""
         return self.counts[name].plus(*(self.counts[call.kernel.name] for call in routine.calls))
 
-    def _shared(self) -> dict[str, str]:
+    def _shared_values(self) -> dict[str, str]:
         """Return what both templates need."""
         robot: Any = self.law.controller.robot
         parameters = ",\n".join(f"    const armgpi_real_t {x}[ARMGPI_N]" for x in self.law.inputs)
@@ -384,16 +384,16 @@ class _Writer:
             for part in law.state
         ]
         return {
-            **self._shared(),
+            **self._shared_values(),
             "joints": "\n".join(joints),
             "n": str(law.n),
             "dt": self.literal(law.controller.dt),
             "real": _REALS[self.real][0],
-            "enum": listed(enum),
+            "enum": comma_lines(enum),
             "abi": str(ABI),
             "layout": f"0x{self.layout:08X}U",
-            "statuses": _numbered("STATUS", State, _STATES),
-            "reasons": _numbered("REASON", Reason, {each: cause.when for each, cause in REASONS.items()}),
+            "statuses": _enum_macros("STATUS", State, _STATES),
+            "reasons": _enum_macros("REASON", Reason, {each: cause.when for each, cause in REASONS.items()}),
             "missed": str(law.controller.supervisor.missed),
             "fields": members(fields),
             "argument_notes": "\n".join(f" *   {name:11} {MEANING[name]}" for name in law.inputs),
@@ -401,7 +401,7 @@ class _Writer:
         }
 
 
-def _numbered(kind: str, names: type[IntEnum], notes: Mapping[Any, str]) -> str:
+def _enum_macros(kind: str, names: type[IntEnum], notes: Mapping[Any, str]) -> str:
     """Return macros for the numbers of an enumeration, with their notes in a column."""
     width = max(len(each.name) for each in names)
     return "\n".join(
@@ -473,7 +473,7 @@ def _with_buffers(lines: list[str], buffers: Sequence[tuple[str, int]]) -> list[
     return [*declared, *lines]
 
 
-def _counted(lines: Iterable[str]) -> Counts:
+def _count_operations(lines: Iterable[str]) -> Counts:
     """Count the operations in lines."""
     # From the C itself, so that what is counted is what is run.
     kinds: Counter[str] = Counter()

@@ -14,7 +14,7 @@ from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.control.supervisor import FaultReport, Reason, State
 from armgpi.errors import BackendError, ParameterError
-from armgpi.export.names import check_name, plain, renamed
+from armgpi.export.names import check_name, plain, rename
 from armgpi.references.reference import Target
 from armgpi.robot.robot import Robot
 
@@ -67,7 +67,7 @@ class ExportedController(Controller):
         check_type(robot, "robot", Robot, "a single Robot")
         place = check_path(folder, "folder")
         texts = []
-        for path in (place / renamed(file, name) for file in (HEADER, SOURCE)):
+        for path in (place / rename(file, name) for file in (HEADER, SOURCE)):
             try:
                 texts.append(path.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
@@ -100,12 +100,12 @@ class ExportedController(Controller):
     def _start(self, robot: Robot, header: str, source: str, name: str | None = None) -> None:
         """Compile it and check what it is for."""
         # One text, as the cache of libraries is keyed by one.
-        whole = source.replace(renamed(f'#include "{HEADER}"', name), header)
+        whole = source.replace(rename(f'#include "{HEADER}"', name), header)
         self._library = build.library(whole, FLAGS)
         try:
-            info = _Info.in_dll(self._library, renamed("armgpi_info", name))
+            info = _Info.in_dll(self._library, rename("armgpi_info", name))
             wanted = ("armgpi_init", "armgpi_reset", "armgpi_step", "armgpi_step_late", "armgpi_within_rate")
-            functions = [getattr(self._library, renamed(function, name)) for function in wanted]
+            functions = [getattr(self._library, rename(function, name)) for function in wanted]
             self._init, self._reset, self._step, self._late, self._within = functions
         except (ValueError, AttributeError) as error:
             raise BackendError(f"this is no exported controller: {error}") from None
@@ -155,7 +155,7 @@ class ExportedController(Controller):
     ) -> ControlStep:
         """Return torque and next state for a sample that comes late; see :meth:`Supervised.advance`."""
         elapsed = check_whole(elapsed, "elapsed", 1, 2**32 - 1)
-        return self._stepped(self._late, measurement, target, state, ctypes.c_uint32(elapsed))
+        return self._call_step(self._late, measurement, target, state, ctypes.c_uint32(elapsed))
 
     def within_rate(self, applied: npt.ArrayLike, taken: ControlStep) -> ControlStep:
         """Return a step whose torque is within its rate of that of the robot; see :class:`Supervised`."""
@@ -168,9 +168,9 @@ class ExportedController(Controller):
         self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]
     ) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""
-        return self._stepped(self._step, measurement, target, state)
+        return self._call_step(self._step, measurement, target, state)
 
-    def _stepped(
+    def _call_step(
         self, function: Any, measurement: Any, target: Target, state: npt.NDArray[np.uint64], *first: Any
     ) -> ControlStep:
         """Return torque and next state by one of the functions of a step."""

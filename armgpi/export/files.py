@@ -21,8 +21,8 @@ from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.supervisor import FARTHEST, SIGNALS, Supervised, Supervisor
 from armgpi.errors import BackendError, RolloutError
 from armgpi.export.code import MEANING, Code, Counts, generate, supervise, template
-from armgpi.export.names import check_name, plain, renamed, source_of
-from armgpi.export.targets import TARGETS, check_target, compensated, moving_gripper, package
+from armgpi.export.names import check_name, plain, rename, source_of
+from armgpi.export.targets import TARGETS, check_target, compensates_gravity, moving_gripper, package
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
 from armgpi.loop.rollout import Recording
@@ -172,18 +172,18 @@ def export_controller(
     log = _at_rest(controller) if log is None else log
     texts = _texts(code, log)
     check_name(name, f"{code.source} {texts['main.c']}")
-    code = code._replace(header=renamed(code.header, name), source=renamed(code.source, name))
-    texts = {renamed(file, name): renamed(text, name) for file, text in texts.items()}
+    code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
+    texts = {rename(file, name): rename(text, name) for file, text in texts.items()}
     prepare(folder)
     measured, logged = None, {"log.armlog": pack(_for(code, log))}
     if measure:
         with suppress(BackendError):  # there is no compiler
-            measured = _replayed(texts | logged, build.compiler())
+            measured = _run_replay(texts | logged, build.compiler())
     state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
     readme = _readme(code, len(log.samples), state_bytes, measured)
-    texts["README.md"] = renamed(readme, name)
+    texts["README.md"] = rename(readme, name)
     more = package(code, state_bytes, target)
-    texts |= {renamed(file, name): renamed(text, name) for file, text in more.items()}
+    texts |= {rename(file, name): rename(text, name) for file, text in more.items()}
     return Export(
         folder, files.write_set(folder, texts | logged | dict(beside or {})), code, measured, state_bytes
     )
@@ -210,10 +210,10 @@ def _for(code: Code, log: ArmLog) -> ArmLog:
     rows = np.zeros(len(log.rows), row_type(tuple(code.law.inputs), code.law.n))
     for name in rows.dtype.names or ():
         rows[name] = log.rows[name]
-    return ArmLog({**log.header, **_known(code), "made_by": log.header["made_by"]}, rows, log.source)
+    return ArmLog({**log.header, **_log_header(code), "made_by": log.header["made_by"]}, rows, log.source)
 
 
-def _known(code: Code) -> dict[str, Any]:
+def _log_header(code: Code) -> dict[str, Any]:
     """Return the header of the logs that exported C writes."""
     robot: Any = code.law.controller.robot
     return {
@@ -230,7 +230,7 @@ def _known(code: Code) -> dict[str, Any]:
 def _log_writer(code: Code) -> dict[str, str]:
     """Return the C that writes logs."""
     inputs = code.law.inputs
-    start = [f"0x{byte:02X}U" for byte in preamble(_known(code))]
+    start = [f"0x{byte:02X}U" for byte in preamble(_log_header(code))]
     fill = {
         "version": VERSION,
         "inputs": str(len(inputs)),
@@ -276,7 +276,7 @@ def _texts(code: Code, log: ArmLog) -> dict[str, str]:
     }
 
 
-def _replayed(texts: dict[str, str | bytes], found: build.Compiler) -> Measured:
+def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measured:
     """Compile and run the replay in a folder of its own.
 
     Raises:
@@ -326,7 +326,7 @@ def _replayed(texts: dict[str, str | bytes], found: build.Compiler) -> Measured:
 def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]:
     """Run a program, or say why that was not possible."""
     try:
-        return build.called(command, _PATIENCE, folder)
+        return build.run_program(command, _PATIENCE, folder)
     except (OSError, subprocess.SubprocessError) as error:
         raise BackendError(f"{command[0]} cannot be run: {error}") from None
 
@@ -375,7 +375,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             layout=f"{code.layout:08X}",
             typical=_counts(code.typical),
             worst_case=_counts(code.worst_case),
-            measured=_measured(measured),
+            measured=_measured_rows(measured),
             float_note=_FLOAT if code.real == "float" else "",
         )
         .rstrip()
@@ -389,7 +389,7 @@ def _contains(robot: Any) -> str:
         "**The torque contains gravity**: it carries the arm. On a robot that compensates gravity itself "
         "(Franka, UR) it would do so twice: export with `--gravity robot` for those."
     )
-    if compensated(robot):
+    if compensates_gravity(robot):
         text = (
             "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
             "torque interfaces do. On a robot that does not, the arm falls. The weight of a load that the "
@@ -498,7 +498,7 @@ def _counts(counts: Counts) -> str:
     return ", ".join(f"{x:,}" for x in counts)
 
 
-def _measured(measured: Measured | None) -> str:
+def _measured_rows(measured: Measured | None) -> str:
     """Return the rows of the table that were measured."""
     if measured is None:
         return "| time of a step | not measured: no C compiler where this was exported; `make` measures it |"

@@ -111,11 +111,11 @@ def trace_controller(controller: Supervised) -> Law:
     trace = Trace(controller.robot.n)
     with tracing():
         tracer = _ControllerTracer(trace, controller)
-        with tracer.unchanged():
-            return _traced(controller, trace, tracer)
+        with tracer.undo_writes():
+            return _trace_law(controller, trace, tracer)
 
 
-def _traced(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> Law:
+def _trace_law(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> Law:
     """Call `init` and `step` with symbols."""
     n = controller.robot.n
     law: Any = tracer(controller)
@@ -127,7 +127,7 @@ def _traced(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> 
     if measures_velocity:
         measured = FullState(inputs["q_measured"], inputs["v_measured"])
 
-    def taken() -> list[Call]:
+    def take_calls() -> list[Call]:
         """Return the calls so far and forget them."""
         calls = trace.calls[:]
         del trace.calls[:]
@@ -139,8 +139,8 @@ def _traced(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> 
     seen: Any = FullState(middle, rest) if measures_velocity else Measurement(middle)
     first = controller.init(seen, Target(middle, rest, rest))
     state = numbers(first)
-    started = _matched(law.init(measured, target), first)
-    init = Routine(taken(), started)
+    started = _match_state(law.init(measured, target), first)
+    init = Routine(take_calls(), started)
 
     parts: list[Table] = []
     given: list[Symbols] = []
@@ -151,8 +151,8 @@ def _traced(controller: Supervised, trace: Trace, tracer: _ControllerTracer) -> 
         given.append(symbols)
         parts.append(Table(names(_short(path), str.lower), path, shape, flat(symbols), []))
     tau, after = law.step(measured, target, unflatten(first, given))
-    step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_matched(after, first)])
-    step.calls.extend(taken())
+    step = Routine([], [*flat(np.broadcast_to(tau, (n,))), *_match_state(after, first)])
+    step.calls.extend(take_calls())
 
     # What no step reads is not kept: C takes no shorter way, and so need not know whether it might.
     read = _used(step)
@@ -247,7 +247,7 @@ class _Names:
         return unique
 
 
-def _matched(state: Any, like: Any) -> list[Any]:
+def _match_state(state: Any, like: Any) -> list[Any]:
     """Return the expressions of a state, which must have the parts of another."""
     found = zip(leaves_like(state, like), flatten(like), strict=True)
     return [x for part, leaf in found for x in flat(state_part(part, np.shape(leaf.value)))]

@@ -64,7 +64,7 @@ def elementary(body: str, ending: str) -> str:
     real = {"R": "armgpi_real_t", "F": ending, "f": ending.lower()}
     # No more than these: an unused static function is a warning, and warnings are errors (make strict).
     used = [text for name, text in known.items() if re.search(rf"\b{name}\(", body)]
-    return "\n".join(filled(text, real) for text in used) + "\n"
+    return "\n".join(fill_text(text, real) for text in used) + "\n"
 
 
 def block(lines: Sequence[str], arguments: Sequence[str]) -> str:
@@ -75,7 +75,7 @@ def block(lines: Sequence[str], arguments: Sequence[str]) -> str:
     return "{\n" + "".join(f"    {line}\n" for line in [*lines, *unused]) + "}\n"
 
 
-def filled(text: str, values: Mapping[str, str]) -> str:
+def fill_text(text: str, values: Mapping[str, str]) -> str:
     """Return a text of C, which is full of braces, with {names} replaced."""
     # Neither str.format nor Template: C is full of {}, and $ is the templates'.
     for key, value in values.items():
@@ -83,7 +83,7 @@ def filled(text: str, values: Mapping[str, str]) -> str:
     return text
 
 
-def listed(items: Iterable[str]) -> str:
+def comma_lines(items: Iterable[str]) -> str:
     """Return lines with commas between them."""
     return ",\n".join(items)
 

@@ -32,11 +32,11 @@ def check_name(name: str | None, source: str = "") -> None:
         raise ParameterError("name", name, f"another one, as there are other files {name}.h and {name}.c")
     words = set(re.findall(r"\w+", source))
     for word in sorted(word for word in words if _OURS.match(word)):
-        if renamed(word, name) in words:
-            raise ParameterError("name", name, f"another one, as {renamed(word, name)} is used in the C")
+        if rename(word, name) in words:
+            raise ParameterError("name", name, f"another one, as {rename(word, name)} is used in the C")
 
 
-def renamed(text: str, name: str | None) -> str:
+def rename(text: str, name: str | None) -> str:
     """Return C, or its documents, with a name in place of `armgpi` and of `armgpi_controller`."""
 
     def ours(match: re.Match[str]) -> str:

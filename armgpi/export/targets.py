@@ -102,7 +102,7 @@ def check_target(target: str, controller: Supervised) -> None:
 def _check_arm(target: str, controller: Supervised) -> None:
     """Refuse an arm, a sample time or a rate that is not that of the target's robot."""
     robot: Any = controller.robot
-    if not compensated(robot):
+    if not compensates_gravity(robot):
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"
         raise ParameterError("target", target, expected)
     interface = COMPENSATING[target]
@@ -131,7 +131,7 @@ def _check_arm(target: str, controller: Supervised) -> None:
         raise ParameterError("target", target, f"a torque_rate of at most {rate:g} N m/s, as its robot's")
 
 
-def compensated(robot: Any) -> bool:
+def compensates_gravity(robot: Any) -> bool:
     """Tell whether a nominal model has no gravity, as that of a robot which compensates it itself."""
     return not np.abs(robot.gravity(robot.middle() + 0.1 * np.arange(1, robot.n + 1))).max() > 0.0
 

@@ -42,7 +42,7 @@ _SHAPES = (
 
 
 @check("repair", "what was repaired on request when the file was loaded", "info")
-def repaired(subject: Subject) -> Iterator[Finding]:
+def repairs(subject: Subject) -> Iterator[Finding]:
     """Find what is otherwise than the file says."""
     for made in subject.robot.provenance.get("repairs", ()):
         element = made["name"].partition(":")[2]
@@ -341,7 +341,7 @@ def locked_mimic(subject: Subject) -> Iterator[Finding]:
     for joint in subject.document.joints.values():
         if joint.mimic in subject.robot.joint_names and joint.name in subject.locked:
             value = subject.locked[joint.name]
-            message = f"mimics {_followed(joint)}; it is locked at {value:g} while that moves"
+            message = f"mimics {_describe_mimic(joint)}; it is locked at {value:g} while that moves"
             repair = f"lock {joint.mimic!r} as well, or let it follow"
             remedies = (Remedy("lock", (str(joint.mimic),)), Remedy("mimic", (), "follow"))
             yield Finding("warning", f"joint {joint.name!r}", message, value, None, repair, remedies)
@@ -355,7 +355,7 @@ def following(subject: Subject) -> Iterator[Finding]:
             continue
         where = f"joint {joint.name!r}"
         if joint.name not in subject.locked:
-            yield Finding("info", where, f"follows {_followed(joint)}", joint.mimic)
+            yield Finding("info", where, f"follows {_describe_mimic(joint)}", joint.mimic)
             continue
         value = subject.locked[joint.name]
         if not joint.lower - 1e-9 <= value <= joint.upper + 1e-9 and joint.lower != joint.upper:
@@ -364,7 +364,7 @@ def following(subject: Subject) -> Iterator[Finding]:
             yield Finding("info", where, message, value, bound)
 
 
-def _followed(joint: tree.Joint) -> str:
+def _describe_mimic(joint: tree.Joint) -> str:
     """Return what a joint mimics, for a message."""
     return f"{joint.mimic_multiplier:g} x {joint.mimic!r} + {joint.mimic_offset:g}"
 

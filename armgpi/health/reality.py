@@ -29,7 +29,7 @@ from armgpi.control import geared, two_mass
 from armgpi.control.controller import Controller
 from armgpi.control.family import Member
 from armgpi.control.gpi import KNOWS
-from armgpi.control.supervisor import Supervisor, suited
+from armgpi.control.supervisor import Supervisor, complete_settings
 from armgpi.errors import ArmgpiWarning
 from armgpi.escape import markdown_table
 from armgpi.health.zoo import fingers
@@ -172,7 +172,7 @@ def rollouts(
                 every = together(group).context
                 own = supervisor.with_values(resolution=group[0].robot.encoder_count(every.bits))
                 plant = PlantSection.model_validate({"delay": group[0].delay})
-                suits = suited(own, plant, config.controller(law, every))
+                suits = complete_settings(own, plant, config.controller(law, every))
             loop = prepare_draws(group, law, backend=backend, supervisor=suits)
             rollout = in_rows(loop.run(progress=False))
         yield group, rollout
@@ -192,13 +192,13 @@ def outcomes(
         name: of the arm.
         law: a controller's section of an experiment file.
         backend: as for :func:`armgpi.simulate`.
-        holds: index -> whether the draw is :func:`held`, where that is known.
+        holds: index -> :func:`ideal_law_holds` of the draw, where that is known.
 
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
     by_index = {}
-    holds = {draw.index: held(draw) for draw in found} if holds is None else holds
+    holds = {draw.index: ideal_law_holds(draw) for draw in found} if holds is None else holds
     for group, rollout in rollouts(found, law, backend):
         costs = zip(*_costs(rollout), strict=True)
         for row, (draw, own) in enumerate(zip(group, costs, strict=True)):
@@ -279,7 +279,7 @@ def demand(draw: Draw) -> float:
     return float((np.maximum(np.abs(tau), np.abs(pushed)) / draw.effort).max())
 
 
-def held(draw: Draw) -> bool:
+def ideal_law_holds(draw: Draw) -> bool:
     """Return whether a law that knows the truth holds an arm whose gears twist, where it starts and goes.
 
     The law is GPI with one integrator, the whole model fed forward, and a share of it or heavier rotors in
@@ -317,7 +317,7 @@ def rest_band(draw: Draw) -> Array:
     return np.maximum(HUNTING_COUNTS * draw.arm.encoder_count(draw.encoder_bits), HUNTING)
 
 
-def known(law: Mapping[str, Any]) -> str:
+def describe_knowledge(law: Mapping[str, Any]) -> str:
     """Return in words what a law measures and knows, by its section of an experiment file."""
     kind = KINDS[law["type"]].law
     fed = "model" if law["type"] == "untuned" else law.get("feedforward", "none")

@@ -115,7 +115,7 @@ def inspect(
         raise ParameterError("package_dirs", package_dirs, "folders")
     package_dirs = [check_path(folder, "package_dirs") for folder in package_dirs]
     path, name = robots.locate(path_or_name)
-    asked = repairs.wanted(repair)
+    asked = repairs.repair_names(repair)
 
     def load(repair: Iterable[str]) -> Robot:
         with warnings.catch_warnings():
@@ -218,11 +218,11 @@ def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
             "encoder_bits": subject.encoder_bits,
             "omega_c": subject.omega,
         },
-        "untuned": _untuned(subject, known, drives),
+        "untuned": _untuned_facts(subject, known, drives),
     }
 
 
-def _untuned(subject: Subject, known: Robot, drives: str | None) -> dict[str, Any] | None:
+def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[str, Any] | None:
     """Return what GPI takes for the arm as it is known when nobody tunes it, and what its loops tolerate."""
     dt, bits = subject.dt, subject.encoder_bits
     if not (subject.robot.limits.effort > 0.0).all():

@@ -228,7 +228,7 @@ class Identified:
         Raises:
             UnfitLog: when that log does not pass the check.
         """
-        data = self._data.joined([log])
+        data = self._data.join([log])
         refuse(data.findings(1) if check_first else [])
         element = self.file._model.frames[self.file._frame(self.file.tip)]
         place = (int(element.parentJoint) - 1) * len(COLUMNS)
@@ -357,7 +357,7 @@ class _Data:
             other.sources.append(log.source)
         return other
 
-    def joined(self, logs: Sequence[Any]) -> _Data:
+    def join(self, logs: Sequence[Any]) -> _Data:
         """Return the same with more logs."""
         other = self.with_logs(logs)
         other.grids, other.forms = self.grids + other.grids, self.forms + other.forms

@@ -130,10 +130,10 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
     n = robot.n
     terms = _terms(prior, form, n)
     torque, _ = form.torque(np.zeros(n))
-    match = np.array([[_explained(terms[:, j], torque[:, i])[0] for j in range(n)] for i in range(n)])
+    match = np.array([[_explain(terms[:, j], torque[:, i])[0] for j in range(n)] for i in range(n)])
     for i, name in enumerate(robot.joint_names):
         own, best = match[i, i], int(match[i].argmax())
-        reverse, _ = _explained(terms[:, i], -torque[:, i])
+        reverse, _ = _explain(terms[:, i], -torque[:, i])
         if own < _EXPLAINED and reverse > own + _BETTER and reverse >= match[i, best]:
             yield Finding("error", name, f"its torque has the reversed sign: -tau explains {reverse:.0%}")
         elif own < _EXPLAINED and match[i, best] > own + _BETTER and match[best, best] < match[i, best]:
@@ -163,10 +163,10 @@ def _terms(prior: Prior, form: WeakForm, n: int) -> Array:
 def _with_load(form: WeakForm, terms: Array, torque: Array, joint: int) -> float:
     """Return the share of a joint's torque that its terms and an unknown weight explain."""
     weight = form.rows[:, joint, joint, 1:4]
-    return _explained(np.hstack([terms, weight, -weight]), torque)[0]
+    return _explain(np.hstack([terms, weight, -weight]), torque)[0]
 
 
-def _explained(terms: Array, torque: Array) -> tuple[float, Array]:
+def _explain(terms: Array, torque: Array) -> tuple[float, Array]:
     """Return the share of a torque's variation that terms with their signs explain, and their factors."""
     around, centred = torque - torque.mean(), terms - terms.mean(axis=0)
     sizes = np.maximum(np.sqrt((centred**2).sum(axis=0)), 1e-300)
@@ -190,7 +190,7 @@ def _of_scale(name: str, terms: Array, torque: Array, gravity: bool) -> Iterator
         return
     if not gravity or np.var(terms[:, 0]) < _WEIGHS * np.var(torque):
         return
-    _, factors = _explained(terms, torque)
+    _, factors = _explain(terms, torque)
     if factors[0] < _WEIGHT:
         yield Finding(
             "error",

@@ -176,7 +176,7 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     inverse = linalg.cho_solve(factor, np.eye(p))
     learned = 1.0 - np.diag(inverse)
     spread: Any = sum(
-        _spread(np.einsum("kip,i,ki->kp", Z, weights**2, r, optimize=True), b.phase)
+        _score_covariance(np.einsum("kip,i,ki->kp", Z, weights**2, r, optimize=True), b.phase)
         for Z, r, b in zip(scaled, residuals, blocks, strict=True)
     )
     independent = _INDEPENDENT * float(counts.sum())
@@ -187,7 +187,7 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     return Fit(free, nearest, information, covariance, learned, shown, weights)
 
 
-def _spread(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
+def _score_covariance(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
     """Return the covariance of a sum of scores (k, p), correlated over some test functions."""
     period = int(phase.max()) + 1
     summed = np.zeros((period, scores.shape[1]))

@@ -23,7 +23,7 @@ from armgpi.identification.excitation import Excitation
 from armgpi.identification.text import say_findings, say_lag, say_residuals, tabulate
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot.robot import Robot
-from armgpi.robot.urdf_model import joined
+from armgpi.robot.urdf_model import join
 from armgpi.viz import page
 
 #: A pseudo-inertia whose least eigenvalue is below this share of its largest one is none.
@@ -180,7 +180,7 @@ def _with_inertials(content: bytes, bodies: Mapping[str, pin.Inertia], emptied: 
     edits = []
     for name, (start, end, there) in spans.items():
         if name in bodies:
-            written = _written(bodies[name])
+            written = _inertial_xml(bodies[name])
             edits.append((start, end, written if there else written + b"\n"))
         elif name in emptied and there:
             edits.append((start, end, b""))
@@ -189,13 +189,13 @@ def _with_inertials(content: bytes, bodies: Mapping[str, pin.Inertia], emptied: 
     return content
 
 
-def _written(body: pin.Inertia) -> bytes:
+def _inertial_xml(body: pin.Inertia) -> bytes:
     """Return an <inertial>."""
     m = body.inertia
     tensor = {"xx": m[0, 0], "xy": m[0, 1], "xz": m[0, 2], "yy": m[1, 1], "yz": m[1, 2], "zz": m[2, 2]}
     entries = " ".join(f'i{axes}="{float(value)!r}"' for axes, value in tensor.items())
     return (
-        f'<inertial><origin xyz="{joined(body.lever)}" rpy="0 0 0"/>'
+        f'<inertial><origin xyz="{join(body.lever)}" rpy="0 0 0"/>'
         f'<mass value="{float(body.mass)!r}"/><inertia {entries}/></inertial>'
     ).encode()
 

@@ -112,7 +112,7 @@ class ClosedLoop:
         shape = (robot.n,) if batch is None else (batch, robot.n)
         q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
         state = self.plant.init(q, v)
-        return LoopState(0, state, self.controller.init(self._seen(self.plant.measure(state)), target))
+        return LoopState(0, state, self.controller.init(self._measurement(self.plant.measure(state)), target))
 
     def targets(self, times: Array) -> Target:
         """Return the targets at some times [s], shape (k,): arrays (k, n) or (k, batch, n).
@@ -166,7 +166,7 @@ class ClosedLoop:
             "knows": self.controller.knows,
         }
 
-    def _seen(self, measured: FullState) -> Measurement | FullState:
+    def _measurement(self, measured: FullState) -> Measurement | FullState:
         """Return the part of a measurement that the controller is given."""
         return measured if self._measures_velocity else Measurement(measured.q)
 

@@ -327,7 +327,7 @@ def of_recorded(run: Recorded) -> dict[str, Array]:
     They are those of its dataset, which is made for metrics of rollouts alone.
     """
     recording, rows = run.recording, (len(run.recording.status), run.robot.n)
-    kept = recording.kept
+    kept = recording.kept_samples
     q, q_ref, tau = (recording.variables[name][:kept].reshape(-1, *rows) for name in _FOLDED)
     totals = fold(recording.times[:kept], q, q_ref, tau, run.robot.limits)
     found = of_totals(totals, recording.status == Status.DIVERGED)

@@ -22,7 +22,7 @@ from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.rollout import Recorded, Recording, Status, provenance, summary_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.loop.running import TOTALS, Running, Totals
-from armgpi.loop.variables import Variable, checked, rows_of, spread, variables, with_values
+from armgpi.loop.variables import Variable, check_values, rows_of, spread_rows, variables, with_values
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
 from armgpi.robot.robot import Robot
@@ -188,12 +188,12 @@ class PreparedLoop:
             LimitError: when the start or the reference is outside the plant's joint limits.
             KeyboardInterrupt: on Ctrl-C, unless `partial`.
         """
-        loop, run, made_from = self._ran(values or {}, seed, q0, v0, progress, partial)
+        loop, run, made_from = self._run_with(values or {}, seed, q0, v0, progress, partial)
         if self._metrics:
             return self._summary(loop, run, final, made_from)
-        return _recorded(loop, run.recording, made_from).dataset()
+        return _collect(loop, run.recording, made_from).dataset()
 
-    def recorded(self, progress: bool | None = False, partial: bool = False) -> Recorded:
+    def record(self, progress: bool | None = False, partial: bool = False) -> Recorded:
         """Run the loop as it was prepared, and return what it recorded without making a dataset of it.
 
         Args:
@@ -205,10 +205,10 @@ class PreparedLoop:
         """
         if self._metrics:
             raise ParameterError("record", "metrics", "all")
-        loop, run, made_from = self._ran({}, None, None, None, progress, partial)
-        return _recorded(loop, run.recording, made_from)
+        loop, run, made_from = self._run_with({}, None, None, None, progress, partial)
+        return _collect(loop, run.recording, made_from)
 
-    def _ran(
+    def _run_with(
         self,
         values: Mapping[str, Any],
         seed: Any,
@@ -226,7 +226,7 @@ class PreparedLoop:
             self._reference_checked |= loop.reference is self.loop.reference
         shape, every = loop.true_state(state).q.shape, self.steps if self._metrics else self._every
         recording = Recording.new(shape, self.steps, loop.dt, every)
-        run = self._finished(loop, state, recording, progress, partial)
+        run = self._run_to_end(loop, state, recording, progress, partial)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
         if self._supervised and self._metrics:
             recording.note_last(run.last, (min(run.done, self.steps) - 1) * loop.dt)
@@ -251,7 +251,7 @@ class PreparedLoop:
     def _with(self, values: Mapping[str, Any], seed: Any) -> ClosedLoop:
         """Return the loop with other numbers; itself without any."""
         check_type(values, "values", Mapping, "name -> value")
-        found = checked(self.parameters, values) if values else {}
+        found = check_values(self.parameters, values) if values else {}
         if seed is not None:
             seeds = {name: seed for name, each in self.parameters.items() if each.declared.kind == "seed"}
             found = {**seeds, **found}
@@ -260,10 +260,10 @@ class PreparedLoop:
         rows = rows_of(found)
         if rows is not None and rows == 1 and self.loop.batch is not None:
             rows = self.loop.batch
-        found = spread(found, rows)
+        found = spread_rows(found, rows)
         return with_values(self.loop, found, rows or self.loop.batch or 1)
 
-    def _finished(
+    def _run_to_end(
         self, loop: ClosedLoop, state: LoopState, recording: Recording, progress: bool | None, partial: bool
     ) -> Any:
         """Run a loop to its end, or until Ctrl-C where a part is wanted, and return what did it."""
@@ -277,7 +277,7 @@ class PreparedLoop:
         with np.errstate(all="ignore"), _progress_bar(steps, progress) as advance:
             try:
                 if (patience := self._patience(state, recording)) > _WORTH:
-                    run = self._compiled(run, loop, state, recording, running, patience)
+                    run = self._compile(run, loop, state, recording, running, patience)
                 drive(run, steps, advance)
             except KeyboardInterrupt:
                 if not partial:
@@ -298,7 +298,7 @@ class PreparedLoop:
         self._spent += self.steps * (_ARRAY * _leaves(state[1:]) + _NUMBER * math.prod(recording.shape))
         return self._spent
 
-    def _compiled(
+    def _compile(
         self,
         run: Runner,
         loop: ClosedLoop,
@@ -345,7 +345,7 @@ class PreparedLoop:
         return made
 
 
-def _recorded(loop: ClosedLoop, recording: Recording, made_from: Mapping[str, Any]) -> Recorded:
+def _collect(loop: ClosedLoop, recording: Recording, made_from: Mapping[str, Any]) -> Recorded:
     """Return what a run of a loop recorded."""
     described = {**loop.describe(), **made_from}
     return Recorded(recording, loop.plant.robot, loop.plant.disturbance(recording.times), described)

@@ -143,7 +143,7 @@ class Recording:
         return running
 
     @property
-    def kept(self) -> int:
+    def kept_samples(self) -> int:
         """How many samples are part of the rollouts: those of one that was interrupted end there."""
         interrupted = (self.status == Status.INTERRUPTED).any()
         return self.stored if interrupted else len(self.times)
@@ -263,7 +263,7 @@ class Recorded(NamedTuple):
         recording, robot, disturbance, made_from = self
         batched = len(recording.shape) == 2
         # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
-        stored = recording.kept
+        stored = recording.kept_samples
         dims = ("rollout", "time", "joint") if batched else ("time", "joint")
         variables: dict[str, Any] = {}
         # A run that was interrupted at once has no samples of what it would have recorded.

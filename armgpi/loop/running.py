@@ -159,13 +159,13 @@ class Running:
             *(k, weight, 1.0, later, e, np.abs(e), before["e"], q, q_ref, tau, before["tau"], self._limit)
         )
 
-        def added(total: Total, value: Any) -> Any:
+        def next_value(total: Total, value: Any) -> Any:
             if total.since is not None and not late:
                 return value
             after = total.fold.one(value, total.term(sample))
             return after if total.since is None else np.where(k > self.late + total.since, after, value)
 
-        return tuple(added(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
+        return tuple(next_value(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
 
     def add_all(self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums) -> Sums:
         """Return the totals with samples from number `first` on, the same as those of one after the other.

@@ -36,14 +36,14 @@ class Unit(NamedTuple):
         """
         names = ("m", "N", "s") if prismatic else ("rad", "N m", "s")
 
-        def raised(name: str, power: int) -> str:
+        def with_power(name: str, power: int) -> str:
             if power in (1, -1):
                 return name
             name = f"({name})" if " " in name else name
             return name + (f"^{abs(power)}" if ascii else str(abs(power)).translate(_SUPERSCRIPTS))
 
         above, below = (
-            [raised(name, power) for name, power in zip(names, self, strict=True) if sign * power > 0]
+            [with_power(name, power) for name, power in zip(names, self, strict=True) if sign * power > 0]
             for sign in (1, -1)
         )
         return "/".join([" ".join(above) or "1", *below]) if any(self) else ""

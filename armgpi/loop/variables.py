@@ -76,7 +76,7 @@ def with_values(loop: ClosedLoop, values: Mapping[str, Any], rows: int) -> Close
 
     Args:
         loop: the loop.
-        values: name -> value in the form that :func:`checked` gives.
+        values: name -> value in the form that :func:`check_values` gives.
         rows: number of rollouts, for what comes for all of them alone.
 
     Raises:
@@ -102,7 +102,7 @@ def with_values(loop: ClosedLoop, values: Mapping[str, Any], rows: int) -> Close
     return ClosedLoop(plant, controller, reference)
 
 
-def checked(known: Mapping[str, Variable], values: Mapping[str, Any]) -> dict[str, Any]:
+def check_values(known: Mapping[str, Variable], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values as constructors take them: numbers, and arrays with a row for each rollout.
 
     Args:
@@ -121,7 +121,7 @@ def checked(known: Mapping[str, Variable], values: Mapping[str, Any]) -> dict[st
             raise NameNotFound("parameter of this loop", name, tuple(known))
         if reason := known[name].fixed:
             raise ParameterError(name, value, f"left as it is: {reason}")
-        found[name] = _checked(known[name], value)
+        found[name] = _check_value(known[name], value)
     return found
 
 
@@ -146,7 +146,7 @@ def rows_of(values: Mapping[str, Any]) -> int | None:
     return rows[most]
 
 
-def spread(values: Mapping[str, Any], rows: int | None) -> dict[str, Any]:
+def spread_rows(values: Mapping[str, Any], rows: int | None) -> dict[str, Any]:
     """Return values with as many rows each as there are rollouts."""
 
     def whole(value: Any) -> Any:
@@ -159,7 +159,7 @@ def spread(values: Mapping[str, Any], rows: int | None) -> dict[str, Any]:
     return {name: whole(value) for name, value in values.items()}
 
 
-def _checked(variable: Variable, value: Any) -> Any:
+def _check_value(variable: Variable, value: Any) -> Any:
     """Return one value as constructors take it."""
     declared = variable.declared
     if declared.kind == "seed":
@@ -167,9 +167,9 @@ def _checked(variable: Variable, value: Any) -> Any:
     if declared.kind == "table":
         return _table(variable, value)
     if declared.kind == "text":
-        return declared.checked(value)
+        return declared.check_value(value)
     if declared.kind == "box" and isinstance(value, tuple):
-        return tuple(_checked(variable, end) for end in value)
+        return tuple(_check_value(variable, end) for end in value)
     if not is_listing(value):
         return value
     array = as_sized_array(np.asarray(value).astype(np.float64) if _whole(value) else value, variable.name)
@@ -211,16 +211,16 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
         friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]
         for name, declared in _FRICTION.items():
             yield Variable(f"plant.{name}", declared, getattr(friction, name))
-        yield from _declared("plant", plant)
+        yield from _declared_variables("plant", plant)
         for i, load in enumerate(plant.loads):
-            yield from _declared(f"plant.loads.{i}", load)
+            yield from _declared_variables(f"plant.loads.{i}", load)
     else:
         reason = f"{type(plant).__name__} is made for the robot that it has; RigidBodyPlant varies"
         for name, declared in {**_ROBOT, **_FRICTION}.items():
             yield Variable(f"plant.{name}", declared, None, reason)
 
 
-def _declared(place: str, part: Parametrised) -> Iterator[Variable]:
+def _declared_variables(place: str, part: Parametrised) -> Iterator[Variable]:
     """Yield the declared parameters of a part."""
     for name, declared in parameters(type(part)).items():
         yield _variable(f"{place}.{declared.key or name}", declared, part)

@@ -256,7 +256,7 @@ class ElasticPlant(Arm):
         k1, forces = stage(x, begin, _NONE, _NONE)
         k2, _ = stage(_ahead(x, h, k1), end, k1, forces)
         free = _ahead(_ahead(x, 1.5 * h, k1), 0.5 * h, k2)
-        return self._rubbed(free, inertia, h) if self._rubs else free
+        return self._apply_friction(free, inertia, h) if self._rubs else free
 
     def _links(self, inertia: Array, rotor: Array, tied: Array) -> Array:
         """Return the inertia of links that `tied` holds to `rotor`; `inertia` has the rotors themselves."""
@@ -264,13 +264,13 @@ class ElasticPlant(Arm):
         matrix[..., diagonal, diagonal] += tied * rotor / (rotor + tied) - self._rotor
         return matrix
 
-    def _rubbed(self, free: _Motion, inertia: Array, h: float) -> _Motion:
+    def _apply_friction(self, free: _Motion, inertia: Array, h: float) -> _Motion:
         """Return what friction of links and motors together leaves of a step without."""
         n, rotor = self.robot.n, self._rotor
         tied = h * (0.5 * h * self.gear_stiffness + self.gear_damping)
         v_free = np.concatenate([free.v, free.omega], axis=-1)
 
-        def braked(resistance: Array, push: Array) -> Array:
+        def brake(resistance: Array, push: Array) -> Array:
             """Return velocities of links and motors; the motors' equations are eliminated."""
             impulse = -h * (resistance * v_free + push)
             heavier = rotor + h * resistance[..., n:]
@@ -282,7 +282,7 @@ class ElasticPlant(Arm):
             both: Array = v_free + np.concatenate([dv, domega], axis=-1)
             return both
 
-        left = after_friction(braked, v_free, self._friction_of_both, STICK_VELOCITY, self._sticks)
+        left = after_friction(brake, v_free, self._friction_of_both, STICK_VELOCITY, self._sticks)
         change = left - v_free
         dv, domega = change[..., :n], change[..., n:]
         half = 0.5 * h

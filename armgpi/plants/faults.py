@@ -71,9 +71,9 @@ class SensorFault(StatefulWrapper):
     def follow(self, plant: Any, own: Broken, dt: float) -> Broken:
         """Return what is measured, good or not."""
         good, truth = self.plant.measure(plant), self.plant.true_state(plant)
-        begun = _begun(truth, self.onset, dt)
+        begun = _has_begun(truth, self.onset, dt)
         last = np.where(begun > 0.0, own.last, good.q)
-        failing = begun > _begun(truth, self.end, dt)
+        failing = begun > _has_begun(truth, self.end, dt)
         q = last + self.gain * (good.q - last) + self.offset
         q, v = (np.where(self.lost > 0.5, math.nan, x) for x in (q, self.gain * good.v))
         return Broken(last, FullState(np.where(failing, q, good.q), np.where(failing, v, good.v)))
@@ -113,10 +113,10 @@ class MotorFault(Wrapper):
     def step(self, tau: Array, state: Any, dt: float) -> Any:
         """Return the next state under what the motors give; see :meth:`Plant.step`."""
         truth = self.plant.true_state(state)
-        failing = _begun(truth, self.onset, dt) > _begun(truth, self.end, dt)
+        failing = _has_begun(truth, self.onset, dt) > _has_begun(truth, self.end, dt)
         return self.plant.step(np.where(failing, self.gain, 1.0) * tau, state, dt)
 
 
-def _begun(truth: PlantState, time: Any, dt: float) -> Array:
+def _has_begun(truth: PlantState, time: Any, dt: float) -> Array:
     """Return 1 from a time on, else 0, of the shape of a position; half a sample is for rounding."""
     return np.where(truth.k * dt + np.zeros_like(truth.q) >= time - 0.5 * dt, 1.0, 0.0)

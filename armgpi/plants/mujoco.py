@@ -92,7 +92,7 @@ class MuJoCoPlant(Arm):
         robots = [robot] * rows if isinstance(robot, Robot) else robot.robots
         made = {id(each): _Compiled(each, self, folders) for each in robots}  # each of them once
         compiled = [made[id(each)] for each in robots]
-        self.models = [self._finished(each, row) for row, each in enumerate(compiled)]
+        self.models = [self._set_friction(each, row) for row, each in enumerate(compiled)]
         self.differences = tuple(dict.fromkeys((*compiled[0].differences, *self._differences())))
         self._memory = _Memory(self.models, self.robot.joint_names, self.integrator)
 
@@ -114,7 +114,7 @@ class MuJoCoPlant(Arm):
             "differences": list(self.differences),
         }
 
-    def _finished(self, compiled: _Compiled, row: int) -> Any:
+    def _set_friction(self, compiled: _Compiled, row: int) -> Any:
         """Return a compiled model with the friction of its row."""
         if self.friction is None:
             return compiled.model

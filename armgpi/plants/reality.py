@@ -489,7 +489,7 @@ class Reality(Parametrised):
         drawn, scale = self.numbers(robot.n, index), scales(robot)
         model, arm, friction, gears = robot, robot, None, None
         if self.name in _SCATTERED:
-            robot = self._known(robot, drawn)
+            robot = self._with_known_drives(robot, drawn)
             rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
             arm = robot.with_armature(drawn.rotor_inertia * rotor)
             model = arm if self.name == "elastic" else robot
@@ -517,7 +517,7 @@ class Reality(Parametrised):
         """Return rotor inertia in shares of the arm's own [kg m^2 or kg], (n,)."""
         return np.asarray(self.rotor_share * scale.inertia + self.rotor_least * scale.inertia.max())
 
-    def _known(self, robot: Robot, drawn: Numbers) -> Robot:
+    def _with_known_drives(self, robot: Robot, drawn: Numbers) -> Robot:
         """Return an arm with what is known of it in every draw: believed drives, and the encoders' side."""
         robot = rotors.believe_drives(robot)
         if self.name != "elastic":
@@ -584,7 +584,7 @@ def together(draws: Sequence[Draw]) -> Together:
         raise ParameterError("draws", len(draws), "draws of the same sample time, delay and length")
     first = draws[0]
     arm, model, nominal = _robots(draws)
-    step = Step(_stacked(draws, "torque_step"), *first.step_time)
+    step = Step(_stack_draws(draws, "torque_step"), *first.step_time)
     friction = None
     if first.friction is not None:
         friction = Friction(*(_rows([x.friction[i] for x in draws if x.friction]) for i in range(2)))
@@ -600,7 +600,7 @@ def together(draws: Sequence[Draw]) -> Together:
             current_bandwidth=_rows([gears.current for gears in every]),
             cogging=_rows([gears.cogging for gears in every]),
         )
-    plant: Plant = Saturated(inner, _stacked(draws, "effort"))
+    plant: Plant = Saturated(inner, _stack_draws(draws, "effort"))
     bits: Any = first.encoder_bits
     if len(draws) > 1:
         bits = np.array([[float(draw.encoder_bits)] for draw in draws])
@@ -652,9 +652,9 @@ def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
     if len(draws) == 1:
         return first.arm, first.model, first.nominal
 
-    def varied(name: str, **more: Any) -> AnyRobot:
+    def vary(name: str, **more: Any) -> AnyRobot:
         robots = [getattr(draw, name) for draw in draws]
-        if name == "arm" or not rotors.believed(first.model):  # what is believed stays so
+        if name == "arm" or not rotors.believed_joints(first.model):  # what is believed stays so
             more["rotor_inertia"] = np.stack([robot.armature for robot in robots])
         return first.robot.varied(effort=np.stack([robot.limits.effort for robot in robots]), **more)
 
@@ -662,11 +662,11 @@ def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
     payload = np.array([draw.numbers.payload * mass for draw in draws])
     com = np.stack([draw.numbers.payload_place for draw in draws])
     scale = np.array([draw.numbers.inertia_scale for draw in draws])
-    arm = varied("arm", payload=payload, com=com)
-    return arm, varied("model"), varied("nominal", inertia_scale=scale)
+    arm = vary("arm", payload=payload, com=com)
+    return arm, vary("model"), vary("nominal", inertia_scale=scale)
 
 
-def _stacked(draws: Sequence[Draw], name: str) -> Array:
+def _stack_draws(draws: Sequence[Draw], name: str) -> Array:
     """Return an array of each draw, (n,) or (batch, n)."""
     return _rows([getattr(draw, name) for draw in draws])
 

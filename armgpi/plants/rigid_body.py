@@ -114,13 +114,13 @@ class RigidBodyPlant(Arm):
         momentum = np.matmul(inertia, v_free[..., None])
         diagonal = np.arange(v_free.shape[-1])
 
-        def braked(resistance: Array, push: Array) -> Array:
+        def brake(resistance: Array, push: Array) -> Array:
             """Solve (D + h diag(resistance)) v = D v_free - h push."""
             matrix = inertia.copy()
             matrix[..., diagonal, diagonal] += h * resistance
             return solve(matrix, momentum - h * push[..., None])
 
-        new = after_friction(braked, v_free, self.friction, self.stick_velocity, self._sticks)
+        new = after_friction(brake, v_free, self.friction, self.stick_velocity, self._sticks)
         return q_free + 0.5 * h * (new - v_free), new
 
 

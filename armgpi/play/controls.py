@@ -16,7 +16,7 @@ from armgpi.config.schema import KINDS, ExperimentConfig
 from armgpi.parameter import Parameter, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Wrapper
-from armgpi.registry import registered
+from armgpi.registry import classes_of
 from armgpi.robot.robot import Robot
 
 #: A way to a key of an experiment file.
@@ -40,7 +40,7 @@ _SIBLINGS = ("gpi", "network")
 PUSHES, PUSH = 3, 0.2
 
 
-def dotted(path: Path) -> str:
+def dotted_path(path: Path) -> str:
     """Return a path with dots."""
     return ".".join(map(str, path))
 
@@ -81,7 +81,7 @@ class Control(NamedTuple):
     @property
     def id(self) -> str:
         """Its path with dots."""
-        return dotted(self.path)
+        return dotted_path(self.path)
 
     def put(self, config: dict[str, Any], value: Any) -> None:
         """Put a value into an experiment as plain data."""
@@ -114,7 +114,7 @@ class Choice(NamedTuple):
     @property
     def id(self) -> str:
         """Its path with dots."""
-        return dotted(self.path)
+        return dotted_path(self.path)
 
 
 class Playable(NamedTuple):
@@ -151,7 +151,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     for key, values in _FORMS.items():
         having = tuple(name for name, section in sections.items() if key in section)
         if having and key in own:
-            declared, place = _declared(having[0])[key], ("controllers", 0, key)
+            declared, place = _declared_parameters(having[0])[key], ("controllers", 0, key)
             every = tuple(dict.fromkeys((*values, own[key])))
             text = declared.short or declared.text
             choices.append(Choice(place, key.replace("_", " "), text, every, own[key], having))
@@ -178,7 +178,7 @@ def siblings(kind: str) -> tuple[str, ...]:
     return tuple(name for name in _SIBLINGS if name != kind) if kind in _SIBLINGS else ()
 
 
-def _declared(kind: str) -> dict[str, Parameter]:
+def _declared_parameters(kind: str) -> dict[str, Parameter]:
     """Return the parameters of a kind of controller by their keys in a file."""
     return {each.key or name: each for name, each in KINDS[kind].parameters.items()}
 
@@ -206,9 +206,9 @@ def _slider(path: Path, declared: Parameter, value: Any, label: str, group: str)
 
 def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[Control]:
     """Yield the controls of the controllers, those of one parameter one after the other."""
-    keys = dict.fromkeys(key for kind in sections for key in _declared(kind))
+    keys = dict.fromkeys(key for kind in sections for key in _declared_parameters(kind))
     for key, kind in itertools.product(keys, sections):
-        declared = _declared(kind).get(key)
+        declared = _declared_parameters(kind).get(key)
         if declared is not None and declared.varies and declared.kind in ("number", "integer", "box"):
             yield from _declared_slider(kind, key, declared, sections[kind][key])
     yield from _nominal(sections, robot)
@@ -245,7 +245,7 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
         stops=scales,
         values=scales,
         value=one["inertia_scale"],
-        excludes=dotted(loaded),
+        excludes=dotted_path(loaded),
     )
     if all("payload_range" in section for section in sections.values()):
         given = one["payload_range"] or {"lightest": 0.0, "heaviest": 0.0, "frame": None, "com": [0.0] * 3}
@@ -261,7 +261,7 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
             value=given["heaviest"],
             whole={key: value for key, value in given.items() if key != "heaviest"},
             arm="nominal",
-            excludes=dotted(scale),
+            excludes=dotted_path(scale),
         )
 
 
@@ -293,10 +293,10 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     yield _rotors(plant["rotor_inertia"], robot)
     yield from _friction(config, robot)
     numbers = {}
-    if plant["engine"] in registered(Arm):
-        known = parameters(registered(Arm)[plant["engine"]])
+    if plant["engine"] in classes_of(Arm):
+        known = parameters(classes_of(Arm)[plant["engine"]])
         numbers = {each.key or name: each for name, each in known.items() if each.in_file}
-    for name, wrapper in sorted(registered(Wrapper).items(), key=lambda item: -item[1].order):
+    for name, wrapper in sorted(classes_of(Wrapper).items(), key=lambda item: -item[1].order):
         own = [each for each in parameters(wrapper).values() if each.in_file]
         if len(own) == 1:
             numbers[name] = own[0]
@@ -314,7 +314,7 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
 def _rotors(given: Any, robot: Robot) -> Control:
     """Return the control of the plant's rotor inertia."""
     inertia = np.diag(robot.mass_matrix(robot.middle()))
-    lists = [None, *(_rounded(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:])]
+    lists = [None, *(_round_values(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:])]
     stops: tuple[float | None, ...] = _ROTORS
     if given is not None:
         stops, lists = (*stops, None), [*lists, given]
@@ -336,7 +336,7 @@ def _friction(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     efforts = _efforts(robot)
     for key, shares, unit in (("coulomb", _COULOMB, "%"), ("viscous", _VISCOUS, "% s/rad")):
         own = config["robot"]["friction"][key]
-        values = [_rounded(0.01 * share * efforts) for share in shares]
+        values = [_round_values(0.01 * share * efforts) for share in shares]
         stops: tuple[float | None, ...] = shares
         if own not in values:
             stops, values = (*stops, None), [*values, own]
@@ -438,8 +438,8 @@ def _frictions(robot: Robot) -> dict[str, Any]:
     viscous, coulomb = robot.friction
     efforts = _efforts(robot)
     return {
-        "viscous": viscous.tolist() if viscous.any() else _rounded(0.01 * _VISCOUS[1] * efforts),
-        "coulomb": coulomb.tolist() if coulomb.any() else _rounded(0.01 * _COULOMB[3] * efforts),
+        "viscous": viscous.tolist() if viscous.any() else _round_values(0.01 * _VISCOUS[1] * efforts),
+        "coulomb": coulomb.tolist() if coulomb.any() else _round_values(0.01 * _COULOMB[3] * efforts),
     }
 
 
@@ -448,7 +448,7 @@ def _few(x: float) -> float:
     return float(f"{x:.3g}")
 
 
-def _rounded(values: Sequence[float] | Any) -> list[float]:
+def _round_values(values: Sequence[float] | Any) -> list[float]:
     """Return numbers of three digits."""
     return [_few(float(x)) for x in values]
 

@@ -33,7 +33,7 @@ EXACT = 2.0**-500
 def movable(loop: ClosedLoop) -> ClosedLoop:
     """Return a loop of which everything that a page moves is a number; its results have the same bits."""
     made = copy.copy(loop)
-    made.plant = _sensed(loop.plant)
+    made.plant = _add_sensors(loop.plant)
     made.controller = controller = copy.copy(loop.controller)
     # The nominal model for inertia and the one for what is fed forward; one may carry a load that the other
     # does not, and then they are two.
@@ -45,13 +45,13 @@ def movable(loop: ClosedLoop) -> ClosedLoop:
         if not isinstance(dynamics, ScaledDynamics):
             dynamics = ScaledDynamics(dynamics, 1.0)
         scaled = ScaledDynamics(dynamics.base, np.array(dynamics.scale))
-        object.__setattr__(controller, name, robot._replaced(dynamics=scaled))
+        object.__setattr__(controller, name, robot._with_attributes(dynamics=scaled))
         if hasattr(controller, own):
             object.__setattr__(controller, own, scaled)
     return made
 
 
-def _sensed(plant: Plant) -> Plant:
+def _add_sensors(plant: Plant) -> Plant:
     """Return a plant with a delay and drop-outs that are numbers."""
     late, lost, seed = 0, 0.0, 0
     chain: list[Wrapper] = []
@@ -140,37 +140,37 @@ class _Taped:
     def __init__(self, steps: list[Any]) -> None:
         self.steps = steps
 
-    def _noted(self, operation: str, a: Any, b: Any) -> _Taped:
+    def _note(self, operation: str, a: Any, b: Any) -> _Taped:
         made = _Taped(self.steps)
         self.steps.append((operation, a, b, made))
         return made
 
     def __add__(self, other: Any) -> _Taped:
-        return self._noted("+", self, other)
+        return self._note("+", self, other)
 
     def __radd__(self, other: Any) -> _Taped:
-        return self._noted("+", other, self)
+        return self._note("+", other, self)
 
     def __sub__(self, other: Any) -> _Taped:
-        return self._noted("-", self, other)
+        return self._note("-", self, other)
 
     def __rsub__(self, other: Any) -> _Taped:
-        return self._noted("-", other, self)
+        return self._note("-", other, self)
 
     def __mul__(self, other: Any) -> _Taped:
-        return self._noted("*", self, other)
+        return self._note("*", self, other)
 
     def __rmul__(self, other: Any) -> _Taped:
-        return self._noted("*", other, self)
+        return self._note("*", other, self)
 
     def __truediv__(self, other: Any) -> _Taped:
-        return self._noted("/", self, other)
+        return self._note("/", self, other)
 
     def __rtruediv__(self, other: Any) -> _Taped:
-        return self._noted("/", other, self)
+        return self._note("/", other, self)
 
     def __neg__(self) -> _Taped:
-        return self._noted("*", -1.0, self)
+        return self._note("*", -1.0, self)
 
 
 def _tape(loop: ClosedLoop, where: dict[int, range]) -> Tape | None:
@@ -181,7 +181,7 @@ def _tape(loop: ClosedLoop, where: dict[int, range]) -> Tape | None:
     steps: list[Any] = []
     given: list[tuple[int, _Taped]] = []
 
-    def taped(values: Any) -> Any:
+    def tape(values: Any) -> Any:
         """Return an array of numbers that note what is done with them."""
         if not isinstance(values, np.ndarray):
             return values
@@ -191,9 +191,9 @@ def _tape(loop: ClosedLoop, where: dict[int, range]) -> Tape | None:
 
     law: Any = copy.copy(controller._law)
     if (member := getattr(law, "member", None)) is not None:
-        ratios = {name: taped(value) for name, value in vars(member).items() if isinstance(value, np.ndarray)}
+        ratios = {name: tape(value) for name, value in vars(member).items() if isinstance(value, np.ndarray)}
         law.member = _with(member, **ratios)
-    found = law.coefficients(Tuning(*map(taped, controller.gains.nominal())), controller.dt)
+    found = law.coefficients(Tuning(*map(tape, controller.gains.nominal())), controller.dt)
     operands = (x for step in steps for x in step[1:3] if not isinstance(x, _Taped))
     constants = list(dict.fromkeys(map(float, operands)))
     first = len(given)

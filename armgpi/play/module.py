@@ -78,7 +78,7 @@ def compiler() -> tuple[str, ...]:
     )
 
 
-def compiled(code: str, exports: Sequence[str]) -> bytes:
+def compile_wasm(code: str, exports: Sequence[str]) -> bytes:
     """Return WebAssembly for C.
 
     Args:
@@ -93,5 +93,5 @@ def compiled(code: str, exports: Sequence[str]) -> bytes:
         before, after = Path(folder, "loop.c"), Path(folder, "loop.wasm")
         before.write_text(code, encoding="utf-8")
         exported = (f"-Wl,--export={name}" for name in exports)
-        build.translated(called, [*_FLAGS, *exported, "-o", str(after), str(before)], after, _PATIENCE)
+        build.run_compiler(called, [*_FLAGS, *exported, "-o", str(after), str(before)], after, _PATIENCE)
         return after.read_bytes()

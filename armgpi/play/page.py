@@ -21,7 +21,7 @@ from armgpi.escape import json_data
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.play import module
-from armgpi.play.controls import Control, Playable, dotted, plain, playable, siblings
+from armgpi.play.controls import Control, Playable, dotted_path, plain, playable, siblings
 from armgpi.play.variant import Pool, Variant, trace_form
 from armgpi.robot.markup import read_file
 from armgpi.viz import page, scene, style
@@ -72,7 +72,7 @@ def build(
         MissingPackage: when trimesh is not installed.
     """
     label = next(iter(experiment.controllers)) if label is None else label
-    found = made(experiment, label, progress)
+    found = build_module(experiment, label, progress)
     arm = scene.build(experiment.robot, frame)
     arrays = page.Arrays()
     data = {"arm": page.arm_data(arm, arrays), "clip": None, "play": _data(found, experiment, arrays)}
@@ -167,7 +167,7 @@ def _defaults(moved: Playable) -> dict[str, Any]:
     }
 
 
-def made(experiment: Experiment, label: str, progress: Progress = lambda *_: None) -> Module:
+def build_module(experiment: Experiment, label: str, progress: Progress = lambda *_: None) -> Module:
     """Return all forms of an experiment's loop as WebAssembly.
 
     Args:
@@ -192,13 +192,13 @@ def made(experiment: Experiment, label: str, progress: Progress = lambda *_: Non
         variants = []
         for i, form in enumerate(forms):
             progress("tracing", i / (len(forms) + 2))
-            config = composed(moved, form)
+            config = compose_config(moved, form)
             try:
                 variants.append(trace_form(form, config, _belonging(moved, form), makers.loop, pool))
             except NotElementwise as error:
                 raise BackendError(f"this loop has no generated code: {error}") from None
     progress("compiling", len(forms) / (len(forms) + 2))
-    code = module.compiled(module.text(variants, pool), [f"run_{i}" for i in range(len(variants))])
+    code = module.compile_wasm(module.text(variants, pool), [f"run_{i}" for i in range(len(variants))])
     return Module(moved, variants, code)
 
 
@@ -207,7 +207,7 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
 
     def serves(control: Control, mass: float) -> bool:
         for form in forms:
-            config = composed(moved, form)
+            config = compose_config(moved, form)
             control.put(config, mass)
             try:
                 makers.loop(config)
@@ -229,7 +229,7 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
     return moved._replace(controls=tuple(controls))
 
 
-def composed(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
+def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
     """Return the experiment of a form, as plain data, as it is traced.
 
     The plant has a load and the nominal model none, so that their equations of motion are two.
@@ -257,7 +257,7 @@ def _belonging(moved: Playable, form: dict[str, Any]) -> list[Control]:
     return [
         control
         for control in moved.controls
-        if control.only is None or form.get(dotted(control.only[0])) == control.only[1]
+        if control.only is None or form.get(dotted_path(control.only[0])) == control.only[1]
     ]
 
 

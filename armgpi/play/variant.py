@@ -193,7 +193,7 @@ class _Prober:
         unmoved, together = [], []
         arms = self._arms()
         for name, control in self.controls.items():
-            changed = self._changed(control)
+            changed = self._changed_numbers(control)
             if not control.arm and not any(changed.values()):
                 unmoved.append(name)
             if rest := self._moves(control, "shared", changed["shared"], moves):
@@ -208,7 +208,7 @@ class _Prober:
                 # The start of an arm with a state of its own depends on more than a table can hold.
                 group.remove(most := max(group, key=lambda name: len(self.controls[name].values)))
                 unmoved += [most] if most not in unmoved else []
-            changes = (self._changed(self.controls[name])["start"] for name in group)
+            changes = (self._changed_numbers(self.controls[name])["start"] for name in group)
             places = sorted(set(itertools.chain(*changes)))
             same = {key: value for key, value in self.form.items() if key != "plant.friction"}
             key = repr((same, group, places))
@@ -238,7 +238,7 @@ class _Prober:
 
     def _loop(self, moved: Mapping[str, Any]) -> ClosedLoop:
         """Return the loop with some controls moved."""
-        config = _copied(self.config)
+        config = _copy_data(self.config)
         for name, value in moved.items():
             self.controls[name].put(config, value)
         return movable(self.make(config))
@@ -253,7 +253,7 @@ class _Prober:
             self._known[key] = found
         return self._known[key]
 
-    def _changed(self, control: Control) -> dict[str, list[int]]:
+    def _changed_numbers(self, control: Control) -> dict[str, list[int]]:
         """Return which numbers a control changes."""
         changed = {to: np.zeros_like(flags) for to, flags in self._matters.items()}
         for value in self._probes(control):
@@ -321,7 +321,7 @@ class _Prober:
         moved = {**moved, "plant.encoder_bits": 16} if exact else moved
         found: Array = getattr(self._numbers(moved), to).copy()
         if exact:
-            found[self._changed(self.controls["plant.encoder_bits"])[to]] = EXACT
+            found[self._changed_numbers(self.controls["plant.encoder_bits"])[to]] = EXACT
         return found
 
     def _loop_start(self, moved: Mapping[str, Any]) -> Array:
@@ -367,8 +367,8 @@ def _way(probes: list[tuple[Array, float]], constants: list[float]) -> tuple[int
     return None
 
 
-def _copied(config: Any) -> Any:
+def _copy_data(config: Any) -> Any:
     """Return a copy of plain data."""
     if isinstance(config, dict):
-        return {key: _copied(value) for key, value in config.items()}
-    return [_copied(value) for value in config] if isinstance(config, list) else config
+        return {key: _copy_data(value) for key, value in config.items()}
+    return [_copy_data(value) for value in config] if isinstance(config, list) else config

@@ -10,7 +10,7 @@ from armgpi.arrays import Array
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.supervisor import FaultReport, Reason, State, Supervised, Supervisor
 from armgpi.export.controller import ExportedController
-from armgpi.export.targets import compensated
+from armgpi.export.targets import compensates_gravity
 from armgpi.loop.log import INPUTS, Event, LogWriter
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.plant import Plant
@@ -87,7 +87,7 @@ class ArmEnd:
         self.guide = guide
         # A robot that carries its weight by itself reports that all the same.
         arm: Any = plant.robot
-        reports = guide is not None and compensated(arm)
+        reports = guide is not None and compensates_gravity(arm)
         self._weight = arm.with_gravity(UPRIGHT) if reports else None
         self.plant, self.model, self.dt, self.watchdog = plant, model, dt, watchdog
         self.velocity = velocity
@@ -119,7 +119,7 @@ class ArmEnd:
             self.fired.append(self.k)
         tau = self._alone() if self.silent >= self.watchdog.samples else self.command
         if self.guide is not None:
-            tau = self._guided(self.guide)
+            tau = self._guide_torque(self.guide)
         self.state = self.plant.step(tau, self.state, self.dt)
         self.applied = np.asarray(tau)
         if self._weight is not None:
@@ -127,7 +127,7 @@ class ArmEnd:
         self.k += 1
         return tau
 
-    def _guided(self, guide: Reference) -> Array:
+    def _guide_torque(self, guide: Reference) -> Array:
         """Return the torque of who moves the arm in a dry run: what was answered is not sent."""
         truth, wanted = self.plant.true_state(self.state), guide.at(self.k * self.dt)
         a = wanted.a + 2.0 * _GUIDED * (wanted.v - truth.v) + _GUIDED**2 * (wanted.q - truth.q)
@@ -193,7 +193,7 @@ class ControllerEnd:
             return self._answer
         if sample.number < self.number:
             return None
-        measured = self._measured(sample.values)
+        measured = self._measurement(sample.values)
         target = self._target(sample.number, measured.q)
         if self.state is None:
             self.state = self.controller.init(measured, target)
@@ -230,13 +230,13 @@ class ControllerEnd:
         """What the supervisor says; None before the first sample."""
         return None if self.state is None else self.controller.report(self.state)
 
-    def _measured(self, values: Array) -> Measurement | FullState:
+    def _measurement(self, values: Array) -> Measurement | FullState:
         if self.controller.measurement_type is FullState:
             return FullState(values[0], values[1])
         return Measurement(values)
 
 
-def supervised(
+def supervise(
     controller: Controller, supervisor: Supervisor | None, exported: bool
 ) -> Supervised | ExportedController:
     """Return a controller under a supervisor, as exported C where that is wanted.

@@ -12,7 +12,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.control.supervisor import Reason
 from armgpi.errors import ArmgpiError, MissingPackage, ParameterError, RolloutError, UnfitLog
-from armgpi.export.targets import compensated
+from armgpi.export.targets import compensates_gravity
 from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
 from armgpi.realtime.ends import UPRIGHT
@@ -144,7 +144,7 @@ def _judge_stage(
     """Return what is wrong in the log of a stage, and what it has tested: question -> joints."""
     experiment = folder.experiment(stage)
     robot: Any = experiment.robot
-    upright = robot.with_gravity(UPRIGHT) if compensated(robot) else robot
+    upright = robot.with_gravity(UPRIGHT) if compensates_gravity(robot) else robot
     seen = _arrays(log, robot)
     tested: dict[str, tuple[str, ...]] = {}
     findings = list(_of_samples(log, stage))
@@ -155,14 +155,14 @@ def _judge_stage(
         if not findings:
             findings += _of_weight(seen, upright, tested)
         if seen.reason and not findings:
-            findings.append(_stopped(seen))
+            findings.append(_stop_finding(seen))
     elif stage.kind in CAPS:
         findings += _of_echo(seen, robot, tested)
         findings += _of_stage(seen, stage, robot, upright, tested) if not findings else []
         if stage.kind == "excite" and not findings:
             findings += _of_identification(log, robot, experiment, tested)
     elif seen.reason:
-        findings += [_stopped(seen)]
+        findings += [_stop_finding(seen)]
     if stage.kind in ("slow", "full") and not findings:
         tested["whole arm"] = ("",)
     return findings, tested
@@ -195,7 +195,7 @@ def _of_samples(log: ArmLog, stage: Stage) -> Iterator[Finding]:
         )
 
 
-def _stopped(seen: _Seen) -> Finding:
+def _stop_finding(seen: _Seen) -> Finding:
     """Return that the supervisor stopped a stage for a reason of its own."""
     reason, joint = Reason(seen.reason).name, seen.names[seen.joint]
     said = f"stopped at {seen.t[seen.faulty]:.3g} s: {reason}"
@@ -340,7 +340,7 @@ def _of_stage(
         tested["mounting"] = seen.names
     for question in ("command order", "command sign"):
         tested[question] = stage.joints
-    if not compensated(robot):  # its torque carries the arm
+    if not compensates_gravity(robot):  # its torque carries the arm
         heavy = np.abs(np.median(seen.tau[end], axis=0)) > 2.0 * allowed
         tested["command unit"] = tuple(name for name, known in zip(seen.names, heavy, strict=True) if known)
     elif np.isfinite(seen.applied).all():
@@ -385,7 +385,7 @@ def _of_identification(
     """Find what the identified arm tells: lag, and torque over what the file expects."""
     from armgpi.identification.arm import identify
 
-    weighs = not compensated(robot)
+    weighs = not compensates_gravity(robot)
     try:
         found = identify([log], robot, gravity=weighs)
     except UnfitLog as error:

@@ -107,7 +107,7 @@ class Outcome(NamedTuple):
 
     def _repr_html_(self) -> str:
         """Return how the two kept up as a table, for notebooks."""
-        lateness = _spread(self.lateness) or {}
+        lateness = _quantiles(self.lateness) or {}
         rows = [
             ("samples", len(self.answered)),
             ("without a torque in time", self.missed),
@@ -131,8 +131,8 @@ class Outcome(NamedTuple):
             "filled": self.filled,
             "supervisor": None if self.fault is None else self.fault._asdict(),
             "watchdog": {"fired": self.fired, "latched": self.latched, "travel": self.travel},
-            "lateness_us": _spread(self.lateness),
-            "controller_us": _spread(self.steps),
+            "lateness_us": _quantiles(self.lateness),
+            "controller_us": _quantiles(self.steps),
             "histogram": {"edges_us": list(EDGES), "counts": histogram(self.lateness)},
             "error": _errors(self.rollout),
         }
@@ -176,7 +176,7 @@ def _errors(rollout: xr.Dataset) -> dict[str, float]:
     return {"peak": float(error.max()), "rms": float(np.sqrt((error**2).mean(axis=0)).max())}
 
 
-def _spread(times: Array) -> dict[str, float] | None:
+def _quantiles(times: Array) -> dict[str, float] | None:
     """Return quantiles [us]; None where nothing was measured."""
     times = times[np.isfinite(times)] * 1e6
     if not times.size:

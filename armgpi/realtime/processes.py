@@ -25,7 +25,7 @@ from armgpi.control.supervisor import FaultReport
 from armgpi.errors import ArmgpiError, BackendError
 from armgpi.loop.log import ArmLog
 from armgpi.realtime.datagram import END, LONGEST, TORQUE, Datagram, unpack
-from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervised
+from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervise
 from armgpi.realtime.injected import Schedule
 from armgpi.realtime.outcome import Samples, histogram
 
@@ -91,7 +91,7 @@ def wall(
             pipe[1].close()
         address = _expect(to_controller, children[0], "ready")
         to_arm.send((address, children[0].pid))
-        return _finished(to_arm, to_controller, children, watch)
+        return _await_end(to_arm, to_controller, children, watch)
     finally:
         for child in children:
             if child.pid is not None:
@@ -110,7 +110,7 @@ def _start(child: Any) -> None:
         ) from None
 
 
-def _finished(
+def _await_end(
     to_arm: Connection,
     to_controller: Connection,
     children: list[Any],
@@ -300,7 +300,7 @@ def _controller_process(
     """Be the controller."""
     _leave_signals()
     try:
-        controller: Any = supervised(law, supervisor, exported)
+        controller: Any = supervise(law, supervisor, exported)
         # What is made at its first use is made now.
         zero = np.zeros_like(q)
         measured = FullState(q, zero) if controller.measurement_type is FullState else Measurement(q)

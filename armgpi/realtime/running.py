@@ -17,7 +17,7 @@ from armgpi.loop.prepared import whole_steps
 from armgpi.plants.plant import Plant
 from armgpi.realtime import processes
 from armgpi.realtime.datagram import unpack
-from armgpi.realtime.ends import ArmEnd, ControllerEnd, Watchdog, supervised
+from armgpi.realtime.ends import ArmEnd, ControllerEnd, Watchdog, supervise
 from armgpi.realtime.injected import Injected, Schedule
 from armgpi.realtime.outcome import Outcome, Samples, collect
 from armgpi.references.reference import Reference
@@ -90,8 +90,8 @@ def run(
         control = (controller, reference, supervisor, exported, truth.q, dry_run)
         taken = processes.wall(arm, control, schedule, policy, watch)
     else:
-        end = ControllerEnd(supervised(controller, supervisor, exported), reference, steps, dry_run)
-        taken = _simulated(arm(), end, schedule)
+        end = ControllerEnd(supervise(controller, supervisor, exported), reference, steps, dry_run)
+        taken = _simulate(arm(), end, schedule)
     made_from = {"clock": clock, "injected": injected.describe(), "exported": exported, "dry_run": dry_run}
     described = {**loop.describe(), "t_final": steps * loop.dt, "backend": f"two ends, {clock} clock"}
     rollout = collect(taken.samples, plant, reference, loop.dt, described | made_from)
@@ -111,7 +111,7 @@ def run(
     )
 
 
-def _simulated(arm: ArmEnd, end: ControllerEnd, schedule: Schedule) -> processes.Taken:
+def _simulate(arm: ArmEnd, end: ControllerEnd, schedule: Schedule) -> processes.Taken:
     """Run both ends in turn; what they say goes through datagrams all the same."""
     steps, n = len(schedule.lost), len(arm.command)
     samples = Samples(steps, n)

@@ -44,10 +44,10 @@ class Track:
         """
         self.inverse = inverse
         self._path = path
-        self._home = self._scouted(inverse.candidates(path.at(np.zeros(1)).x[0]))
+        self._home = self._scout(inverse.candidates(path.at(np.zeros(1)).x[0]))
         self._nodes = self._with_rates(0, self._home[None])
 
-    def _scouted(self, q: Array) -> Array:
+    def _scout(self, q: Array) -> Array:
         """Return the starting configuration, of several, that follows the path the longest.
 
         All of them go ahead together, with large steps. On ends where one leaves the limits or the path.
@@ -121,7 +121,7 @@ class Track:
         for parts in (1, _PARTS):
             node, h = q, _STEP / parts
             for part in range(parts):
-                guess = self._stepped(node, t + part * h, h)
+                guess = self._runge_kutta_step(node, t + part * h, h)
                 point = self._path.at(np.array([t + (part + 1) * h])).x
                 node = self.inverse.corrected(guess, point, steps=3)
                 sound = np.abs(node - guess).max() < _ASTRAY
@@ -131,7 +131,7 @@ class Track:
                 return node
         self._give_up(t + (part + 1) * h, point[0])
 
-    def _stepped(self, q: Array, t: float, h: float) -> Array:
+    def _runge_kutta_step(self, q: Array, t: float, h: float) -> Array:
         """Return a Runge-Kutta step of the flow from `t` on, as long as `h`."""
         now = np.array([t])
         k1 = self._flow(now, q)

@@ -13,7 +13,7 @@ from armgpi.errors import ArrayError, EffortError, NameNotFound, ParameterError
 from armgpi.parameter import plain
 from armgpi.robot.changes import CHANGES, change
 from armgpi.robot.drives import Drives
-from armgpi.robot.dynamics import stacked
+from armgpi.robot.dynamics import stack_dynamics
 from armgpi.robot.equations import Equations, Friction, Limits
 from armgpi.robot.robot import Robot
 
@@ -57,7 +57,7 @@ class RobotBatch(Equations):
             batch=len(robots),
             limits=Limits(*(frozen(np.stack(rows)) for rows in limits)),
             friction=Friction(*(frozen(np.stack(rows)) for rows in friction)),
-            dynamics=stacked([robot.dynamics for robot in robots]),
+            dynamics=stack_dynamics([robot.dynamics for robot in robots]),
         )
 
     @property

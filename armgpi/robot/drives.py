@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi import files
 from armgpi.arrays import LARGEST, Array, check_choice, quantity
-from armgpi.errors import ArmgpiError, ConfigError, NameNotFound, ParameterError, UrdfError, shown
+from armgpi.errors import ArmgpiError, ConfigError, NameNotFound, ParameterError, UrdfError, show_value
 from armgpi.parameter import Parameter, plain
 from armgpi.robot.markup import GEAR_RATIO, ROTOR_INERTIA
 
@@ -195,19 +195,19 @@ class Drives:
             ConfigError: when a key, a joint or a value is not as it should be; it names the key.
         """
         if not isinstance(data, Mapping):
-            raise ConfigError(source, "", f"expected joint -> its drive, got {shown(data)}")
+            raise ConfigError(source, "", f"expected joint -> its drive, got {show_value(data)}")
         for joint in data:
             if not isinstance(joint, str):
-                raise ConfigError(source, "", f"expected names of joints, got {shown(joint)}")
+                raise ConfigError(source, "", f"expected names of joints, got {show_value(joint)}")
         drives = cls(tuple(data) if joint_names is None else tuple(joint_names))
         for joint, own in data.items():
             if not isinstance(own, Mapping):
                 raise ConfigError(
-                    source, joint, f"expected a mapping such as {{stiffness: 1.0e+4}}, got {shown(own)}"
+                    source, joint, f"expected a mapping such as {{stiffness: 1.0e+4}}, got {show_value(own)}"
                 )
             own = dict(own)
             if "motor_inertia" in own or "gear_ratio" in own:
-                own |= _reflected(own, source, joint)
+                own |= _reflect_motor(own, source, joint)
             for key, given in own.items():
                 try:
                     if key not in QUANTITIES:
@@ -295,10 +295,10 @@ class Drives:
         declared, names = QUANTITIES[name], self.joint_names
         if declared.kind == "choice":
             own = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
-            return {joint: declared.checked(word) for joint, word in own.items()}
+            return {joint: declared.check_value(word) for joint, word in own.items()}
         numbers = quantity(value, name, names, default=math.nan)
         given = [x for x in names if x in value] if isinstance(value, Mapping) else names
-        return {joint: declared.checked(float(numbers[names.index(joint)])) for joint in given}
+        return {joint: declared.check_value(float(numbers[names.index(joint)])) for joint in given}
 
     def _with_plain(self, joint: str, key: str, given: Any) -> Drives:
         """Return these drives with one value of a file."""
@@ -323,14 +323,14 @@ def _number(value: Any) -> Any:
         return value
 
 
-def _reflected(own: dict[str, Any], source: str, joint: str) -> dict[str, float]:
+def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, float]:
     """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these."""
     facts = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
     numbers = {key: _number(own.pop(key)) for key in facts if key in own}
     for key, number in numbers.items():
         good = isinstance(number, float | int) and not isinstance(number, bool)
         if not good or not 0.0 <= number < LARGEST or (key == "gear_ratio" and number == 0.0):
-            raise ConfigError(source, f"{joint}.{key}", f"expected {facts[key]}, got {shown(number)}")
+            raise ConfigError(source, f"{joint}.{key}", f"expected {facts[key]}, got {show_value(number)}")
     if "motor_inertia" not in numbers:  # a ratio alone says nothing
         return {}
     if "rotor_inertia" in own:
@@ -357,7 +357,7 @@ def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iter
     for key, declared in QUANTITIES.items():
         if (name := f"{_OWN}{key}") in values:
             try:
-                yield key, declared.checked(values[name] if declared.kind == "choice" else number(name))
+                yield key, declared.check_value(values[name] if declared.kind == "choice" else number(name))
             except ParameterError as error:
                 raise UrdfError(source, str(error), joint) from None
 

@@ -385,7 +385,7 @@ class CoupledDynamics(_Conditional):
 
     def forward(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the acceleration, by solving with D(q); see :meth:`Dynamics.forward`."""
-        return self._solved(q, tau - self.nonlinear_effects(q, v))
+        return self._solve(q, tau - self.nonlinear_effects(q, v))
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Return the torque, by the whole model's recursion; see :meth:`Dynamics.inverse`."""
@@ -398,7 +398,7 @@ class CoupledDynamics(_Conditional):
 
     def inertia_solve(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau; see :meth:`Dynamics.inertia_solve`."""
-        return self._solved(q, tau) if np.count_nonzero(tau) else tau
+        return self._solve(q, tau) if np.count_nonzero(tau) else tau
 
     def nonlinear_effects(self, q: Array, v: Array) -> Array:
         """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
@@ -421,7 +421,7 @@ class CoupledDynamics(_Conditional):
         """Return velocities or accelerations of all coordinates."""
         return [np.ascontiguousarray(rate @ self.ratio.T) for rate in rates]
 
-    def _solved(self, q: Array, tau: Array) -> Array:
+    def _solve(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau by a dense solve, n being small."""
         x = np.linalg.solve(self.mass_matrix(q), tau[..., np.newaxis])[..., 0]
         return np.ascontiguousarray(x, dtype=np.float64)
@@ -478,7 +478,7 @@ class ScaledDynamics:
         return scale * self.base.mass_matrix(q)
 
 
-def stacked(parts: Sequence[Dynamics]) -> Dynamics:
+def stack_dynamics(parts: Sequence[Dynamics]) -> Dynamics:
     """Return the dynamics of a batch, with one part per row.
 
     Args:

@@ -76,8 +76,8 @@ class Edits(Frames):
         mass = as_number(mass, "mass")
         if mass < 0.0:
             raise ParameterError("mass", mass, "zero or positive [kg]")
-        centre = _shaped(com, "com", (3,))
-        tensor = np.zeros((3, 3)) if inertia is None else _shaped(inertia, "inertia", (3, 3))
+        centre = _as_shape(com, "com", (3,))
+        tensor = np.zeros((3, 3)) if inertia is None else _as_shape(inertia, "inertia", (3, 3))
         if not np.allclose(tensor, tensor.T) or np.linalg.eigvalsh(tensor)[0] < -_TENSOR_ROUNDING:
             raise ArrayError("inertia", "expected a symmetric tensor without negative eigenvalues")
         element = self._model.frames[self._frame(frame)]
@@ -89,7 +89,7 @@ class Edits(Frames):
         change = {"payload": {"frame": frame, "mass": mass, "com": centre.tolist()}}
         if inertia is not None:
             change["payload"]["inertia"] = tensor.tolist()
-        return self._changed(change, **parts_of(model, self.coupling))
+        return self._change(change, **parts_of(model, self.coupling))
 
     def with_armature(self: _Same, armature: PerJoint) -> _Same:
         """Return the robot with rotor inertia (gear ratio squared times rotor) at its joints.
@@ -103,12 +103,12 @@ class Edits(Frames):
             LimitError: for a negative value.
         """
         model = self._model.copy()
-        values = self._bounded("armature", armature, self.armature, 0.0, sys.float_info.max)
+        values = self._within("armature", armature, self.armature, 0.0, sys.float_info.max)
         whole = np.array(model.armature)
         whole[self._own] = values
         model.armature = whole
-        drives = self.drives.with_value("rotor_inertia", _given(armature, values))
-        return self._changed({"armature": values.tolist()}, drives=drives, **parts_of(model, self.coupling))
+        drives = self.drives.with_value("rotor_inertia", _given_part(armature, values))
+        return self._change({"armature": values.tolist()}, drives=drives, **parts_of(model, self.coupling))
 
     def with_drives(self: _Same, drives: Drives | Mapping[str, Any]) -> _Same:
         """Return the robot with what is known of its drives: rotors, friction, gears, motors, encoders.
@@ -139,7 +139,7 @@ class Edits(Frames):
                 for key, name in given.items()
             }
             robot = robot.with_limits(**lowest)
-        return robot._changed({"drives": drives.plain()}, drives=known)
+        return robot._change({"drives": drives.plain()}, drives=known)
 
     def with_bodies(self: _Same, parameters: ArrayLike) -> _Same:
         """Return the robot with other bodies: what each joint moves, up to the next joint.
@@ -153,12 +153,12 @@ class Edits(Frames):
             ParameterError: for a mass that is not positive.
         """
         model = self._model.copy()
-        table = _shaped(parameters, "parameters", (model.njoints - 1, 10))
+        table = _as_shape(parameters, "parameters", (model.njoints - 1, 10))
         for index, row in enumerate(table):
             if row[0] < SMALLEST:
                 raise ParameterError(f"mass of {model.names[index + 1]}", row[0], "positive [kg]")
             model.inertias[index + 1] = pin.Inertia.FromDynamicParameters(row)
-        return self._changed({"bodies": table.tolist()}, **parts_of(model, self.coupling))
+        return self._change({"bodies": table.tolist()}, **parts_of(model, self.coupling))
 
     def with_friction(self: _Same, viscous: PerJoint | None = None, coulomb: PerJoint | None = None) -> _Same:
         """Return the robot with other joint friction; each a number, shape (n,), or name -> value.
@@ -169,15 +169,15 @@ class Edits(Frames):
         """
         given = {"viscous": viscous, "coulomb": coulomb}
         arrays = {
-            key: frozen(self._bounded(key, value, getattr(self.friction, key), 0.0, sys.float_info.max))
+            key: frozen(self._within(key, value, getattr(self.friction, key), 0.0, sys.float_info.max))
             for key, value in given.items()
             if value is not None
         }
         drives = self.drives
         for key, array in arrays.items():
-            drives = drives.with_value(key, _given(given[key], array))
+            drives = drives.with_value(key, _given_part(given[key], array))
         change = {"friction": {key: array.tolist() for key, array in arrays.items()}}
-        return self._changed(change, friction=self.friction._replace(**arrays), drives=drives)
+        return self._change(change, friction=self.friction._replace(**arrays), drives=drives)
 
     def scaled_inertia(self: _Same, factor: float) -> _Same:
         """Return the robot with every mass and inertia multiplied by one factor.
@@ -208,7 +208,7 @@ class Edits(Frames):
         dynamics = ScaledDynamics(base, scale)
         drives = self.drives.scaled("rotor_inertia", factor)
         parts = {**parts_of(model, self.coupling), "dynamics": dynamics, "drives": drives}
-        return self._changed({"inertia_scale": factor}, **parts)
+        return self._change({"inertia_scale": factor}, **parts)
 
     def with_gravity(self: _Same, gravity: ArrayLike) -> _Same:
         """Return the robot under another gravity.
@@ -220,9 +220,9 @@ class Edits(Frames):
             ArrayError: for another shape, or a value that is not finite.
         """
         model = self._model.copy()
-        vector = _shaped(gravity, "gravity", (3,))
+        vector = _as_shape(gravity, "gravity", (3,))
         model.gravity = pin.Motion(vector, np.zeros(3))
-        return self._changed({"gravity": vector.tolist()}, **parts_of(model, self.coupling))
+        return self._change({"gravity": vector.tolist()}, **parts_of(model, self.coupling))
 
     def with_limits(
         self: _Same,
@@ -250,13 +250,13 @@ class Edits(Frames):
         for key, value in changed.items():
             lowest = -math.inf if key in ("lower", "upper") else 0.0
             current = getattr(self.limits, key)
-            arrays[key] = self._bounded(key, value, current, lowest, math.inf)
+            arrays[key] = self._within(key, value, current, lowest, math.inf)
         limits = self.limits._replace(**arrays)
         for j, (low, high) in enumerate(zip(limits.lower, limits.upper, strict=True)):
             if low > high:
                 raise LimitError("the lower limit", self.joint_names[j], low, -math.inf, high)
         change = {"limits": {key: array.tolist() for key, array in arrays.items()}}
-        return self._changed(change, limits=Limits(*map(frozen, limits)))
+        return self._change(change, limits=Limits(*map(frozen, limits)))
 
     def _varied_dynamics(self, batch: int, frame: str | None, arrays: Mapping[str, Array]) -> Dynamics:
         """Return the equations of motion of rollouts whose robots differ; see :meth:`armgpi.Robot.varied`.
@@ -298,7 +298,7 @@ class Edits(Frames):
                 own = VariedDynamics(own, batch, **varied)
         return own if isinstance(factor, float) and factor == 1.0 else ScaledDynamics(own, factor)
 
-    def _bounded(self, name: str, value: PerJoint, current: Array, lowest: float, highest: float) -> Array:
+    def _within(self, name: str, value: PerJoint, current: Array, lowest: float, highest: float) -> Array:
         """Return a quantity of every joint, (n,); joints that a mapping leaves out keep the current one."""
         values = quantity(value, name, self.joint_names, current, infinite=True)
         for joint, number in zip(self.joint_names, values, strict=True):
@@ -306,10 +306,10 @@ class Edits(Frames):
                 raise LimitError(name, joint, number, lowest, highest)
         return values
 
-    def _changed(self: _Same, change: Mapping[str, Any], **attributes: Any) -> _Same:
+    def _change(self: _Same, change: Mapping[str, Any], **attributes: Any) -> _Same:
         """Return a robot with other attributes that remembers the change."""
         changes = [*self._provenance["changes"], dict(change)]
-        return self._replaced(_provenance={**self._provenance, "changes": changes}, **attributes)
+        return self._with_attributes(_provenance={**self._provenance, "changes": changes}, **attributes)
 
     @property
     def _own(self) -> list[int]:
@@ -324,12 +324,12 @@ def parts_of(model: Any, coupling: Coupling | None) -> dict[str, Any]:
     return {"_model": model, "_workspace": Workspace(model), "dynamics": dynamics}
 
 
-def _given(value: PerJoint | None, values: Array) -> Any:
+def _given_part(value: PerJoint | None, values: Array) -> Any:
     """Return checked values (n,), or those of the joints alone that a mapping names."""
     return value if isinstance(value, Mapping) else values
 
 
-def _shaped(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+def _as_shape(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
     """Return `value` as an array of exactly `shape`."""
     array = as_sized_array(value, name)
     if array.shape != shape:

@@ -399,7 +399,7 @@ class Equations:
             raise ArrayError(", ".join(arguments), f"expected {self.batch} rows, got shape {shape}")
         return tuple(np.ascontiguousarray(np.broadcast_to(array, shape)) for array in arrays)
 
-    def _replaced(self: _Same, **attributes: Any) -> _Same:
+    def _with_attributes(self: _Same, **attributes: Any) -> _Same:
         """Return a copy with other attributes, which are not checked; all else is shared."""
         made = object.__new__(type(self))
         vars(made).update({**vars(self), **attributes})

@@ -42,7 +42,7 @@ def source(model: Any) -> str:
     return f"Pinocchio model {model.name!r}"
 
 
-def written(model: Any) -> str:
+def urdf_text(model: Any) -> str:
     """Return the URDF of a model.
 
     Raises:
@@ -129,7 +129,7 @@ def _link(root: Element, name: str, inertia: Any) -> None:
     link = SubElement(root, "link", name=name)
     if inertia.mass != 0.0:
         inertial = SubElement(link, "inertial")
-        SubElement(inertial, "origin", xyz=urdf_model.joined(inertia.lever), rpy="0 0 0")
+        SubElement(inertial, "origin", xyz=urdf_model.join(inertia.lever), rpy="0 0 0")
         SubElement(inertial, "mass", value=repr(float(inertia.mass)))
         matrix = inertia.inertia
         keys = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(matrix[i, j])) for i in range(3) for j in range(i, 3)}
@@ -149,9 +149,9 @@ def _joint(root: Element, model: Any, index: int, bodies: list[str]) -> None:
         lower, upper = (
             float(limit[joint.idx_q]) for limit in (model.lowerPositionLimit, model.upperPositionLimit)
         )
-        bounds = {"lower": _bound(lower), "upper": _bound(upper)}
-    SubElement(element, "axis", xyz=urdf_model.joined(axis))
-    effort, velocity = _bound(float(model.effortLimit[at])), _bound(float(model.velocityLimit[at]))
+        bounds = {"lower": _limit(lower), "upper": _limit(upper)}
+    SubElement(element, "axis", xyz=urdf_model.join(axis))
+    effort, velocity = _limit(float(model.effortLimit[at])), _limit(float(model.velocityLimit[at]))
     SubElement(element, "limit", {**bounds, "effort": effort, "velocity": velocity})
     friction = {
         "damping": repr(float(model.damping[at])),
@@ -188,9 +188,9 @@ def _ends(element: Element, parent: str, child: str, placement: Any) -> None:
     SubElement(element, "parent", link=parent)
     SubElement(element, "child", link=child)
     rpy = pin.rpy.matrixToRpy(placement.rotation)
-    SubElement(element, "origin", xyz=urdf_model.joined(placement.translation), rpy=urdf_model.joined(rpy))
+    SubElement(element, "origin", xyz=urdf_model.join(placement.translation), rpy=urdf_model.join(rpy))
 
 
-def _bound(value: float) -> str:
+def _limit(value: float) -> str:
     """Return a limit; huge where there is none."""
     return repr(math.copysign(1e300, value)) if abs(value) > _NONE else repr(value)

@@ -586,9 +586,9 @@ def _damped_step(e: Array, J: Array, damping: Array, low: Flags, high: Flags) ->
     # J^T (J J^T + w)^-1 e is (J^T J + w)^-1 J^T e: the smaller system is solved.
     w = damping[:, None, None]
     if J.shape[1] <= J.shape[2]:
-        step = _times(JT, _solved(J @ JT + w * np.eye(J.shape[1]), e))
+        step = _times(JT, _solve(J @ JT + w * np.eye(J.shape[1]), e))
     else:
-        step = _solved(JT @ J + w * np.eye(J.shape[2]), _times(JT, e))
+        step = _solve(JT @ J + w * np.eye(J.shape[2]), _times(JT, e))
     longest = np.abs(step).max(axis=-1, keepdims=True)
     return np.asarray(step * (_LONGEST_STEP / np.maximum(longest, _LONGEST_STEP)))
 
@@ -708,7 +708,7 @@ def _pseudoinverse(J: Array) -> Array:
     return np.asarray(np.linalg.pinv(J, rcond=_SINGULAR), dtype=np.float64)
 
 
-def _solved(matrix: Array, vector: Array) -> Array:
+def _solve(matrix: Array, vector: Array) -> Array:
     """Solve (k, a, a) matrices for (k, a) vectors."""
     return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0], dtype=np.float64)
 

@@ -33,7 +33,7 @@ class Repair(NamedTuple):
     after: str
 
 
-def wanted(names: str | Iterable[str]) -> frozenset[str]:
+def repair_names(names: str | Iterable[str]) -> frozenset[str]:
     """Return the names of repairs given as several, or in one text with commas between them.
 
     Raises:

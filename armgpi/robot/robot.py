@@ -192,7 +192,7 @@ class Robot(Edits):
     def _from_model(
         cls, own: Any, source: str, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None
     ) -> Robot:
-        document = urdf.parse(from_pinocchio.written(own), source)
+        document = urdf.parse(from_pinocchio.urdf_text(own), source)
         robot = cls._from_document(document, document.name, lock, keep, "lock")
         rows = [int(own.joints[own.getJointId(name)].idx_v) for name in robot.joint_names]
         if np.any(own.armature[rows]):
@@ -230,7 +230,7 @@ class Robot(Edits):
         )
         joints = built.joints
         if built.coupling is not None:
-            limits, friction = _coupled(limits, friction, built.coupling, document.source, joints)
+            limits, friction = _couple_limits(limits, friction, built.coupling, document.source, joints)
             joints = tuple(j for j in joints if j.mimic is None)
         names = [j.name for j in joints]
         drives = drives.of(names)
@@ -393,7 +393,7 @@ def _parts(document: urdf.Urdf, locked: Mapping[str, float]) -> dict[str, Any]:
     return found
 
 
-def _coupled(
+def _couple_limits(
     limits: Limits,
     friction: Friction,
     coupling: urdf_model.Coupling,

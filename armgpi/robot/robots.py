@@ -154,14 +154,14 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
     path = Path(text)
     if path.suffix or len(path.parts) != 1 or path.is_absolute():
         return _existing(path, text), None
-    file = _installed(text)
+    file = _find_installed(text)
     if file is not None:
         return file, text
     if os.path.isfile(path):
         return path, None
     described = description_names()
     if text in described:
-        return _described(text), text
+        return _find_described(text), text
     remedy = "or give the path of a URDF file"
     if text in EXAMPLE_ROBOT_DATA and example_folder() is None:
         remedy = "it comes with the example-robot-data package: pip install 'armgpi[robots]'"
@@ -181,7 +181,7 @@ def _existing(path: Path, text: str) -> Path:
     return path
 
 
-def _installed(name: str) -> Path | None:
+def _find_installed(name: str) -> Path | None:
     """Return the URDF of one of our arms or of example-robot-data; None where it is neither."""
     own, folder = _own_folder() / f"{name}.urdf", example_folder()
     if os.path.isfile(own):
@@ -203,7 +203,7 @@ def kept(
     return [j for j in joints if j not in locked and any(fnmatchcase(j, p) for p in patterns)]
 
 
-def _described(name: str) -> Path:
+def _find_described(name: str) -> Path:
     """Return the URDF of a robot of robot_descriptions, which may fetch it first."""
     try:
         module = import_module(f"robot_descriptions.{name}")

@@ -184,7 +184,7 @@ def without_rotors(robot: Robot) -> Robot:
     return robot.with_armature(dict.fromkeys(silent(robot), 0.0)) if silent(robot) else robot
 
 
-def believed(robot: Robot) -> tuple[str, ...]:
+def believed_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints whose rotors are believed."""
     sources = robot.drives.sources("rotor_inertia")
     return tuple(
@@ -202,7 +202,7 @@ def told_none(robot: Robot) -> tuple[str, ...]:
 
 def unlike(nominal: Robot, arm: Robot) -> str:
     """Return in a line that a law believes rotors which a simulated arm lacks; nothing where all agree."""
-    both = set(believed(nominal)) & set(silent(arm))
+    both = set(believed_joints(nominal)) & set(silent(arm))
     names = ", ".join(name for name in arm.joint_names if name in both)
     return names and (
         f"the controller believes rotors in {names}, and the simulated arm has none, which such a law may "
@@ -249,7 +249,7 @@ def spin_up(rotor: Rotor) -> float:
     return rotor.inertia * rotor.velocity / rotor.effort
 
 
-def fitted(part: str = "fit") -> float:
+def mean_spin_up(part: str = "fit") -> float:
     """Return the geometric mean of that time over the robots of a part, each with the same weight [s]."""
     robots = {rotor.robot for rotor in PUBLISHED if rotor.part == part}
     each = [np.mean([math.log(spin_up(x)) for x in PUBLISHED if x.robot == name]) for name in sorted(robots)]

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from armgpi.errors import UrdfError
-from armgpi.escape import quoted
+from armgpi.escape import quote
 from armgpi.robot import tree
 from armgpi.robot.markup import MAX_BYTES as MAX_BYTES
 from armgpi.robot.markup import parse_xml, xacro_hint
 from armgpi.robot.markup import read_file as read_file
-from armgpi.robot.repairs import Repair, Repairs, wanted
+from armgpi.robot.repairs import Repair, Repairs, repair_names
 from armgpi.robot.tree import MOVING_TYPES, MULTI_DOF_TYPES, Joint, Link
 
 MAX_JOINTS = 2_000
@@ -75,7 +75,7 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
         UrdfError: when it is no well-formed URDF of a single tree, naming the link or joint.
         NameNotFound: for a repair, or a link or joint to repair, that does not exist.
     """
-    repairs = Repairs(source, wanted(repair))
+    repairs = Repairs(source, repair_names(repair))
     root = parse_xml(text, source)
     for tag in ("joint", "link"):
         if len(root.findall(tag)) > MAX_JOINTS:
@@ -119,7 +119,7 @@ def bad_numbers(element: Element, key: str, count: int, positive: bool) -> str:
     try:
         values = _numbers(text, count)
     except ValueError as error:
-        return f"{key}={quoted(text)} {error}"
+        return f"{key}={quote(text)} {error}"
     if positive:
         if element.tag == "mesh" and 0.0 in values:
             return f"{key}={text!r} is 0"
@@ -200,7 +200,7 @@ class _Reader:
             if element is None:
                 missing = missing or tag
             else:
-                numbers[tag] = tuple(self._required(element, key) for key in keys)
+                numbers[tag] = tuple(self._read_required(element, key) for key in keys)
         (mass,), inertia = numbers["mass"], numbers["inertia"] if missing != "mass" else (0.0,) * 6
         if mass < 0.0:
             raise self._error(f"{self.where} has the negative mass {mass:g}")
@@ -284,7 +284,7 @@ class _Reader:
             return default
         return self._read(element, key, 1, f"{self.where}, <{element.tag}>", infinite)[0]
 
-    def _required(self, element: Element, key: str) -> float:
+    def _read_required(self, element: Element, key: str) -> float:
         """Return the number of an attribute that must be there."""
         place = f"{self.where}, <{element.tag}>"
         if element.get(key) is None:
@@ -301,7 +301,7 @@ class _Reader:
         try:
             return _numbers(text, count, infinite)
         except ValueError as error:
-            problem = f"{place}: {key}={quoted(text)} {error}"
+            problem = f"{place}: {key}={quote(text)} {error}"
         split = _without_commas(text)
         if len(split.split()) != count:
             raise self._error(problem)

@@ -94,10 +94,10 @@ def build(
     _check_joints(urdf, moving, locked)
     moved = urdf.moved_links(locked)
     repairs = Repairs(urdf.source, urdf.wanted, urdf.repairs)
-    links = [_checked(link, repairs) if link.name in moved else link for link in urdf.links.values()]
+    links = [_check_link(link, repairs) if link.name in moved else link for link in urdf.links.values()]
     if not any(urdf.links[name].mass > 0.0 for name in moved):
         _refuse_shapes_alone(urdf, moved)
-    xml = _written(urdf, links, locked)
+    xml = _urdf_text(urdf, links, locked)
     model = _pinocchio_model(xml, urdf.source)
     joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
     if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
@@ -133,7 +133,7 @@ def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, fl
         ).suggesting(Remedy("keep"))
 
 
-def _checked(link: Link, repairs: Repairs) -> Link:
+def _check_link(link: Link, repairs: Repairs) -> Link:
     """Return a link that moves, refusing an inertia that no body has: not positive, or without mass."""
     where, smallest, largest = f"link {link.name!r}", float(link.moments()[0]), max(map(abs, link.inertia))
     if link.missing:
@@ -146,7 +146,7 @@ def _checked(link: Link, repairs: Repairs) -> Link:
         )
     if link.mass > 0.0 or largest == 0.0:
         return link
-    before = f"mass 0, inertia {joined(link.inertia)}"
+    before = f"mass 0, inertia {join(link.inertia)}"
     repairs.make(
         "drop-inertia", link.name, f"{where} has an inertia but no mass", before, "a frame, without inertia"
     )
@@ -170,7 +170,7 @@ def _locked_values(
     urdf: Urdf, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None, mimic: Mimic
 ) -> dict[str, float]:
     """Return the value of every joint to lock: those asked for, those not kept, and mimic joints."""
-    asked = _asked(urdf, lock, keep, mimic)
+    asked = _joints_to_lock(urdf, lock, keep, mimic)
     values: dict[str, float] = {}
     for name, value in asked.items():
         joint = urdf.joints[name]
@@ -185,7 +185,7 @@ def _locked_values(
     return values
 
 
-def _asked(
+def _joints_to_lock(
     urdf: Urdf, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None, mimic: Mimic
 ) -> dict[str, float | None]:
     """Return the joints to lock by name, or by not being kept, with the value that was given for them."""
@@ -255,7 +255,7 @@ def _name_list(value: Any, name: str) -> list[Any]:
     return names
 
 
-def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> str:
+def _urdf_text(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> str:
     """Return the URDF that Pinocchio gets: locked joints fixed, continuous ones unbounded, no geometry."""
     version = {"version": urdf.root.get("version", "1.0")}
     root = Element("robot", {"name": urdf.name, **version})  # urdfdom insists on a name
@@ -263,7 +263,7 @@ def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> 
         element = SubElement(root, "link", name=link.name)
         if link.inertial:
             inertial = SubElement(element, "inertial")
-            SubElement(inertial, "origin", xyz=joined(link.xyz), rpy=joined(link.rpy))
+            SubElement(inertial, "origin", xyz=join(link.xyz), rpy=join(link.rpy))
             SubElement(inertial, "mass", value=repr(link.mass))
             keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
             SubElement(inertial, "inertia", dict(zip(keys, map(repr, link.inertia), strict=True)))
@@ -275,9 +275,9 @@ def _written(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> 
         SubElement(element, "parent", link=joint.parent)
         SubElement(element, "child", link=joint.child)
         xyz, rpy = (joint.xyz, joint.rpy) if moves else _fixed_origin(joint, locked.get(joint.name, 0.0))
-        SubElement(element, "origin", xyz=joined(xyz), rpy=joined(rpy))
+        SubElement(element, "origin", xyz=join(xyz), rpy=join(rpy))
         if moves:
-            SubElement(element, "axis", xyz=joined(joint.direction.tolist()))
+            SubElement(element, "axis", xyz=join(joint.direction.tolist()))
             SubElement(element, "limit", _UNBOUNDED)
     return tostring(root, encoding="unicode")
 
@@ -295,7 +295,7 @@ def _fixed_origin(joint: Joint, value: float) -> tuple[Sequence[float], Sequence
     return xyz.tolist(), pin.rpy.matrixToRpy(rotation).tolist()
 
 
-def joined(numbers: Iterable[float]) -> str:
+def join(numbers: Iterable[float]) -> str:
     """Join numbers as URDF attributes want them, to the last digit."""
     return " ".join(repr(float(number)) for number in numbers)
 

@@ -21,7 +21,7 @@ from armgpi import config
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound
 from armgpi.escape import markdown_table
-from armgpi.health.reality import known as described
+from armgpi.health.reality import describe_knowledge as described
 from armgpi.health.zoo import fingers
 from armgpi.plants.reality import Draw, Reality, scales
 from armgpi.robot import robots
@@ -203,9 +203,9 @@ def _entry(
 def _table(search: Search) -> Array:
     """Return what a search found: a row of its start, and one for each budget."""
     table = np.full((1 + len(BUDGETS), 3 + search.problem.width), np.nan)
-    if (given := search.given()).sound:
+    if (given := search.judge_start()).sound:
         table[0, :2] = given.objective, given.means["total_variation"]
-    for each in search.validated():
+    for each in search.validate():
         row, held = 1 + search.problem.budgets.index(each.budget), each.held_out
         values = search.problem.space.values(each.row.x)
         table[row] = [held.objective, held.means["total_variation"], each.row.objective, *values]
@@ -271,7 +271,7 @@ def markdown(entries: Sequence[Entry]) -> str:
             best = {name: min((rows[law][name] for law in here), default=math.inf) for name in names}
             for law in here:
                 cells = [_cell(rows[law][name], best[name]) for name in names]
-                lines.append((law, *cells, _untuned(entries, arm, law)))
+                lines.append((law, *cells, _untuned_cell(entries, arm, law)))
         parts.append(markdown_table(head, lines))
     return "\n".join(parts)
 
@@ -283,7 +283,7 @@ def _cell(value: float, best: float) -> str:
     return f"**{value:.3g}**" if value <= WITHIN * best else f"{value:.3g}"
 
 
-def _untuned(entries: Iterable[Entry], arm: str, law: str) -> str:
+def _untuned_cell(entries: Iterable[Entry], arm: str, law: str) -> str:
     """Return what the defaults of a law are on the held-out draws."""
     found = next((each.untuned for each in entries if (each.arm, each.law) == (arm, law)), None)
     return "-" if found is None else f"{found[0]:.3g} ({found[1]:.3g})"

@@ -102,7 +102,7 @@ class Evaluator:
         group, count = self._groups[place][1], len(candidates)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            loop = self._prepared(place, section, count, candidates[0])
+            loop = self._prepare_loop(place, section, count, candidates[0])
             rollout = in_rows(loop.run(by_rollout(candidates, len(group), loop)))
         known, shape = metrics.declared(), (count, len(group))
         found = {
@@ -111,7 +111,7 @@ class Evaluator:
         }
         return found, (rollout["status"].values == Status.DIVERGED).reshape(shape)
 
-    def _prepared(
+    def _prepare_loop(
         self, place: int, section: Mapping[str, Any], count: int, example: Mapping[str, Any]
     ) -> PreparedLoop:
         """Return the loop of a group of scenarios for so many candidates."""

@@ -82,7 +82,7 @@ def front(search: Search) -> list[Row]:
     """Return the candidates of the search that no other beats in both costs, by what they spend."""
     against = search.problem.against
     found: list[Row] = []
-    for row in sorted(search.ranked(), key=lambda row: (row.means[against], row.objective)):
+    for row in sorted(search.rank(), key=lambda row: (row.means[against], row.objective)):
         if not found or row.objective < found[-1].objective:
             found.append(row)
     return found
@@ -172,7 +172,7 @@ def report(search: Search, found: Sequence[Validated], given: Row) -> str:
     missing = len(problem.budgets) - len(found)
     remark = ""
     if missing and math.isinf(problem.budgets[0]):
-        where = "held-out scenarios" if search.ranked() else "scenarios that were searched on"
+        where = "held-out scenarios" if search.rank() else "scenarios that were searched on"
         remark = f"\nNo candidate holds on the {where}: there is no best one.\n"
     elif missing:
         remark = f"\nFor {missing} of the budgets no candidate holds.\n"
@@ -182,13 +182,14 @@ def report(search: Search, found: Sequence[Validated], given: Row) -> str:
 def as_data(search: Search, found: Sequence[Validated], given: Row) -> dict[str, Any]:
     """Return the same as plain data: the default and what was found, searched on and held out."""
 
-    def told(row: Row) -> dict[str, Any]:
+    def plain(row: Row) -> dict[str, Any]:
         return {**row._asdict(), "x": row.x.tolist()}
 
     rows = [
-        {"budget": each.budget, "searched": told(each.row), "held_out": told(each.held_out)} for each in found
+        {"budget": each.budget, "searched": plain(each.row), "held_out": plain(each.held_out)}
+        for each in found
     ]
-    default = {"searched": told(search.rows[0]), "held_out": told(given)}
+    default = {"searched": plain(search.rows[0]), "held_out": plain(given)}
     return {"candidates": len(search.rows), "default": default, "found": rows}
 
 

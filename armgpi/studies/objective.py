@@ -70,14 +70,14 @@ class Expression:
                 name, text, "arithmetic on metrics, such as 'itae + 0.5*variation'"
             ) from None
         self._known, self._name = known_names(), name
-        self.names = sorted({self._known[each] for each in self._named(self._tree)})
+        self.names = sorted({self._known[each] for each in self._names_in(self._tree)})
 
     def __call__(self, values: Mapping[str, Array]) -> Array:
         """Return the value where metrics have these values; arrays of any one shape."""
         with np.errstate(all="ignore"):
             return np.asarray(self._value(self._tree, values), dtype=np.float64)
 
-    def _named(self, node: ast.AST) -> list[str]:
+    def _names_in(self, node: ast.AST) -> list[str]:
         """Return the names in a tree, refusing what is no arithmetic."""
         if isinstance(node, ast.Name):
             if node.id not in self._known:
@@ -87,11 +87,11 @@ class Expression:
             return []
         if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
             parts = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]
-            return [name for part in parts for name in self._named(part)]
+            return [name for part in parts for name in self._names_in(part)]
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
             arity = 2 if node.func.id in ("max", "min") else 1
             if node.func.id in _FUNCTIONS and len(node.args) == arity:
-                return [name for part in node.args for name in self._named(part)]
+                return [name for part in node.args for name in self._names_in(part)]
         said = f"sums, products, powers and {', '.join(_FUNCTIONS)} of metrics and numbers"
         raise ParameterError(self._name, self.text, said)
 
@@ -100,7 +100,7 @@ class Expression:
         if isinstance(node, ast.Name):
             return values[self._known[node.id]]
         if isinstance(node, ast.Constant):
-            return float(node.value)  # type: ignore[arg-type]  # a number, as `_named` saw
+            return float(node.value)  # type: ignore[arg-type]  # a number, as `_names_in` saw
         if isinstance(node, ast.Call):
             return _FUNCTIONS[node.func.id](*(self._value(part, values) for part in node.args))  # type: ignore[attr-defined]
         if isinstance(node, ast.BinOp):
@@ -211,10 +211,10 @@ class Objective:
         broken = np.zeros(failed.shape)
         for constraint in self.constraints:
             broken = broken + np.where(failed, 0.0, constraint.violation(values))
-        whole = np.where(failed.any(axis=1), math.inf, self._taken(np.where(failed, 0.0, each)))
+        whole = np.where(failed.any(axis=1), math.inf, self._aggregate(np.where(failed, 0.0, each)))
         return Judged(whole, failed.mean(axis=1), broken.mean(axis=1))
 
-    def _taken(self, each: Array) -> Array:
+    def _aggregate(self, each: Array) -> Array:
         """Return one number for the scenarios of each candidate."""
         if self.over == "cvar":
             worst = math.ceil(self.share * each.shape[1] - 1e-9)

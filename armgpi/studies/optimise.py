@@ -127,7 +127,7 @@ class Search:
         self.fresh = 0
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether all evaluations are used."""
         return len(self.rows) >= self.problem.evaluations
 
@@ -142,7 +142,7 @@ class Search:
             RolloutError: when what was kept is not what this search proposes.
             ParameterError: when no candidate has an objective.
         """
-        while not self.done:
+        while not self.is_done:
             generation = self.rows[-1].generation + 1 if self.rows else 0
             asked = (
                 [search.ask() for search in self._searches]
@@ -154,7 +154,7 @@ class Search:
             if generation:
                 self._tell(new, [len(places) for places in asked])
             self.rows += new
-            enough = self.done or len(self.rows) >= _HOPELESS
+            enough = self.is_done or len(self.rows) >= _HOPELESS
             if enough and all(row.failed == 1.0 for row in self.rows):
                 said = (
                     f"something that has a value: none of {len(self.rows)} candidates had one in any scenario"
@@ -172,7 +172,7 @@ class Search:
         places = np.concatenate(asked)
         which = np.repeat(np.arange(len(asked)), [len(each) for each in asked])
         shape = (len(places), 3 + len(self.problem.names) + self.problem.width)
-        table = part(f"generations/{generation:06d}", shape, partial(self._ran, places))
+        table = part(f"generations/{generation:06d}", shape, partial(self._run_candidates, places))
         if not np.array_equal(table[:, -self.problem.width :], places):
             raise RolloutError(
                 "the folder's generations are not those of this search: another version of armgpi or of its "
@@ -182,7 +182,7 @@ class Search:
             self._row(each, generation, search) for each, search in zip(table, which.tolist(), strict=True)
         ]
 
-    def _ran(self, places: Array) -> Array:
+    def _run_candidates(self, places: Array) -> Array:
         """Run candidates to search on and return their numbers."""
         self.fresh += len(places)
         return self._numbers(self.problem.search, places)
@@ -200,7 +200,7 @@ class Search:
         by_name = dict(zip(self.problem.names, means, strict=True))
         return Row(generation, search, numbers[-self.problem.width :], objective, failed, violation, by_name)
 
-    def judged(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
+    def judge(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
         """Return what candidates are on some scenarios."""
         return [self._row(each) for each in self._numbers(evaluator, np.array(places))]
 
@@ -225,22 +225,22 @@ class Search:
             beyond = np.where(spent > budget, (spent - budget) / budget, 0.0)
         return Judged(*columns).scores(beyond)
 
-    def ranked(self, budget: float = math.inf) -> list[Row]:
+    def rank(self, budget: float = math.inf) -> list[Row]:
         """Return the candidates that fail nowhere and keep a budget, best first, each once."""
         sound = [row for row in self.rows if row.sound and row.means[self.problem.against] <= budget]
         unique = {row.x.tobytes(): row for row in reversed(sound)}
         return sorted(unique.values(), key=lambda row: row.objective)
 
-    def validated(self) -> list[Validated]:
+    def validate(self) -> list[Validated]:
         """Return, for every budget, the best candidate that holds on the scenarios it never saw.
 
         A candidate that fails there is never the best. Budgets without one are left out.
         """
-        chosen = {budget: self.ranked(budget)[:_VALIDATED] for budget in self.problem.budgets}
+        chosen = {budget: self.rank(budget)[:_VALIDATED] for budget in self.problem.budgets}
         unique = {row.x.tobytes(): row for rows in chosen.values() for row in rows}
         if not unique:
             return []
-        judged = self.judged(self.problem.held_out, [row.x for row in unique.values()])
+        judged = self.judge(self.problem.held_out, [row.x for row in unique.values()])
         held = dict(zip(unique, judged, strict=True))
         found = []
         for budget, rows in chosen.items():
@@ -249,6 +249,6 @@ class Search:
                 found.append(Validated(budget, holding[0], held[holding[0].x.tobytes()]))
         return found
 
-    def given(self) -> Row:
+    def judge_start(self) -> Row:
         """Return what the section as it was given is on the held-out scenarios."""
-        return self.judged(self.problem.held_out, [self.problem.space.start])[0]
+        return self.judge(self.problem.held_out, [self.problem.space.start])[0]

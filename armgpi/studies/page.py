@@ -36,7 +36,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         MissingPackage: when trimesh is not installed.
     """
     i = int(worst(found, 1)[0])
-    row = {name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn}
+    row = {name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn_names}
     config = sweep.config_of(row, int(found["rollout"].values[i]))
     experiment = build(config)
     rollout = experiments.join({sweep.label: experiments.run(experiment, sweep.label, progress=False)})

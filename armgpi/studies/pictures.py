@@ -54,7 +54,7 @@ def _convergence(axes: Axes, search: Search) -> None:
 def _front(axes: Axes, search: Search, found: Sequence[Validated], given: Row) -> None:
     """Draw what candidates cost, which no other beats, and what was found on held-out scenarios."""
     against = search.problem.against
-    rows, best = search.ranked(), front(search)
+    rows, best = search.rank(), front(search)
     axes.scatter(*_costs(rows, against), s=6, color=style.QUIET, alpha=0.5, label="candidates", linewidths=0)
     axes.plot(
         *_costs(best, against), color=style.PALETTE[0], linewidth=1.2, label="front", drawstyle="steps-post"

@@ -92,7 +92,7 @@ def following(margin: Margin, level: Array, random: np.random.Generator, before:
     Returns:
         The same form as `level`; rows of a chain are a tenth of the rows apart.
     """
-    bound, _ = _bound(level, before)
+    bound, _ = _level_bound(level, before)
     chains = round(_SHARE * len(level))
     # Drawn among all that reach the bound: where margins tie these are more than a tenth, and the largest of
     # them are no fair sample. Fewer begin several chains each.
@@ -123,7 +123,7 @@ def estimate(levels: list[Array]) -> Rare:
         related = 0.0
         if place:
             chains = reached.reshape(_LENGTH, -1).astype(float)
-            related = _related(chains, share)
+            related = _correlation(chains, share)
             moves = level[:, :-2].reshape(_LENGTH, chains.shape[1], -1)
             accepted.append(float((np.diff(moves, axis=0) != 0.0).any(axis=-1).mean()))
         deviations.append(math.sqrt((1.0 - share) / (share * len(level)) * (1.0 + related)))
@@ -147,11 +147,11 @@ def bounds_of(levels: list[Array]) -> list[tuple[float, float]]:
     """Return bound and share of every level; a bound that does not rise is the last."""
     found: list[tuple[float, float]] = []
     for level in levels:
-        found.append(_bound(level, found[-1][0] if found else -np.inf))
+        found.append(_level_bound(level, found[-1][0] if found else -np.inf))
     return found
 
 
-def _bound(level: Array, before: float = -np.inf) -> tuple[float, float]:
+def _level_bound(level: Array, before: float = -np.inf) -> tuple[float, float]:
     """Return the bound that a tenth of a level reaches, 1 where as many fail, and what share reaches it.
 
     Where so many tie that it would be the bound before, it is the next value that enough points have; there
@@ -172,7 +172,7 @@ def _bound(level: Array, before: float = -np.inf) -> tuple[float, float]:
     return bound, float((margins >= bound).mean())
 
 
-def _related(chains: Array, share: float) -> float:
+def _correlation(chains: Array, share: float) -> float:
     """Return by how much the chains' correlation adds to the variance; chains of shape (length, chains)."""
     length, variance = len(chains), share * (1.0 - share)
     if variance <= 0.0:
@@ -213,18 +213,18 @@ def simulate(
     count = -(-count // _LENGTH) * _LENGTH
     margin = _margin(sweep)
 
-    def kept(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
+    def keep_level(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
         random = np.random.Generator(np.random.Philox(key=_key(sweep, count), counter=place << 192))
         shape = (count, sweep.width + 2)
         return study.part(f"rare/{count}-{place:02d}", shape, lambda: level(random))
 
-    levels = climb(margin, sweep.width, count, kept, told)
+    levels = climb(margin, sweep.width, count, keep_level, told)
     bound = bounds_of(levels)[-1][0]
     if bound < 1.0:
         near = f"bounds that can be reached: the nearest comes to {bound:.3g} of one"
         stuck = "bounds that what is drawn comes nearer to: the levels do not rise"
         raise ParameterError("failure", dict(sweep.failure), near if len(levels) == _LEVELS else stuck)
-    check = kept(_LEVELS, partial(first, margin, sweep.width, count))
+    check = keep_level(_LEVELS, partial(first, margin, sweep.width, count))
     told(count)
     return estimate(levels), levels[-1], check
 
@@ -249,7 +249,7 @@ def climb(
     bounds = [-np.inf]
     while True:
         told(count)
-        bounds.append(_bound(levels[-1], bounds[-1])[0])
+        bounds.append(_level_bound(levels[-1], bounds[-1])[0])
         if bounds[-1] == 1.0 or bounds[-1] <= bounds[-2] or len(levels) == _LEVELS:
             return levels
         level, before = levels[-1], bounds[-2]
@@ -269,7 +269,7 @@ def _margin(sweep: Sweep) -> Margin:
         nearest = np.max([table[name].max(axis=1) / most for name, most in sweep.failure.items()], axis=0)
         # Failed is what the study says, however a division rounds.
         above = np.nextafter(1.0, 2.0)
-        return np.asarray(np.where(sweep.failed(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
+        return np.asarray(np.where(sweep.fails(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
 
     return margin
 
@@ -307,7 +307,7 @@ def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, A
         "unseen is more probable than": 3.0 / (len(check) + len(last)),
         "failures are at": {
             name: dict(zip(map(str, shares), np.quantile(column, shares).tolist(), strict=True))
-            for name, column in zip(sweep.drawn, drawn.T, strict=True)
+            for name, column in zip(sweep.drawn_names, drawn.T, strict=True)
         },
     }
 
@@ -320,7 +320,7 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
         f"{said['rollouts']} rollouts in {len(levels)} levels",
         f"such intervals held in at least {100 * HELD:g} % of runs where the probability is known; in "
         f"{100 * HELD_UNSEEN:g} % where the margin gives no sign of a second way to fail",
-        _checked(said["plain check"]),
+        _describe_check(said["plain check"]),
         f"failures with nothing near them are seen where they are more probable than "
         f"{said['unseen is more probable than']:.2g}: a second way to fail, rarer than that, is missed",
     ]
@@ -331,7 +331,7 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _checked(check: Mapping[str, Any]) -> str:
+def _describe_check(check: Mapping[str, Any]) -> str:
     """Return in words whether random rollouts reach the second level as often as the levels say."""
     holds = check["lower"] <= check["by the levels"] <= check["upper"]
     return (
@@ -346,6 +346,8 @@ def worst(sweep: Sweep, last: Array, count: int = WORST) -> list[ExperimentConfi
     found: list[ExperimentConfig] = []
     _, places = np.unique(last[:, :-1], axis=0, return_index=True)
     for i in sorted(places, key=lambda i: (-last[i, -1], i))[:count]:
-        row = dict(zip(sweep.drawn, sweep.drawn_at(ndtr(last[i : i + 1, :-2]))[0].tolist(), strict=True))
+        row = dict(
+            zip(sweep.drawn_names, sweep.drawn_at(ndtr(last[i : i + 1, :-2]))[0].tolist(), strict=True)
+        )
         found.append(sweep.config_of(row, seed=int(last[i, -2])))
     return found

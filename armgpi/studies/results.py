@@ -56,7 +56,7 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
     if not there:
         raise RolloutError(f"{study.folder}: there is no rollout")
     target, begin = study.folder / RESULTS, 0
-    with files.replaced([target], str(target)) as (partial,), h5netcdf.File(partial, "w") as file:
+    with files.replace_files([target], str(target)) as (partial,), h5netcdf.File(partial, "w") as file:
         for chunk, rows in there:
             table = study.read(name := chunk_name(chunk, rows), (rows, len(sweep.columns)))
             if not sweep.drew(table, chunk):
@@ -90,9 +90,9 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
     """Return the numbers of rollouts as a dataset."""
     robot, n = sweep.robot, sweep.robot.n
     found: dict[str, Any] = {}
-    for name, column in zip(sweep.drawn, table.T, strict=False):
+    for name, column in zip(sweep.drawn_names, table.T, strict=False):
         found[f"drawn.{name}"] = ("rollout", column, {"long_name": f"{name}, as drawn"})
-    begin = len(sweep.drawn)
+    begin = len(sweep.drawn_names)
     sliding = bool(robot.prismatic.all())
     for name in sweep.metrics:
         declared = metrics.ALL[name]
@@ -117,7 +117,7 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
             "sampling": sweep.sampling,
         },
     )
-    failed = sweep.failed({name: dataset[name].values for name in (*sweep.metrics, "status")})
+    failed = sweep.fails({name: dataset[name].values for name in (*sweep.metrics, "status")})
     attributes = {"long_name": failure_words(sweep)}
     return dataset.assign(failed=("rollout", failed.astype(np.int8), attributes))
 
@@ -143,10 +143,12 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         **stops,
         "quantiles": {name: _quantiles(of_arm(found, name)) for name in sweep.metrics},
-        "failure by what was drawn": (maps := {name: failure_map(found, [name]) for name in sweep.drawn}),
+        "failure by what was drawn": (
+            maps := {name: failure_map(found, [name]) for name in sweep.drawn_names}
+        ),
         "failure by two of them": [
             {"of": list(pair), "parts": failure_map(found, pair)}
-            for pair in combinations(_paired(maps, failed), 2)
+            for pair in combinations(_strongest(maps, failed), 2)
         ],
     }
     return dict(json_data(said))
@@ -156,16 +158,16 @@ def _quantiles(values: Array) -> dict[str, Any]:
     return {str(share): quantile(values, share)._asdict() for share in QUANTILES}
 
 
-def _paired(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
+def _strongest(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
     """Return the names that failures depend on most, in the order of `maps`; none where there are too few."""
     if not failed.any() or len(failed) < 4 * _LEAST:
         return []
 
-    def spread(name: str) -> float:
+    def span(name: str) -> float:
         shares: list[float] = [part["value"] for part in maps[name]]
         return max(shares) - min(shares)
 
-    most = sorted(maps, key=spread, reverse=True)[:_PAIRED]
+    most = sorted(maps, key=span, reverse=True)[:_PAIRED]
     return [name for name in maps if name in most]
 
 
@@ -247,7 +249,7 @@ def write(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], folder: Path
         RolloutError: when something cannot be written.
     """
     chosen = worst(found)
-    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn} for i in chosen]
+    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn_names} for i in chosen]
     places = found["rollout"].values[chosen].tolist()
     return [
         folder / RESULTS,

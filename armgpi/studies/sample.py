@@ -24,9 +24,9 @@ from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import inside
 from armgpi.plants.reality import Draw, Reality, batches
-from armgpi.registry import registered
+from armgpi.registry import classes_of
 from armgpi.studies.distributions import SAMPLINGS, Distribution, distribution, shares
-from armgpi.studies.study import Identity, Study, identify, kept
+from armgpi.studies.study import Identity, Study, identify, read_identity
 
 #: Rollout-steps of a chunk, about: some seconds of compiled code.
 _WORK = 1 << 23
@@ -92,7 +92,7 @@ class Sweep:
         if bool(config.vary) == (config.reality is not None):
             said = "a sweep varies something: give distributions below vary, or a reality to draw from"
             raise origin.error(("vary",), said)
-        if not getattr(registered(Arm).get(config.plant.engine), "varies", False):
+        if not getattr(classes_of(Arm).get(config.plant.engine), "varies", False):
             said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
             raise origin.error(("plant", "engine"), said)
         failure = dict(config.failure or FAILURE)
@@ -112,7 +112,7 @@ class Sweep:
         loop, varied = found._loop(), {}
         for name, section in config.vary.items():
             try:
-                variable = _known(loop.parameters, name, type(config.plant).model_fields)
+                variable = _find_variable(loop.parameters, name, type(config.plant).model_fields)
                 known = (variable.declared, experiment.robot.n, variable.value)
                 varied[name] = distribution(name, section, *known)
                 with_value(found, name, 1.0)
@@ -150,7 +150,7 @@ class Sweep:
         return ["status", "t_end", *(() if self.experiment.supervisor is None else FAULTS)]
 
     @property
-    def drawn(self) -> list[str]:
+    def drawn_names(self) -> list[str]:
         """Names of the numbers that were drawn."""
         return self.columns[: -len(self.ends) - len(self.metrics) * self.robot.n]
 
@@ -191,7 +191,7 @@ class Sweep:
             return self._run_draws(chunk, rows)
         drawn = self.numbers(chunk, rows)
         seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
-        return np.hstack([drawn, self._flat(self._ran(drawn, seeds))])
+        return np.hstack([drawn, self._flat(self._run_rollouts(drawn, seeds))])
 
     def drew(self, table: Array, chunk: int) -> bool:
         """Tell whether numbers of a chunk are of what is drawn there, and of rollouts that ended."""
@@ -205,21 +205,21 @@ class Sweep:
 
     def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
         """Return metrics (rows, joints) and `status` of rollouts with these numbers and seeds."""
-        found = self._ran(drawn, seeds)
+        found = self._run_rollouts(drawn, seeds)
         return {name: found[name].values for name in (*self.metrics, "status")}
 
     def values(self, drawn: Array) -> dict[str, Any]:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
-        values, place = dict(self._fixed()), 0
+        values, place = dict(self._fixed_values()), 0
         for name, each in self.varied.items():
             part = drawn[:, place : place + each.joints]
             values[name] = part if each.joints > 1 else part[:, 0]
             place += each.joints
         return values
 
-    def _ran(self, drawn: Array, seeds: Any) -> Any:
+    def _run_rollouts(self, drawn: Array, seeds: Any) -> Any:
         """Return rollouts with these numbers, (rows, width), and seeds."""
-        return _compiled(self._loop(), self.values(drawn), seeds)
+        return _run_compiled(self._loop(), self.values(drawn), seeds)
 
     def config_of(
         self, row: Mapping[str, float], index: int = 0, seed: int | None = None
@@ -246,7 +246,7 @@ class Sweep:
         data["seed"] = self.config.seed + index if seed is None else seed
         return ExperimentConfig.model_validate(data)
 
-    def failed(self, table: Mapping[str, Array]) -> Any:
+    def fails(self, table: Mapping[str, Array]) -> Any:
         """Tell which rollouts have failed, from their metrics (rollouts, joints) and `status`."""
         failed = np.isin(table["status"], (Status.DIVERGED, Status.STOPPED))
         for name, most in self.failure.items():
@@ -267,7 +267,7 @@ class Sweep:
             _loops[self.digest] = known
         return known
 
-    def _fixed(self) -> dict[str, Any]:
+    def _fixed_values(self) -> dict[str, Any]:
         """Return what goes with what varies: where the load is."""
         load = self.config.plant.payload
         if "plant.payload.mass" not in self.varied or load is None:
@@ -290,12 +290,12 @@ class Sweep:
         table = np.empty((rows, len(self.columns)))
         for group in batches(draws):
             loop = prepare_draws(group, law, **_KEPT, supervisor=self.experiment.supervisor)
-            for draw, row in zip(group, self._flat(in_rows(_compiled(loop))), strict=True):
-                table[draw.index - first] = [*_told(draw), *row]
+            for draw, row in zip(group, self._flat(in_rows(_run_compiled(loop))), strict=True):
+                table[draw.index - first] = [*_draw_numbers(draw), *row]
         return table
 
 
-def _compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds: Any = None) -> Any:
+def _run_compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds: Any = None) -> Any:
     """Run a loop by generated code alone, whose bits are the same wherever it runs.
 
     Raises:
@@ -322,7 +322,7 @@ def load(folder: Path) -> tuple[Sweep, Study]:
         RolloutError: when there is none, or other code has to run it.
         ConfigError: when its experiment is damaged.
     """
-    sampling = kept(folder)["what"].get("sampling")
+    sampling = read_identity(folder)["what"].get("sampling")
     sweep = Sweep.of(*read(folder / EXPERIMENT), sampling)
     return sweep, sweep.enter(folder)
 
@@ -389,7 +389,7 @@ def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
         raise ParameterError(name, value, "the number of a load that is one entry of the file")
 
 
-def _known(known: Mapping[str, Variable], name: str, keys: Iterable[str]) -> Variable:
+def _find_variable(known: Mapping[str, Variable], name: str, keys: Iterable[str]) -> Variable:
     """Return a parameter that may vary, from those of the loop and what else `plant` may have in a file."""
     if name not in known:
         key = name.removeprefix("plant.")
@@ -400,7 +400,7 @@ def _known(known: Mapping[str, Variable], name: str, keys: Iterable[str]) -> Var
     return known[name]
 
 
-def _told(draw: Draw) -> list[float]:
+def _draw_numbers(draw: Draw) -> list[float]:
     """Return what is told of a draw; of what every joint has, the mean over the joints."""
     x = draw.numbers
     means = (float(np.mean(part)) for part in (x.rotor_inertia, x.coulomb, np.abs(x.torque_step)))

@@ -12,7 +12,7 @@ import numpy as np
 
 from armgpi import config
 from armgpi.config import Experiment, Origin
-from armgpi.config.reading import beside, checked, read_data
+from armgpi.config.reading import beside, check_section, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Reality
@@ -67,7 +67,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     found = data.pop("tune", None)
     if not isinstance(found, dict | None):
         raise origin.error(("tune",), "expected a mapping")
-    tune = checked(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
+    tune = check_section(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
     given = beside(config.check(data, origin), path)
     data = {**given.model_dump(exclude_unset=True)}
     data.setdefault("controllers", [{"type": "gpi"}])
@@ -82,7 +82,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     if experiment.supervisor is not None:
         said = "candidates are searched without the supervisor of the file; run what is found under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)
-    index = _chosen(tune, experiment, origin)
+    index = _find_controller(tune, experiment, origin)
     label = list(experiment.controllers)[index]
     section = {**data["controllers"][index]}
     section.pop("label", None)
@@ -91,7 +91,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     return Wanted(experiment, label, tune, section, problem, data, identify(given, asked))
 
 
-def _chosen(tune: TuneSection, experiment: Experiment, origin: Origin) -> int:
+def _find_controller(tune: TuneSection, experiment: Experiment, origin: Origin) -> int:
     """Return which controller is searched."""
     if tune.controller is None:
         return 0

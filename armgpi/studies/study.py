@@ -248,7 +248,7 @@ def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping
     Raises:
         RolloutError: when it is another study, or other code ran it; it says what differs.
     """
-    known = kept(folder)
+    known = read_identity(folder)
     if known["digest"] != identity.digest:
         said = ", ".join(_differences(known["what"], identity.what)) or "its files"
         raise RolloutError(f"{folder}: holds another study ({said}); choose another folder")
@@ -263,7 +263,7 @@ def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping
     return codes
 
 
-def kept(folder: Path) -> dict[str, Any]:
+def read_identity(folder: Path) -> dict[str, Any]:
     """Return what a folder says of its study: `digest`, `what`, and `codes` by their digests.
 
     Raises:

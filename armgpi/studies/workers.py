@@ -58,7 +58,7 @@ def run(
         # A chunk is on the disk before its future is done: a lost worker loses nothing that was finished.
         for future in distributed.as_completed(list(rows)):
             chunk, count = rows[future]
-            reason, room = _finished(future)
+            reason, room = _task_result(future)
             if not room:
                 client.cancel(list(rows))
                 raise NoRoom(reason)
@@ -69,19 +69,19 @@ def run(
     return broken
 
 
-def _finished(future: Any) -> tuple[str, bool]:
+def _task_result(future: Any) -> tuple[str, bool]:
     """Return what :func:`_task` did, or why it came to no end.
 
     Raises:
         BackendError: when the scheduler was lost.
     """
     if future.status == "error":
-        return _said(future.exception()), True
+        return _error_line(future.exception()), True
     try:
         done: tuple[str, bool] = future.result()
     except (OSError, TimeoutError, CancelledError) as error:
         said = "the Dask scheduler was lost; start the sweep again, and it goes on"
-        raise BackendError(f"{said} ({_said(error)})") from None
+        raise BackendError(f"{said} ({_error_line(error)})") from None
     return done
 
 
@@ -113,7 +113,7 @@ def _task(folder: str, chunk: int, rows: int) -> tuple[str, bool]:
     return "", True
 
 
-def _said(error: BaseException | None) -> str:
+def _error_line(error: BaseException | None) -> str:
     """Return an exception in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
@@ -129,7 +129,7 @@ def _client(distributed: Any, workers: int, cluster: str | None) -> Iterator[Any
         try:
             client = distributed.Client(cluster, timeout=_PATIENCE)
         except (OSError, ValueError, TimeoutError) as error:
-            raise BackendError(f"no Dask scheduler answers at {cluster}: {_said(error)}") from None
+            raise BackendError(f"no Dask scheduler answers at {cluster}: {_error_line(error)}") from None
         with client:
             yield client
         return

@@ -116,7 +116,7 @@ def run(name: str, evaluations: int, held_out: int, seed: int = 0) -> Row:
     asked: Any = {"budgets": (budget,), "evaluations": evaluations, "population": 8, "seed": seed}
     search = Search(Problem(space, Objective(WANTED), searched, judged, **asked))
     search.run()
-    found = search.validated()
+    found = search.validate()
 
     def judge(section: dict[str, Any]) -> Judged:
         return Judged.of(health.outcomes(judged.draws, name, section))
@@ -182,11 +182,11 @@ def _ratio(row: Row, name: str) -> str:
 
 def _cells(rule: Judged, tuned: Judged | None) -> list[str]:
     """Return both values of every column."""
-    told = [_told(rule), ["-"] * 5 if tuned is None else _told(tuned)]
+    told = [_column_values(rule), ["-"] * 5 if tuned is None else _column_values(tuned)]
     return [" → ".join(pair) for pair in zip(*told, strict=True)]
 
 
-def _told(judged: Judged) -> list[str]:
+def _column_values(judged: Judged) -> list[str]:
     """Return the values of a column each."""
     sizes = [metrics.short(x, 3) for x in (judged.itae, judged.peak, judged.variation)]
     return [*sizes, *(f"{100.0 * x:.0f}" for x in (judged.hunting, judged.lost))]

@@ -110,7 +110,7 @@ def scope_of(
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
     for index in _counters(tree):
-        seen.indexed(index, kinds)
+        seen.add_entries(index, kinds)
     entries = (*_entries_of_arguments(seen, kinds, arguments), *_entries_of_lists(tree, values))
     few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))[:_VECTORS]
     return Scope(
@@ -148,7 +148,7 @@ def _indexing(tree: ast.AST) -> Iterator[str]:
             inside: list[ast.AST] = [node.slice]
         elif isinstance(node, ast.For):
             inside = [node.target, node.iter]
-        elif isinstance(node, ast.Call) and _called(node) in ("range", "zeros", "eye", "ones", "sym"):
+        elif isinstance(node, ast.Call) and _function_name(node) in ("range", "zeros", "eye", "ones", "sym"):
             inside = list(node.args)
         else:
             inside = [node.left, *node.comparators] if isinstance(node, ast.Compare) else []
@@ -201,7 +201,7 @@ def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
     """Tell whether an expression is a part of a function's arguments, or a sine or cosine of one."""
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
         return isinstance(node.value, ast.Name) and node.value.id in arguments
-    if not (isinstance(node, ast.Call) and _called(node) in _TURNS):
+    if not (isinstance(node, ast.Call) and _function_name(node) in _TURNS):
         return False
     used = {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and x is not node.func}
     return bool(used & set(arguments)) or not arguments
@@ -226,7 +226,7 @@ class _Seen(ast.NodeVisitor):
         self.keys: dict[str, None] = {}
         self.cross: ast.expr | None = None
 
-    def indexed(self, index: str, kinds: Mapping[str, Any]) -> None:
+    def add_entries(self, index: str, kinds: Mapping[str, Any]) -> None:
         """Keep what is one entry of a list, of vectors or matrices, or of an argument."""
         for name, kind in kinds.items():
             entry = _entry(name, ast.Name(index, ast.Load()))
@@ -240,14 +240,14 @@ class _Seen(ast.NodeVisitor):
         """Keep the cosine of what a sine is taken of, and the other way round."""
         for node in [*self.scalars.values()]:
             if isinstance(node, ast.Call):
-                other = ast.Call(_renamed(node.func, _TURNS[_called(node)]), node.args, [])
+                other = ast.Call(_rename(node.func, _TURNS[_function_name(node)]), node.args, [])
                 self.scalars.setdefault(ast.unparse(other), other)
 
     def visit_Call(self, node: ast.Call) -> None:
         """Keep sines, cosines and cross products."""
-        if _called(node) in _TURNS:
+        if _function_name(node) in _TURNS:
             self.scalars[ast.unparse(node)] = node
-        elif _called(node) == "cross" and len(node.args) == 2:
+        elif _function_name(node) == "cross" and len(node.args) == 2:
             self.cross = node.func
             self.vectors |= {ast.unparse(part): part for part in node.args}
             self.products[ast.unparse(node)] = node
@@ -395,7 +395,7 @@ def _is_equation(node: ast.expr, parent: Any) -> bool:
         and (summed or isinstance(parent, ast.Assign | ast.AugAssign | ast.Call))
         and any(
             (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
-            or (isinstance(x, ast.Call) and _called(x) == "cross")
+            or (isinstance(x, ast.Call) and _function_name(x) == "cross")
             for x in parts
         )
     )
@@ -431,7 +431,7 @@ def vector_terms(scope: Scope) -> Iterator[ast.expr]:
     found: dict[str, ast.expr] = {ast.unparse(x): x for x in (*scope.products, *scope.vectors)}
     simple = list(_crosses(scope, scope.cross)) if scope.cross is not None else []
     found |= {ast.unparse(x): x for x in simple}
-    simple = [x for x in simple if isinstance(x, ast.Call) and not _nested(x)]
+    simple = [x for x in simple if isinstance(x, ast.Call) and not _has_call(x)]
     for scalar in (x for x in scope.scalars if isinstance(x, ast.Subscript)):
         for x in (*(simple if scope.loops else ()), *scope.vectors):
             scaled = _times(scalar, x)
@@ -447,9 +447,9 @@ def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     for a, b in pairs:
         one = ast.Call(cross, [a, b], [])
         yield one
-        if not _nested(one):
+        if not _has_call(one):
             yield ast.Call(cross, [a, one], [])
-    yield from _turned(scope, cross)
+    yield from _gyroscopic_terms(scope, cross)
 
 
 def _length(node: ast.expr) -> tuple[int, int]:
@@ -462,7 +462,7 @@ def _length(node: ast.expr) -> tuple[int, int]:
     return len(names), sum(isinstance(x, ast.Call) for x in parts)
 
 
-def _turned(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
+def _gyroscopic_terms(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     """Yield I ω and ω × I ω of all matrices and vectors."""
     for matrix in scope.matrices:
         for x in scope.vectors[: _IN_LOOPS if scope.loops else None]:
@@ -470,7 +470,7 @@ def _turned(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
             yield from (turned, ast.Call(cross, [x, turned], []))
 
 
-def _nested(node: ast.Call) -> bool:
+def _has_call(node: ast.Call) -> bool:
     return any(isinstance(part, ast.Call) for part in node.args)
 
 
@@ -499,10 +499,10 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
 
 
 def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
-    name = _called(node)
+    name = _function_name(node)
     if name in _TURNS and len(node.args) == 1:
         (angle,) = node.args
-        yield "trig", ast.Call(_renamed(node.func, _TURNS[name]), node.args, [])
+        yield "trig", ast.Call(_rename(node.func, _TURNS[name]), node.args, [])
         yield "degrees", ast.Call(node.func, [ast.BinOp(angle, ast.Mult(), ast.Constant(math.pi / 180))], [])
         yield "degrees", ast.Call(node.func, [ast.BinOp(angle, ast.Mult(), ast.Constant(180 / math.pi))], [])
         for turn in (math.pi / 2, math.pi):
@@ -573,12 +573,12 @@ def _of_row(node: ast.Tuple | ast.List) -> Iterator[Choice]:
             yield "swapped", type(node)(swapped, ast.Load())
 
 
-def _called(node: ast.Call) -> str:
+def _function_name(node: ast.Call) -> str:
     """Return the last part of a function's name."""
     return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 
 
-def _renamed(func: ast.expr, name: str) -> ast.expr:
+def _rename(func: ast.expr, name: str) -> ast.expr:
     if isinstance(func, ast.Attribute):
         return ast.Attribute(func.value, name, ast.Load())
     return ast.Name(name, ast.Load())

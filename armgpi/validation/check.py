@@ -15,7 +15,7 @@ from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, repair, samples
-from armgpi.validation.conventions import declared
+from armgpi.validation.conventions import declare_convention
 from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, Vary, diagnose
 from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
@@ -93,7 +93,7 @@ def validate(
     if robot is not None and rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
     tree = None if robot is None else from_robot(robot, frame)
-    convention = declared(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
+    convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
     name = str(model) if isinstance(model, str | PathLike) else name_of(model)
     with Worker(model, name, time_limit, None, convention) as worker:
         if robot is None:
@@ -107,7 +107,7 @@ def validate(
         own = laws.derive(worker, states, sampled)
         found = laws.check(worker, states, sampled, own)
         notes = ["the model prints while it computes; that is not shown"] if worker.printed else []
-        notes += _rounded(sampled)
+        notes += _rounding_notes(sampled)
         if worker.uncompared:
             told = "nothing is said of it: give it a known name, or map it"
             notes.append(f"not compared: {', '.join(worker.uncompared)} ({told})")
@@ -126,7 +126,7 @@ def check_time_limit(time_limit: float) -> float:
     )
 
 
-def _rounded(sampled: Mapping[str, Sampled]) -> list[str]:
+def _rounding_notes(sampled: Mapping[str, Sampled]) -> list[str]:
     """Return a line when the model computes with few digits."""
     worst = max(sampled.values(), key=lambda s: s.digits)
     if worst.digits < _FEW_DIGITS:
@@ -155,7 +155,7 @@ def _compare(
     repaired = None
     if not all(one.agrees for one in seen):
         causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
-    functions = tuple(_diagnosed(one, causes) for one in seen)
+    functions = tuple(_with_diagnosis(one, causes) for one in seen)
     return DynamicsReport(
         worker.name,
         robot.name,
@@ -180,7 +180,7 @@ def _causes(
     follows: Mapping[str, tuple[str, Mask]],
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
-    vary = Vary(worker.numbers, _varied(worker, states, problem, sampled))
+    vary = Vary(worker.numbers, _vary(worker, states, problem, sampled))
     if problem.agreeing.all():  # not even quadratic in v, which no element shows
         told: list[Cause] = []
     else:
@@ -201,17 +201,17 @@ def _causes(
     )
     # One cause in the values is a shorter description than three changes, a convention than two.
     if found is not None and found.confirmed and len(found.changes) <= (1 if told else 2):
-        return _ranked(causes, told), found.source
+        return _rank(causes, told), found.source
     if not told and not problem.agreeing.all():
         told = diagnose(problem, follows, vary)
     if found is not None and len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED:
-        return _ranked(told, causes), found.source
+        return _rank(told, causes), found.source
     # What the values say is believed before a change that agrees at the numbers of the file alone.
     if causes and found is not None and not found.doubts:
-        return _ranked(causes, told), None if found is None else found.source
+        return _rank(causes, told), None if found is None else found.source
     if worker.source is not None and harmless(worker.source):
         told = [_in_doubt(one) for one in told]
-    return _ranked(told, causes), None
+    return _rank(told, causes), None
 
 
 def _in_doubt(cause: Cause) -> Cause:
@@ -224,7 +224,7 @@ def _in_doubt(cause: Cause) -> Cause:
     )
 
 
-def _ranked(first: list[Cause], second: list[Cause]) -> list[Cause]:
+def _rank(first: list[Cause], second: list[Cause]) -> list[Cause]:
     """Return the causes that one witness tells, and as alternatives what the other one tells."""
     other = tuple(cause.text for cause in second if cause.kind not in UNNAMED)
     if not first or not other:
@@ -304,7 +304,7 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
     ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
-def _diagnosed(report: FunctionReport, causes: Sequence[Cause]) -> FunctionReport:
+def _with_diagnosis(report: FunctionReport, causes: Sequence[Cause]) -> FunctionReport:
     """Return the report of one function with the causes that are about it."""
     mine = tuple(cause for cause in causes if any(e.function == report.function for e in cause.elements))
     return report._replace(diagnosis=mine)
@@ -356,7 +356,7 @@ def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
     if name == "kinetic_energy":
         return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, robot.mass_matrix(s.q), s.v))
     quantity = {"potential_energy": "V", "forward_kinematics": "F", "jacobian": "J"}[name]
-    return problem.seen(evaluate(problem.tree, s.q, quantity))[quantity]
+    return problem.in_tool_coordinates(evaluate(problem.tree, s.q, quantity))[quantity]
 
 
 def _follows(
@@ -395,12 +395,12 @@ def _follows(
                 said.setdefault(quantity, (name, one.quantities[quantity]))
 
 
-def _varied(worker: Worker, states: States, problem: Problem, sampled: Mapping[str, Sampled]) -> Any:
+def _vary(worker: Worker, states: States, problem: Problem, sampled: Mapping[str, Sampled]) -> Any:
     """Return a function that gives the model's columns with one number changed."""
 
     def columns(number: str, value: float, functions: frozenset[str], rows: int | None) -> Array:
         few = States(*(x[: rows or len(problem.q)] for x in states))
-        with _changed(worker, {number: value}):
+        with _change_numbers(worker, {number: value}):
             quantities = {
                 name: samples.quantities(worker, name, few) for name in sampled if name in functions
             }
@@ -410,7 +410,7 @@ def _varied(worker: Worker, states: States, problem: Problem, sampled: Mapping[s
 
 
 @contextmanager
-def _changed(worker: Worker, numbers: dict[str, float]) -> Iterator[None]:
+def _change_numbers(worker: Worker, numbers: dict[str, float]) -> Iterator[None]:
     """Change numbers of the model meanwhile."""
     worker.changes = numbers
     try:

@@ -39,7 +39,7 @@ class Convention(NamedTuple):
     b: Array | None = None
     mapped: tuple[str, ...] = ()
 
-    def seen(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    def convert(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """Return a function of the model as one of the robot's coordinates."""
         if self.A is None or self.b is None:
             return function
@@ -47,7 +47,7 @@ class Convention(NamedTuple):
         back = np.asarray(np.linalg.inv(A))
 
         @wraps(function)
-        def called(q: Array, *rest: Array) -> Any:
+        def call(q: Array, *rest: Array) -> Any:
             others = [A @ x for x in rest]
             if name == "forward_dynamics":
                 others[-1] = back.T @ rest[-1]
@@ -60,10 +60,10 @@ class Convention(NamedTuple):
                 return back @ np.asarray(value, dtype=np.float64).ravel()
             return np.asarray(value, dtype=np.float64) @ A if name == "jacobian" else value
 
-        return called
+        return call
 
 
-def declared(
+def declare_convention(
     tree: Tree | None,
     names: Mapping[str, str],
     absolute: bool,

@@ -212,7 +212,7 @@ class _Symbols:
 
         self.tree, n = tree, tree.n
         self.values: dict[str, float] = {}
-        plan = [self._named(i) for i in range(n)]
+        plan = [self._name_numbers(i) for i in range(n)]
         tool = self._symbols("t", tree.tool_position)
         gravity = self._gravity()
         # Sliding positions are polynomial, so they belong to the coefficients; angles to the harmonics.
@@ -243,7 +243,7 @@ class _Symbols:
             mass, first, tensor = self._composites[i]
             axis = self._numbers(tree.axes[i])
             if tree.prismatic[i]:
-                force, moment = _scaled(axis, mass), _cross(first, axis)
+                force, moment = _scale(axis, mass), _cross(first, axis)
             else:
                 force, moment = _cross(axis, first), _apply(tensor, axis)
             # The force that moves the composite body, carried towards the base (Featherstone, table 6.2).
@@ -264,7 +264,7 @@ class _Symbols:
         total = [Trig({})] * 3
         for i, parent in enumerate(self.tree.parents):
             if parent < 0:
-                total = _plus(total, self._moved(i)[1])
+                total = _plus(total, self._moving_body(i)[1])
         return -_dot(self._down, total)
 
     def position(self) -> Vector:
@@ -318,7 +318,7 @@ class _Symbols:
             total += number * sympy.prod(sympy.Symbol(x) ** p for x, p in held)
         return total
 
-    def _named(
+    def _name_numbers(
         self, i: int
     ) -> tuple[str | None, list[str | None], list[list[str | None]], list[str | None], str | None]:
         """Return the names of the numbers of body and joint i; None for a zero."""
@@ -376,7 +376,7 @@ class _Symbols:
         """Return mass, first moment and inertia about the joint of one body."""
         m, c = self._constant(self._coefficient(mass)), self._vector(com)
         inertia = [[self._constant(self._coefficient(name)) for name in row] for row in tensor]
-        return m, _scaled(c, m), _sum(inertia, _steiner(c, _scaled(c, m)))
+        return m, _scale(c, m), _sum(inertia, _steiner(c, _scale(c, m)))
 
     def _rotation(self, i: int) -> Matrix:
         """Return the rotation of joint i's frame in its parent's."""
@@ -404,7 +404,7 @@ class _Symbols:
         if not self.tree.prismatic[i]:
             return self._lengths[i]
         along = self._numbers(self.tree.rotations[i] @ self.tree.axes[i])
-        return _plus(self._lengths[i], _scaled(along, self._constant(self._at[f"q{i + 1}"])))
+        return _plus(self._lengths[i], _scale(along, self._constant(self._at[f"q{i + 1}"])))
 
     def _put_together(self) -> list[tuple[Trig, Vector, Matrix]]:
         """Return all that moves with each joint, in its frame."""
@@ -412,12 +412,12 @@ class _Symbols:
         for i in reversed(range(self.tree.n)):
             parent = self.tree.parents[i]
             if parent >= 0:
-                mass, first, tensor = self._moved(i)
+                mass, first, tensor = self._moving_body(i)
                 m, h, inertia = self._composites[parent]
                 self._composites[parent] = (m + mass, _plus(h, first), _sum(inertia, tensor))
         return self._composites
 
-    def _moved(self, i: int) -> tuple[Trig, Vector, Matrix]:
+    def _moving_body(self, i: int) -> tuple[Trig, Vector, Matrix]:
         """Return what moves with joint i, in its parent's frame."""
         mass, first, tensor = self._composites[i]
         R, p = self._turns[i], self._shifts[i]
@@ -427,8 +427,8 @@ class _Symbols:
         # About the parent's origin: I - [p][h] - [h][p] - m [p][p].
         inertia = _sum(inertia, _steiner(p, turned))
         inertia = _sum(inertia, _steiner(turned, p))
-        inertia = _sum(inertia, _steiner(p, _scaled(p, mass)))
-        return mass, _plus(turned, _scaled(p, mass)), inertia
+        inertia = _sum(inertia, _steiner(p, _scale(p, mass)))
+        return mass, _plus(turned, _scale(p, mass)), inertia
 
 
 def _exact(x: float) -> Any:
@@ -439,7 +439,7 @@ def _exact(x: float) -> Any:
     return sympy.QQ(fraction.numerator, fraction.denominator)
 
 
-def _scaled(a: Vector, factor: Trig) -> Vector:
+def _scale(a: Vector, factor: Trig) -> Vector:
     return [x * factor for x in a]
 
 

@@ -208,7 +208,7 @@ class _Search:
         scope = ~(self.differing & ~left)
         if consequences and left.any() and (found := self.best(scope, left)):
             return [self.cause(found, left, "model"), *consequences]
-        return [*_joined(self.by_function(left)), *consequences]
+        return [*_join_equal(self.by_function(left)), *consequences]
 
     def by_function(self, left: Mask) -> Iterator[Cause]:
         """Yield causes for every quantity of every function alone."""
@@ -221,7 +221,7 @@ class _Search:
             if found := self.best(part & ~(self.differing & ~left), mine):
                 yield self.cause(found, mine, "function")
                 continue
-            causes = _joined(
+            causes = _join_equal(
                 self.cause(_best_first(self.entry(int(k))), _only(int(k), mine), "elements")
                 for k in np.flatnonzero(mine)
             )
@@ -414,7 +414,7 @@ class _Search:
         ]
         found += [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.maps if fits[column]]
         found += [self.of_fit(fit) for fit in terms.fits(p, self.summands, column)]
-        found += [*self.factor(column), *self.copied(column), *self.slips(column)]
+        found += [*self.factor(column), *self.copies(column), *self.slips(column)]
         return found
 
     def factor(self, column: int) -> Iterator[_Candidate]:
@@ -466,7 +466,7 @@ class _Search:
             return []
         return [self.by_factor(factor, f"it is {factor:.6g} times what it should be, in every entry")]
 
-    def copied(self, column: int) -> Iterator[_Candidate]:
+    def copies(self, column: int) -> Iterator[_Candidate]:
         """Yield another element whose value stands in place of this one's."""
         p, element, tolerance = self.problem, self.problem.elements[column], self.problem.tolerance[column]
         same = [k for k, e in enumerate(p.elements) if e[:2] == element[:2] and k != column]
@@ -650,7 +650,7 @@ def _under(tree: Tree, gravity: Array) -> Tree:
     return replace(tree, gravity=gravity)
 
 
-def _fixed(tree: Tree) -> Callable[[Tree], Tree]:
+def _always(tree: Tree) -> Callable[[Tree], Tree]:
     """Return the change that gives this tree, whatever it is applied to."""
     return lambda _: tree
 
@@ -669,7 +669,7 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
         empty = empty.with_body(k, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
     empty = replace(empty, armature=np.zeros(tree.n))
     point = empty.with_body(i, mass=1.0)
-    columns = [Hypothesis("", "", tree=_fixed(point))]
+    columns = [Hypothesis("", "", tree=_always(point))]
     for axis in np.eye(3):
         # A unit point at +axis less one at -axis is twice the first moment.
         ahead, behind = (point.with_body(i, com=s * axis) for s in (1.0, -1.0))
@@ -683,7 +683,7 @@ def regressor(tree: Tree, i: int) -> list[Hypothesis]:
     for r, c in MOMENTS:
         unit = np.zeros((3, 3))
         unit[r, c] = unit[c, r] = 1.0
-        columns.append(Hypothesis("", "", tree=_fixed(empty.with_body(i, inertia=unit))))
+        columns.append(Hypothesis("", "", tree=_always(empty.with_body(i, inertia=unit))))
     return columns
 
 
@@ -699,7 +699,7 @@ def _inertial_text(chosen: tuple[int, ...], change: Array) -> tuple[str, int]:
     return "; ".join(texts) + " (least squares; only sums of them may be felt by the joints)", count
 
 
-def _joined(causes: Iterator[Cause]) -> list[Cause]:
+def _join_equal(causes: Iterator[Cause]) -> list[Cause]:
     """Return causes with equal ones made one."""
     found: dict[tuple[str, str, str], Cause] = {}
     for cause in causes:

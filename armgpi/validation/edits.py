@@ -138,7 +138,7 @@ class Goal(NamedTuple):
         """Return the arguments of a call, as copies."""
         return [getattr(self.states[label], letter)[row].copy() for letter in ARGUMENTS[function]]
 
-    def called(self, calls: Mapping[str, Callable[..., Any]], function: str, label: str, row: int) -> Array:
+    def call(self, calls: Mapping[str, Callable[..., Any]], function: str, label: str, row: int) -> Array:
         """Return what a function gives at one state, flat."""
         state = self.arguments(function, label, row)
         one = calls[function]
@@ -181,7 +181,7 @@ class Change(NamedTuple):
     reaches: frozenset[str] = frozenset()
 
 
-def patched(source: str, changes: tuple[Change, ...]) -> str:
+def apply_changes(source: str, changes: tuple[Change, ...]) -> str:
     """Return a source with some changes made."""
     lines = [line.encode() for line in source.splitlines(keepends=True)]
     for change in sorted(changes, key=lambda c: c.span, reverse=True):
@@ -300,9 +300,9 @@ class Block:
             isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add)
         )
         self.sites.append(Site(node, choices, fitted, literal, fitted and whole))
-        return self._switched(number, [choice for _, choice in choices], new)
+        return self._add_switch(number, [choice for _, choice in choices], new)
 
-    def _switched(self, number: int, choices: list[ast.expr], new: ast.expr) -> ast.expr:
+    def _add_switch(self, number: int, choices: list[ast.expr], new: ast.expr) -> ast.expr:
         """Return an expression that gives one of the choices when its switch says so."""
         at = ast.Subscript(ast.Name(self.names[0], ast.Load()), ast.Constant(number), ast.Load())
 
@@ -504,9 +504,9 @@ class Editor:
         )
         if self.symbolic and "forward_dynamics" in self.targets:
             raise ValueError  # a forward dynamics of SymPy is not taken apart
-        found = {} if self.symbolic else self._reached()
+        found = {} if self.symbolic else self._reachable()
         self._trace(found)
-        self.blocks = [self._installed(function, block) for function, block in found.items()]
+        self.blocks = [self._install(function, block) for function, block in found.items()]
         self._assigned: set[str] = set()
         self._code: CodeType | None = None
         self._needed: _Parts | None = None  # what a function of a module of SymPy needs
@@ -515,7 +515,7 @@ class Editor:
 
     # What the model is made of.
 
-    def _reached(self) -> dict[FunctionType, Block]:
+    def _reachable(self) -> dict[FunctionType, Block]:
         """Return the functions in the file that the model's functions call, themselves included."""
         nodes = {(n.name, _first_line(n)): n for n in ast.walk(self._tree) if isinstance(n, ast.FunctionDef)}
         found: dict[FunctionType, Block] = {}
@@ -572,7 +572,7 @@ class Editor:
                 if len(calls) < ROWS:
                     calls.append(frames[0])
 
-    def _installed(self, function: FunctionType, block: Block) -> Block:
+    def _install(self, function: FunctionType, block: Block) -> Block:
         """Put the switches into a function."""
         code, space = function.__code__, dict[str, Any]()
         if function in self._makers:
@@ -602,7 +602,7 @@ class Editor:
         if self.symbolic:
             whole = _Parts(ast.Module(body, []), self._path)
             block.calls = {
-                label: [self._executed(whole, "", label, k)[0] for k in range(ROWS)]
+                label: [self._run_parts(whole, "", label, k)[0] for k in range(ROWS)]
                 for label in self.goal.states
             }
         module = block.switchable(tuple(self._vectors()))
@@ -650,14 +650,14 @@ class Editor:
                 calls = self._calls if self.symbolic or not again else self._again(space)
 
                 @cache
-                def given(function: str, label: str, row: int) -> Array:
+                def value_at(function: str, label: str, row: int) -> Array:
                     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
                     self._place_terms(label, row)
                     if self.symbolic:
                         return self.goal.flat(function, self._at(function, label, row), label, row)
-                    return self.goal.called(calls, function, label, row)
+                    return self.goal.call(calls, function, label, row)
 
-                found = {name: stacked(self.targets[name], given, rows) for name in names}
+                found = {name: stack_values(self.targets[name], value_at, rows) for name in names}
         except (Exception, _Slow):
             return None
         finally:
@@ -673,9 +673,9 @@ class Editor:
     def _at(self, function: str, label: str, row: int) -> Any:
         """Return what a function of a module of SymPy is at one state."""
         assert self._needed is not None
-        return self._executed(self._needed, function, label, row)[1]
+        return self._run_parts(self._needed, function, label, row)[1]
 
-    def _executed(self, parts: _Parts, name: str, label: str, row: int) -> tuple[dict[str, Any], Any]:
+    def _run_parts(self, parts: _Parts, name: str, label: str, row: int) -> tuple[dict[str, Any], Any]:
         """Return the names of a module with what one of them needs ("": all) at one state, and its value."""
         if (label, row) not in self._spaces:
             self._spaces[label, row] = self._space(label, row, vars(self._module).get("parameters", {}))
@@ -687,14 +687,14 @@ class Editor:
             value = parts.run(found, name)
         return found, value
 
-    def executed(self, source: str) -> Callable[[str, str, int], Array]:
+    def run_source(self, source: str) -> Callable[[str, str, int], Array]:
         """Return what gives the values of another source of a module of expressions, flat."""
         parts = _Parts(ast.Module(_assignments(ast.parse(source)), []), self._path)
 
-        def given(function: str, label: str, row: int) -> Array:
-            return self.goal.flat(function, self._executed(parts, function, label, row)[1], label, row)
+        def value_at(function: str, label: str, row: int) -> Array:
+            return self.goal.flat(function, self._run_parts(parts, function, label, row)[1], label, row)
 
-        return cache(given)
+        return cache(value_at)
 
     def _space(self, label: str, row: int, parameters: Mapping[str, float]) -> dict[str, Any]:
         """Return the names of a module of SymPy with numbers in place of its symbols."""
@@ -766,7 +766,7 @@ class Editor:
         change = Change(pick.kind or kind, span, old, text, *where)
         # Brackets where the new expression would not hold together.
         safe = change._replace(new=f"({text})")
-        plain, bracketed = (patched(self.source, (one,)) for one in (change, safe))
+        plain, bracketed = (apply_changes(self.source, (one,)) for one in (change, safe))
         try:
             same = ast.dump(ast.parse(plain)) == ast.dump(ast.parse(bracketed))
         except SyntaxError:
@@ -841,7 +841,7 @@ def apart(forward_dynamics: Callable[..., Any], q: Array, v: Array, _: Array) ->
     return np.concatenate([D.ravel(), -D @ still])
 
 
-def stacked(target: Target, given: Callable[[str, str, int], Array], rows: int) -> Array:
+def stack_values(target: Target, given: Callable[[str, str, int], Array], rows: int) -> Array:
     """Return what a function gives at the first states as an array, (rows, m).
 
     Args:

@@ -118,7 +118,7 @@ class Names:
 
 def discrete(tree: Tree) -> list[Hypothesis]:
     """Return the mistakes without a number in them."""
-    makers = (_signs, _zeros, _degrees, _orders, _absolute, _bodies, _frames, _unturned)
+    makers = (_signs, _zeros, _degrees, _orders, _absolute, _bodies, _frames, _rotations)
     return [*(h for maker in makers for h in maker(tree)), *_kinematic(), *_structure()]
 
 
@@ -130,17 +130,17 @@ def angle_maps(tree: Tree) -> list[Hypothesis]:
     for j, k in itertools.product(range(n), repeat=2):
         mine, other = f"q{j + 1}", f"q{k + 1}"
         if j == k:
-            maps.append(_mixed(n, j, {j: 0.0}, "angle-missing", f"{mine} is left out"))
-            maps.append(_mixed(n, j, {j: 2.0}, "angle-doubled", f"2 {mine} stands for {mine}"))
+            maps.append(_mix_angles(n, j, {j: 0.0}, "angle-missing", f"{mine} is left out"))
+            maps.append(_mix_angles(n, j, {j: 2.0}, "angle-doubled", f"2 {mine} stands for {mine}"))
         elif tree.prismatic[k] == tree.prismatic[j]:  # an angle is never taken for a length
             belongs = f"stands where {mine} belongs"
-            maps.append(_mixed(n, j, {j: 0.0, k: 1.0}, "angle-replaced", f"{other} {belongs}"))
-            maps.append(_mixed(n, j, {k: 1.0}, "angle-added", f"{mine} + {other} {belongs}"))
-            maps.append(_mixed(n, j, {k: -1.0}, "angle-added", f"{mine} - {other} {belongs}"))
+            maps.append(_mix_angles(n, j, {j: 0.0, k: 1.0}, "angle-replaced", f"{other} {belongs}"))
+            maps.append(_mix_angles(n, j, {k: 1.0}, "angle-added", f"{mine} + {other} {belongs}"))
+            maps.append(_mix_angles(n, j, {k: -1.0}, "angle-added", f"{mine} - {other} {belongs}"))
     return maps
 
 
-def _mixed(n: int, j: int, factors: Mapping[int, float], kind: str, text: str) -> Hypothesis:
+def _mix_angles(n: int, j: int, factors: Mapping[int, float], kind: str, text: str) -> Hypothesis:
     """Return the hypothesis that q_j is another combination of the angles, inside of the formulas."""
     A = np.eye(n)
     for k, factor in factors.items():
@@ -299,7 +299,7 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
             ("masses, centres of mass and inertias", Body._fields),
         ):
             text = f"the {what} of {names.link(i)} and {names.link(j)} are swapped"
-            yield Hypothesis("links-swapped", text, tree=partial(_swapped, i=i, j=j, fields=fields))
+            yield Hypothesis("links-swapped", text, tree=partial(_swap, i=i, j=j, fields=fields))
 
 
 def _with_inertia(tree: Tree, only: int | None, inertia: Callable[[Body], Array]) -> Tree:
@@ -313,7 +313,7 @@ def _with_body(tree: Tree, i: int, changes: Mapping[str, object]) -> Tree:
     return tree.with_body(i, **changes)
 
 
-def _swapped(tree: Tree, i: int, j: int, fields: tuple[str, ...]) -> Tree:
+def _swap(tree: Tree, i: int, j: int, fields: tuple[str, ...]) -> Tree:
     first, second = ({f: getattr(tree.bodies[k], f) for f in fields} for k in (i, j))
     return tree.with_body(i, **second).with_body(j, **first)
 
@@ -444,7 +444,7 @@ def _on(name: str, change: Callable[[Array], Array], becomes: str = "") -> Calla
     return lambda p: {becomes or name: change(p[name])} if name in p else {}
 
 
-def _scaled(diagonal: float, others: float) -> Callable[[Array], Array]:
+def _scale(diagonal: float, others: float) -> Callable[[Array], Array]:
     """Return a change of D, or of the squares (diagonal) and the other products of velocities in H."""
     return lambda x: np.asarray(x * np.where(np.eye(x.shape[-1]) > 0.0, diagonal, others))
 
@@ -461,7 +461,7 @@ def _rates(along: float, across: float) -> Callable[[Array], Array]:
     return change
 
 
-def _transposed(H: Array) -> Array:
+def _transpose(H: Array) -> Array:
     """Return the H of C', made symmetric again."""
     T = np.swapaxes(H, -3, -2)
     return np.asarray(0.5 * (T + np.swapaxes(T, -1, -2)))
@@ -471,16 +471,16 @@ _MIXED = "every product of two different velocities"
 _INCLUDED = "gravity is contained in the Coriolis torque"
 #: Formulas that are wrong whatever the arm: kind, text, and the change of the quantities.
 _FORMULAS: tuple[tuple[str, str, Callable[[Quantities], Quantities]], ...] = (
-    ("diagonal", "D has its off-diagonal entries with the other sign", _on("D", _scaled(1.0, -1.0))),
-    ("diagonal", "D has no off-diagonal entries", _on("D", _scaled(1.0, 0.0))),
-    ("products", f"a factor 2 is missing in {_MIXED}", _on("H", _scaled(1.0, 0.5))),
-    ("products", f"a factor 1/2 is missing in {_MIXED}", _on("H", _scaled(1.0, 2.0))),
-    ("products", "all products of two different velocities are missing", _on("H", _scaled(1.0, 0.0))),
-    ("products", "all centrifugal products (squares) are missing", _on("H", _scaled(0.0, 1.0))),
-    ("products", "the centrifugal products (squares) have the other sign", _on("H", _scaled(-1.0, 1.0))),
-    ("products", "a factor 1/2 is missing in every square", _on("H", _scaled(2.0, 1.0))),
-    ("products", "a factor 2 is missing in every square", _on("H", _scaled(0.5, 1.0))),
-    ("transposed", "C is transposed", _on("H", _transposed)),
+    ("diagonal", "D has its off-diagonal entries with the other sign", _on("D", _scale(1.0, -1.0))),
+    ("diagonal", "D has no off-diagonal entries", _on("D", _scale(1.0, 0.0))),
+    ("products", f"a factor 2 is missing in {_MIXED}", _on("H", _scale(1.0, 0.5))),
+    ("products", f"a factor 1/2 is missing in {_MIXED}", _on("H", _scale(1.0, 2.0))),
+    ("products", "all products of two different velocities are missing", _on("H", _scale(1.0, 0.0))),
+    ("products", "all centrifugal products (squares) are missing", _on("H", _scale(0.0, 1.0))),
+    ("products", "the centrifugal products (squares) have the other sign", _on("H", _scale(-1.0, 1.0))),
+    ("products", "a factor 1/2 is missing in every square", _on("H", _scale(2.0, 1.0))),
+    ("products", "a factor 2 is missing in every square", _on("H", _scale(0.5, 1.0))),
+    ("transposed", "C is transposed", _on("H", _transpose)),
     ("christoffel", "-½ ∂(v'Dv)/∂q is missing: it is Ḋ v alone", _on("H", _rates(1.0, 0.0))),
     ("christoffel", "it is ½ Ḋ v", _on("H", _rates(0.5, 0.0))),
     ("christoffel", "the ½ of -½ ∂(v'Dv)/∂q is missing", _on("H", _rates(1.0, -1.0))),
@@ -518,7 +518,7 @@ def _structure() -> Iterator[Hypothesis]:
         yield Hypothesis(kind, text, post=post)
 
 
-def _unturned(tree: Tree) -> Iterator[Hypothesis]:
+def _rotations(tree: Tree) -> Iterator[Hypothesis]:
     """Yield inertias that are not turned from the link into the base, or the wrong way."""
     turning = [k for k in range(tree.n) if tree.bodies[k].inertia.any()]
     # Denavit-Hartenberg puts a link's frame at its far end; then R I R' needs the rotation there.

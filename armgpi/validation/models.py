@@ -130,11 +130,11 @@ class Functions:
         self.n = n
         self.calls = dict(rebuild({}))
 
-    def seen(self, convention: Convention) -> Functions:
+    def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
 
         def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-            return {name: convention.seen(name, call) for name, call in self._rebuild(changes).items()}
+            return {name: convention.convert(name, call) for name, call in self._rebuild(changes).items()}
 
         return self if convention.A is None else Functions(rebuild, self.numbers, self.n)
 
@@ -158,26 +158,26 @@ def resolve(model: Any, source: str | None = None, convention: Convention | None
     if isinstance(model, str) and model in PAPER:
         from armgpi.paper.arm import PaperArm
 
-        return _of_object(_named(PaperArm(), used)).seen(used)
+        return _of_object(_with_names(PaperArm(), used)).convert(used)
     if isinstance(model, str | Path):
         module, name = _load(str(model), source)
 
         def again() -> Functions:
-            return _of_object(_named(getattr(module, name) if name else module, used)).seen(used)
+            return _of_object(_with_names(getattr(module, name) if name else module, used)).convert(used)
 
         functions = again()
-        functions.uncompared = _uncompared(getattr(module, name) if name else module)
+        functions.uncompared = _uncompared_names(getattr(module, name) if name else module)
         path = getattr(module, "__file__", None)
         if path is not None and Path(path).suffix in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
             text = _text(Path(path)) if source is None else source
             functions.origin = Origin(str(path), text, module, again)
         return functions
-    functions = _of_object(_named(model, used)).seen(used)
-    functions.uncompared = _uncompared(model)
+    functions = _of_object(_with_names(model, used)).convert(used)
+    functions.uncompared = _uncompared_names(model)
     return functions
 
 
-def _named(thing: Any, convention: Convention) -> Any:
+def _with_names(thing: Any, convention: Convention) -> Any:
     """Return a model whose functions have their full names too.
 
     Raises:
@@ -197,7 +197,7 @@ def _named(thing: Any, convention: Convention) -> Any:
         own = owner.get(name)
         if own is not None and own is not owner[mine] and not (callable(own) and own == owner[mine]):
             raise Unusable(f"has a function {name}, and {mine!r} is mapped to {name} too: drop one")
-    return _renamed(thing, convention.names)
+    return _rename(thing, convention.names)
 
 
 def _members(thing: Any) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def _parts_of(thing: Any) -> Iterator[Any]:
             yield value
 
 
-def _uncompared(thing: Any) -> tuple[str, ...]:
+def _uncompared_names(thing: Any) -> tuple[str, ...]:
     """Return the functions of a state that nothing compares, and that no other one of the model calls."""
     found: dict[str, None] = {}
     called: set[str] = set()
@@ -235,7 +235,7 @@ def _uncompared(thing: Any) -> tuple[str, ...]:
     return tuple(name for name in found if name not in called)
 
 
-def _renamed(thing: Any, names: Mapping[str, str]) -> Any:
+def _rename(thing: Any, names: Mapping[str, str]) -> Any:
     if isinstance(thing, Mapping):
         return {**{names[k]: v for k, v in thing.items() if k in names and _is_function(v)}, **thing}
     for mine, name in names.items():
@@ -244,7 +244,7 @@ def _renamed(thing: Any, names: Mapping[str, str]) -> Any:
                 setattr(thing, name, value)
     for value in list(vars(thing).values()) if isinstance(thing, ModuleType) else ():
         if isinstance(value, type) and value.__module__ == thing.__name__:
-            _renamed(value, names)
+            _rename(value, names)
     return thing
 
 
@@ -538,8 +538,8 @@ def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> 
     order = list(symbols)
     calls = {name: casadi.Function(name, [symbols[k] for k in order], [e]) for name, e in expressions.items()}
 
-    def bound(name: str, values: Mapping[str, float]) -> Callable[..., Any]:
-        def called(*state: Any) -> Any:
+    def bind(name: str, values: Mapping[str, float]) -> Callable[..., Any]:
+        def call(*state: Any) -> Any:
             given = dict(zip(ARGUMENTS[name], state, strict=True))
             numbers = [
                 values[k] if k in values else float(given.get(known[k][0], np.zeros(n))[known[k][1] - first])
@@ -547,10 +547,10 @@ def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> 
             ]
             return np.asarray(calls[name](*numbers)).squeeze()
 
-        return called
+        return call
 
     def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        return {name: bound(name, {**own, **changes}) for name in calls}
+        return {name: bind(name, {**own, **changes}) for name in calls}
 
     return Functions(rebuild, own, n)
 
@@ -582,12 +582,12 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
         calls[name] = sympy.lambdify([*arguments, symbols], expression.xreplace(swap), "numpy", cse=True)
     inputs = dict(own)
 
-    def bound(name: str, values: Sequence[float]) -> Callable[..., Any]:
+    def bind(name: str, values: Sequence[float]) -> Callable[..., Any]:
         return lambda *state: calls[name](*(x.tolist() for x in state), list(values))
 
     def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
         values = [changes.get(name, value) for name, value in inputs.items()]
-        return {name: bound(name, values) for name in calls}
+        return {name: bind(name, values) for name in calls}
 
     return Functions(rebuild, inputs, n)
 

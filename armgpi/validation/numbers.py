@@ -180,7 +180,7 @@ def _grid(x: Any) -> Any:
     return x if isinstance(x, Grid) else Grid(np.atleast_2d(np.array(x, dtype=object)))
 
 
-def _stacked(axis: int) -> Callable[..., Grid]:
+def _stack_along(axis: int) -> Callable[..., Grid]:
     return lambda *parts: Grid(np.concatenate([_grid(x).view(np.ndarray) for x in parts], axis=axis))
 
 
@@ -206,7 +206,7 @@ def _casadi(values: Mapping[str, Number]) -> SimpleNamespace:
         slope = jacobian(value, symbols).T
         return jacobian(slope, symbols), slope
 
-    def multiplied(a: Any, b: Any) -> Any:
+    def multiply(a: Any, b: Any) -> Any:
         return a @ b if isinstance(a, Grid) else a * b
 
     kind = SimpleNamespace(sym=sym, zeros=zeros, eye=lambda n: Grid(np.eye(n)))
@@ -216,13 +216,13 @@ def _casadi(values: Mapping[str, Number]) -> SimpleNamespace:
         sin=_each(_sin),
         cos=_each(_cos),
         sqrt=_each(lambda x: x**0.5),
-        vertcat=_stacked(0),
-        horzcat=_stacked(1),
+        vertcat=_stack_along(0),
+        horzcat=_stack_along(1),
         jacobian=jacobian,
         gradient=lambda value, symbols: jacobian(value, symbols).T,
         hessian=hessian,
         jtimes=lambda value, symbols, v: jacobian(value, symbols) @ v,
-        mtimes=multiplied,
+        mtimes=multiply,
         dot=lambda a, b: sum(x * y for x, y in zip(np.ravel(a), np.ravel(b), strict=True)),
         sumsqr=lambda a: sum(x * x for x in np.ravel(a)),
         transpose=lambda a: a.T,

@@ -62,7 +62,7 @@ def of_factor(factor: float, known: list[tuple[float, str]]) -> str:
         known: what :func:`known_numbers` gave.
     """
     known = [(value, name) for value, name in known if value > 0.0]
-    return ratio(factor) or _power(factor, known) or _replaced(factor, known)
+    return ratio(factor) or _power(factor, known) or _name_replacement(factor, known)
 
 
 def _power(factor: float, known: list[tuple[float, str]]) -> str:
@@ -77,7 +77,7 @@ def _power(factor: float, known: list[tuple[float, str]]) -> str:
     return ""
 
 
-def _replaced(factor: float, known: list[tuple[float, str]]) -> str:
+def _name_replacement(factor: float, known: list[tuple[float, str]]) -> str:
     """Return which mass or length stands for another one of its kind."""
     # A distance of a centre of mass is a length too: lc for l is the most common of these.
     for kinds in (("the mass of",), ("length to", "centre of mass"), ("centre of mass",)):

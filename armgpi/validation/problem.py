@@ -100,7 +100,7 @@ class Problem:
 
     def columns(self, quantities: Quantities) -> Array:
         """Return the columns of the quantities of an arm, (rows, E); NaN where a quantity is not given."""
-        quantities = self.seen(quantities)
+        quantities = self.in_tool_coordinates(quantities)
         rows = len(next(iter(quantities.values())))
         n = self.tree.n
         # No arm has these: its Coriolis torque is quadratic in v.
@@ -182,7 +182,7 @@ class Problem:
                     return pairs[int(np.argmin(away))]
         return (0, 1, 2)
 
-    def seen(self, quantities: Quantities) -> Quantities:
+    def in_tool_coordinates(self, quantities: Quantities) -> Quantities:
         """Return the quantities with the coordinates of the tool that the model has."""
         changed = dict(quantities)
         for quantity in ("F", "J"):

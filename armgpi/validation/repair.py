@@ -20,7 +20,7 @@ from armgpi.validation.edits import ALL, ROWS, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.search import BUDGET, Repaired
-from armgpi.validation.slopes import renumbered, slopes
+from armgpi.validation.slopes import scale_numbers, slopes
 from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
@@ -76,7 +76,7 @@ def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: Stat
     changes = [(named[k], float(named[k].value) * draw[k]) for k in found.standing]  # type: ignore[arg-type]
     shares = {j: float(draw[k]) for k, chosen in found.standing.items() for j in chosen}
     other = copy.copy(problem)
-    other.tree = renumbered(problem.tree, shares)
+    other.tree = scale_numbers(problem.tree, shares)
     return agrees(model, worker, with_numbers(found.source, changes), states, other)
 
 

@@ -298,7 +298,7 @@ def _html_cause(cause: Cause) -> str:
     shown: list[str] = []
     before = ""
     for line in map(str.strip, rest):
-        code = f"<code>{_marked(before, line)}</code>" if _is_code(line) else page.text(line)
+        code = f"<code>{_mark_change(before, line)}</code>" if _is_code(line) else page.text(line)
         shown.append(f"<li>{code}</li>")
         before = line if _is_code(line) else ""
     return "".join([*parts, f"<ul>{''.join(shown)}</ul>" if shown else ""])
@@ -310,21 +310,21 @@ def _is_code(line: str) -> bool:
     return bool(colon) and number.isdigit()
 
 
-def _marked(before: str, line: str) -> str:
+def _mark_change(before: str, line: str) -> str:
     """Return a line of source as HTML; what the line before has otherwise is marked."""
     from armgpi.viz import page
 
     if before.split(":")[0] != line.split(":")[0]:
         return str(page.text(line))
     plain = line.split("   <- ")[0]
-    start = _shared(before, plain)
-    end = _shared(before[start:][::-1], plain[start:][::-1])
+    start = _common_length(before, plain)
+    end = _common_length(before[start:][::-1], plain[start:][::-1])
     parts = (line[:start], line[start : len(plain) - end], line[len(plain) - end :])
     head, middle, tail = map(page.text, parts)
     return f"{head}<mark>{middle}</mark>{tail}"
 
 
-def _shared(one: str, other: str) -> int:
+def _common_length(one: str, other: str) -> int:
     """Return how many characters two texts begin with alike."""
     pairs = zip(one, other, strict=False)
     return next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))

@@ -96,7 +96,7 @@ def call(worker: Worker, function: str, *arguments: Array, shape: tuple[int, ...
     n = arguments[0].shape[1]
     rows = list(zip(*arguments, strict=True))
     answers = worker.call(function, rows)
-    return np.stack([_checked(worker, function, answer, n, shape) for answer in answers])
+    return np.stack([_check_value(worker, function, answer, n, shape) for answer in answers])
 
 
 def expected_shapes(function: str, n: int) -> tuple[tuple[int, ...], ...]:
@@ -112,7 +112,7 @@ def expected_shapes(function: str, n: int) -> tuple[tuple[int, ...], ...]:
     return ((n,), (n, 1), (1, n))
 
 
-def _checked(worker: Worker, function: str, value: Array, n: int, shape: tuple[int, ...] | None) -> Array:
+def _check_value(worker: Worker, function: str, value: Array, n: int, shape: tuple[int, ...] | None) -> Array:
     """Return a value in its plain shape, refusing other shapes, NaN and infinity."""
     allowed = (shape,) if shape is not None else expected_shapes(function, n)
     if value.shape not in allowed:

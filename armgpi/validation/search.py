@@ -31,9 +31,9 @@ from armgpi.validation.edits import (
     Goal,
     Pick,
     Site,
+    apply_changes,
     impatient,
-    patched,
-    stacked,
+    stack_values,
 )
 from armgpi.validation.models import Functions
 from armgpi.validation.units import USUAL, check, readings
@@ -102,7 +102,7 @@ class Repaired(NamedTuple):
         return sum(change.bits for change in self.changes)
 
 
-def repaired(
+def find_repair(
     functions: Functions,
     again: Again,
     goal: Goal,
@@ -159,8 +159,8 @@ def _gone_on(
         now = time.process_time()
         if now > until or (best is not None and pick.bits + 0.5 * trials.usual > best.bits):
             continue  # it cannot be shorter
-        if made := trials.made((pick,)):
-            rest = repaired(made[1], again, goal, known, now + 0.6 * (until - now), most - 1)
+        if made := trials.build((pick,)):
+            rest = find_repair(made[1], again, goal, known, now + 0.6 * (until - now), most - 1)
             if rest is not None:
                 changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
                 best = _shorter(best, rest._replace(changes=changes))
@@ -229,10 +229,10 @@ class _Trials:
         self.editor.outputs([name], 1)
         return time.process_time() - begin
 
-    def made(self, picks: Sequence[Pick]) -> tuple[Repaired, Functions] | None:
+    def build(self, picks: Sequence[Pick]) -> tuple[Repaired, Functions] | None:
         """Return changes as text with the functions that they make, None when the source then fails."""
         changes = tuple(self.editor.change(pick) for pick in picks)
-        source = patched(self.editor.source, changes)
+        source = apply_changes(self.editor.source, changes)
         try:
             with impatient():
                 return Repaired(changes, source), self._again(source)
@@ -247,22 +247,22 @@ class _Trials:
         best, count = None, 0
         for picks in found:
             before = len(self._proved)
-            one = self.proved(picks)
+            one = self.prove(picks)
             best, count = _shorter(best, one), count + (one is not None and len(self._proved) > before)
             if count == self.doubted or (one is not None and not one.doubts and not one.other):
                 break
         return best
 
-    def proved(self, picks: Sequence[Pick]) -> Repaired | None:
+    def prove(self, picks: Sequence[Pick]) -> Repaired | None:
         """Return changes with which a copy of the source agrees, and for how many numbers it does not."""
         key = tuple((id(pick.block), pick.site, pick.choice, pick.new) for pick in picks)
         if key not in self._proved:
             self._proved[key] = None
             changes = tuple(self.editor.change(pick) for pick in picks)
-            repair = Repaired(changes, patched(self.editor.source, changes))
+            repair = Repaired(changes, apply_changes(self.editor.source, changes))
             found = self._values(repair.source)
             if found is not None and not any(self._away(name, x).any() for name, x in found.items()):
-                self._proved[key] = self._doubted(repair)
+                self._proved[key] = self._with_doubts(repair)
         return self._proved[key]
 
     def _values(self, source: str) -> dict[str, Array] | None:
@@ -271,15 +271,15 @@ class _Trials:
         try:
             with impatient(), np.errstate(all="ignore"):
                 if self.editor.symbolic:  # SymPy takes long to make functions
-                    given = self.editor.executed(source)
+                    given = self.editor.run_source(source)
                 else:
-                    given = partial(goal.called, self._again(source).calls)
+                    given = partial(goal.call, self._again(source).calls)
                 names = (name for name, x in goal.targets.items() if x.whole)
-                return {name: stacked(goal.targets[name], given, ROWS) for name in names}
+                return {name: stack_values(goal.targets[name], given, ROWS) for name in names}
         except BaseException:  # a name that is not there yet, or a module that never ends
             return None
 
-    def _doubted(self, repair: Repaired) -> Repaired:
+    def _with_doubts(self, repair: Repaired) -> Repaired:
         """Return a repair with its doubts."""
         slopes = self.editor.goal.slopes
         if slopes is None:
@@ -351,7 +351,7 @@ class _Trials:
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
                     # The others have longer descriptions.
                     if not step.left and not step.ugly and pick.kind in _USUAL:
-                        one = self.proved((pick,))
+                        one = self.prove((pick,))
                         if one is not None and not one.doubts and not one.other:
                             break
             yield sorted(found.values(), key=lambda step: step[:3])
@@ -525,13 +525,13 @@ class _Trials:
             for k, site in enumerate(block.sites):
                 if not site.fitted or self._over() or self.editor.is_right(site):
                     continue
-                for label, values in self._solved(block, k) if whole else self._solved_in_parts(block, k):
-                    for text, bits in _written(block, site, values, label):
+                for label, values in self._solve(block, k) if whole else self._solved_in_parts(block, k):
+                    for text, bits in _missing_terms(block, site, values, label):
                         bits += self._bits(1)
                         kind = "value" if site.literal else "term"
                         yield Pick(block, k, len(site.choices) - 1, float(bits), {label: values}, kind, text)
 
-    def _solved(self, block: Block, k: int) -> Iterator[tuple[str, Array]]:
+    def _solve(self, block: Block, k: int) -> Iterator[tuple[str, Array]]:
         """Yield terms with which some values agree and none is spoiled, at the rows."""
         pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {ALL: np.zeros(ROWS)})
         constant = self.editor.is_constant(block, k)
@@ -729,7 +729,7 @@ def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
                 if a != b and a * b and abs(node.value * (b / a) ** power - 1.0) <= 1e-9:
                     ratio = f"({one} / {two}) ** {power}"
                     new = change._replace(new=text[: node.col_offset] + ratio + text[node.end_col_offset :])
-                    yield patched(source, tuple(new if c is change else c for c in changes))
+                    yield apply_changes(source, tuple(new if c is change else c for c in changes))
 
 
 def _constants(text: str) -> list[ast.Constant]:
@@ -757,7 +757,7 @@ def _apart(slope: Array, rest: Array, move: Array) -> bool:
     return bool((left > 0.5 * np.linalg.norm(rest, axis=1)).any())
 
 
-def _written(block: Block, site: Site, values: Array, label: str) -> Iterator[tuple[str, float]]:
+def _missing_terms(block: Block, site: Site, values: Array, label: str) -> Iterator[tuple[str, float]]:
     """Yield what an expression has to be where a term of known values is missing in it."""
     if isinstance(site.node, ast.Constant):
         yield from _number(site, float(values[0])) if np.ptp(values) <= 1e-9 * np.abs(values).max() else ()

@@ -103,7 +103,7 @@ def suggest_urdf(
         text = f"has {n} joints; without a robot at most {MOST_JOINTS} can be tried"
         raise ModelError(name, "", text).suggesting(Remedy("robot"))
     else:
-        tree, rest = _searched(fit, n, turning, target)
+        tree, rest = _search_chain(fit, n, turning, target)
     text = f"fits D{' and G' if 'G' in target else ''} to {rest:.2g}, every link is a possible rigid body"
     if rest > EXACT:
         text = (
@@ -111,7 +111,7 @@ def suggest_urdf(
             if arm is None
             else f"no rigid bodies on this chain give the model: the best ones are {rest:.2g} off"
         )
-    return Suggestion(_written(tree, text, "F" in target), rest, text)
+    return Suggestion(_urdf_text(tree, text, "F" in target), rest, text)
 
 
 def _turning(worker: Worker, states: States) -> list[bool | None]:
@@ -132,7 +132,7 @@ def _turning(worker: Worker, states: States) -> list[bool | None]:
     return found
 
 
-def _searched(
+def _search_chain(
     fit: _Fit, n: int, turning: list[bool | None], target: Mapping[str, Array]
 ) -> tuple[Tree, float]:
     """Return the first chain that gives the model exactly, else the best one found in the time there is."""
@@ -223,7 +223,7 @@ class _Fit:
         if not free or np.abs(self._rest(tree)).max() < EXACT:
             return tree
 
-        def placed(x: Array) -> Tree:
+        def place(x: Array) -> Tree:
             positions = [p.copy() for p in tree.positions]
             for (j, k), value in zip(free, x, strict=True):
                 positions[j][k] = value
@@ -234,13 +234,13 @@ class _Fit:
         for _ in range(2):
             start = np.array([tree.positions[j][k] for j, k in free]) + rng.normal(scale=0.3, size=len(free))
             found = least_squares(
-                lambda x: np.append(self._rest(placed(x)), 1e-7 * x),  # what nothing feels becomes zero
+                lambda x: np.append(self._rest(place(x)), 1e-7 * x),  # what nothing feels becomes zero
                 start,
                 max_nfev=40,
                 xtol=1e-14,
                 ftol=1e-14,
             )
-            best = min(best, placed(found.x), key=lambda t: float(np.abs(self._rest(t)).max()))
+            best = min(best, place(found.x), key=lambda t: float(np.abs(self._rest(t)).max()))
             if np.abs(self._rest(best)).max() < EXACT:
                 break
         # A length of a micrometre is rounding, and the reader wants to see a zero.
@@ -251,11 +251,11 @@ class _Fit:
         """Return a chain with possible bodies that fit best, and how far it is off."""
         n = tree.n
 
-        def bodied(x: Array) -> Tree:
+        def set_bodies(x: Array) -> Tree:
             return replace(tree, bodies=tuple(_body(part) for part in x.reshape(n, 10)))
 
         def rest(x: Array) -> Array:
-            quantities = evaluate(bodied(x), self._q, self._inertial)
+            quantities = evaluate(set_bodies(x), self._q, self._inertial)
             return np.concatenate(
                 [((quantities[p] - self._target[p]) / self._sizes[p]).ravel() for p in self._inertial]
             )
@@ -268,7 +268,7 @@ class _Fit:
                 lambda x, s=start, w=pull: np.append(rest(x), w * (x - s)), start, max_nfev=400
             )
             start, pull = found.x, 1e-9
-        return bodied(start), float(np.abs(rest(start)).max())
+        return set_bodies(start), float(np.abs(rest(start)).max())
 
     def _from_positions(self, tree: Tree) -> Tree:
         """Return a chain with the lengths that put its tool where the model has it: they are linear in it."""
@@ -316,7 +316,7 @@ def _body(x: Array) -> Body:
     return Body(mass, com, np.trace(spread) * np.eye(3) - spread)
 
 
-def _written(tree: Tree, text: str, tool: bool) -> str:
+def _urdf_text(tree: Tree, text: str, tool: bool) -> str:
     """Return a tree as URDF."""
     lines = [
         "<!--",

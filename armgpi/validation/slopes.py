@@ -23,7 +23,7 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
     tree = problem.tree
 
     def values(quantities: Quantities) -> list[Array]:
-        seen = problem.seen(quantities)
+        seen = problem.in_tool_coordinates(quantities)
         return [_function(name, seen, states).ravel() for name in names]
 
     want = ("D", "H", "G", "V", "F", "J")
@@ -71,7 +71,7 @@ def own_numbers(tree: Tree) -> Iterator[tuple[Parameter, int]]:
             yield one, tree.n if one.kind == "tool" else link
 
 
-def renumbered(tree: Tree, shares: Mapping[int, float]) -> Tree:
+def scale_numbers(tree: Tree, shares: Mapping[int, float]) -> Tree:
     """Return an arm with other numbers: place among its own -> by which factor."""
     known, found = list(own_numbers(tree)), tree
     for k, share in shares.items():

@@ -155,7 +155,7 @@ def _terms(problem: Problem) -> Iterator[Term]:
 
 def _by_length(tree: Tree, k: int, j: int, columns: Callable[[Tree], Array]) -> Iterator[Term]:
     """Yield the terms of body k that have the length to joint j in them."""
-    powers = _by_degree(lambda t: np.stack(_by_degree(_of_scale(_stretched(tree, j, t), k, columns))[:2]))
+    powers = _by_degree(lambda t: np.stack(_by_degree(_of_scale(_stretch(tree, j, t), k, columns))[:2]))
     # Of degree two in lengths altogether, so lc never stands beside l².
     for degree, power in ((0, 1), (0, 2), (1, 1)):
         which = f" with the length to {Names(tree).joint(j)}" + (" squared" if power == 2 else "")
@@ -175,7 +175,7 @@ def _of_scale(tree: Tree, k: int, columns: Callable[[Tree], Array]) -> Callable[
     return lambda scale: columns(tree.with_body(k, com=scale * tree.bodies[k].com))
 
 
-def _stretched(tree: Tree, j: int, scale: float) -> Tree:
+def _stretch(tree: Tree, j: int, scale: float) -> Tree:
     """Return the tree with the length to joint j multiplied."""
     return tree.with_item("positions", j, scale * tree.positions[j])
 

@@ -277,13 +277,13 @@ def _answer_all(
         except EOFError:
             os._exit(0)
         if not name:
-            found = _searched(functions, lambda s: models.resolve(model, s, convention), states, *numbers)
+            found = _search(functions, lambda s: models.resolve(model, s, convention), states, *numbers)
             pipe.send((True, found))
             os._exit(0)
         _answer_calls(pipe, functions, name, states, numbers, silent, own, started)
 
 
-def _searched(
+def _search(
     functions: models.Functions, again: search.Again, goal: edits.Goal, known: Sequence[float], budget: float
 ) -> search.Repaired | None:
     """Return changes of a source with which the model gives what it should, None without such."""
@@ -293,7 +293,7 @@ def _searched(
             return None
         np.cross = edits.cross  # this process ends with the search
         until = time.process_time() + budget
-        return search.repaired(functions, again, goal, known, until, extra=budget >= search.BUDGET)
+        return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
     except Exception:
         return None  # a source that is too odd to be changed
 

@@ -65,7 +65,7 @@ def robot_page(*robots: Robot, frame: str | None = None, live: bool = False) -> 
     arrays = page.Arrays()
     data = {"arm": page.beside(arms, arrays), "clip": None, "live": live, "autoplay": False}
     findings = [finding for arm in arms for finding in arm.findings]
-    return _filled(data, arrays, ", ".join(robot.name for robot in robots), findings)
+    return _fill_page(data, arrays, ", ".join(robot.name for robot in robots), findings)
 
 
 def rollout_page(rollout: xr.Dataset, robot: Robot | None = None, *, frame: str | None = None) -> str:
@@ -91,7 +91,7 @@ def rollout_page(rollout: xr.Dataset, robot: Robot | None = None, *, frame: str 
     findings = list(arm.findings)
     if clip.left_out:
         findings.append(f"{clip.left_out} more rollouts are not shown")
-    return _filled(data, arrays, str(rollout.attrs.get("robot", arm.robot.name)), findings)
+    return _fill_page(data, arrays, str(rollout.attrs.get("robot", arm.robot.name)), findings)
 
 
 def write(html: str, path: str | PathLike[str]) -> Path:
@@ -127,7 +127,7 @@ class Server:
         """
         if port is not None and (isinstance(port, bool) or not 0 <= port <= 65535):
             raise ParameterError("port", port, "a number from 0 (any) to 65535")
-        self._server = _bound(port, html.encode())
+        self._server = _bind(port, html.encode())
         self.port = int(self._server.server_address[1])
         self.url = f"http://{LOOPBACK}:{self.port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="armgpi view")
@@ -182,7 +182,7 @@ class Server:
         self.close()
 
 
-def _bound(port: int | None, page: bytes) -> _Loopback:
+def _bind(port: int | None, page: bytes) -> _Loopback:
     """Return a server on the port asked for, or on the first free one."""
     ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
     for candidate in ports:
@@ -297,7 +297,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True
 
 
-def _filled(data: dict[str, Any], arrays: page.Arrays, title: str, findings: Any) -> str:
+def _fill_page(data: dict[str, Any], arrays: page.Arrays, title: str, findings: Any) -> str:
     """Return the page that shows a scene alone."""
     values = {"title": page.text(title), "findings": page.bullets(findings, "findings")}
     scripts = [page.meshcat_script(), page.asset("scene.js"), page.asset("view.js")]

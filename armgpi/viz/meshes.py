@@ -76,10 +76,10 @@ class Triangles(NamedTuple):
 
 def resolve_mesh(robot: Robot, filename: str) -> Path | None:
     """Return the file that a URDF means by a mesh's name, None when it may not be read or is not there."""
-    return _found(robot, filename).path
+    return _find_mesh(robot, filename).path
 
 
-def _found(robot: Robot, filename: str) -> Found:
+def _find_mesh(robot: Robot, filename: str) -> Found:
     """Return what a mesh's name leads to."""
     source = Path(str(robot.provenance["source"]))
     if not source.is_file():
@@ -93,7 +93,7 @@ def load(robot: Robot, filename: str) -> Triangles:
     Raises:
         MeshError: when it is not there, outside the robot's package, or no mesh that can be drawn.
     """
-    found = _found(robot, filename)
+    found = _find_mesh(robot, filename)
     if (path := found.path) is None:
         raise MeshError(filename, found.reason)
     kind = path.suffix[1:].lower()
@@ -103,13 +103,13 @@ def load(robot: Robot, filename: str) -> Triangles:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
             raise MeshError(filename, f"is no regular file of at most {MAX_BYTES} bytes")
-        return _parsed(str(path), status.st_mtime_ns, filename, kind)
+        return _parse(str(path), status.st_mtime_ns, filename, kind)
     except OSError as error:
         raise MeshError(filename, f"cannot be read: {error.strerror or error}") from None
 
 
 @lru_cache(maxsize=64)
-def _parsed(path: str, _changed: int, filename: str, kind: str) -> Triangles:
+def _parse(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     """Return the triangles of a file; the last ones read are remembered, as arms repeat their parts."""
     content = Path(path).read_bytes()
     if kind == "dae":
@@ -170,7 +170,7 @@ def concatenate(parts: list[Triangles]) -> Triangles:
     return Triangles(*map(np.concatenate, (points, normals, colors, shifted)))
 
 
-def moved(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangles:
+def move(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangles:
     """Return triangles scaled along their axes, then moved by a homogeneous matrix (4, 4)."""
     factors = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
     points = (part.points * factors) @ matrix[:3, :3].T + matrix[:3, 3]
@@ -181,7 +181,7 @@ def moved(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangl
     return Triangles(points, normals, part.colors, faces)
 
 
-def simplified(part: Triangles, most: int) -> Triangles:
+def simplify(part: Triangles, most: int) -> Triangles:
     """Return about `most` triangles at most, by putting the corners within a small cube at one place.
 
     Corners that face different ways stay apart, at that place: edges are kept, and the surface does not tear.

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.escape import html_text, shown
+from armgpi.escape import html_text, printable
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viz.meshes import Triangles
@@ -186,7 +186,7 @@ def fill(
 
 def json_text(data: Any) -> str:
     """Return data as JSON in which nothing can end the element around it; its text is as shown."""
-    text = json.dumps(_shown(data), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    text = json.dumps(_printable_data(data), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -278,7 +278,7 @@ def dot(color: str) -> str:
     return f"<span class=dot style='background:{text(color)}'></span>"
 
 
-def folded(title: str, content: str) -> str:
+def fold(title: str, content: str) -> str:
     """Return HTML that shows when its title, plain text, is asked for."""
     return f"<details><summary>{text(title)}</summary>{content}</details>"
 
@@ -331,13 +331,13 @@ def _mesh_data(triangles: Triangles, arrays: Arrays) -> dict[str, Any]:
     }
 
 
-def _shown(data: Any) -> Any:
+def _printable_data(data: Any) -> Any:
     """Return plain data with its text as it may be shown."""
     if isinstance(data, str):
-        return shown(data, lines=True)
+        return printable(data, lines=True)
     if isinstance(data, Mapping):
-        return {key: _shown(value) for key, value in data.items()}
-    return [_shown(value) for value in data] if isinstance(data, list | tuple) else data
+        return {key: _printable_data(value) for key, value in data.items()}
+    return [_printable_data(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:

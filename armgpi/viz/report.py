@@ -230,7 +230,7 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     ]
     if any(onset is not None for onset in onsets):
         quantities.append(quantity("Disturbance", forces, common("disturbance", "-")))
-    for name in _adapted(rollout, traces):
+    for name in _adapted_names(rollout, traces):
         unit = "" if name == "zeta_c" else "rad/s"
         lines = each(lambda data, name=name: data[name])  # type: ignore[misc]
         quantities.append(quantity(f"Gain {name}", [unit] * len(joints), lines, onsets=onsets))
@@ -252,7 +252,7 @@ def _lines(
     """Return a line for every joint of a quantity over time and joints; run -1 is no rollout."""
     found = []
     for joint, column in enumerate(np.asarray(values.transpose("joint", "time").values, dtype=float)):
-        x, y = (arrays.add(axis, "float32") for axis in _thinned(time, column))
+        x, y = (arrays.add(axis, "float32") for axis in _thin_line(time, column))
         how = {"color": look.color, "dash": canvas_dashes(look)}
         found.append({"joint": joint, "run": run, **how, "x": x, "y": y})
     return found
@@ -268,7 +268,7 @@ def _levels(traces: Sequence[tracks.Trace]) -> list[list[float]]:
     return levels
 
 
-def _adapted(rollout: xr.Dataset, traces: Sequence[tracks.Trace]) -> list[str]:
+def _adapted_names(rollout: xr.Dataset, traces: Sequence[tracks.Trace]) -> list[str]:
     """Return the recorded parameters of the tuning that change over time."""
     names = [name for name in tracks.signal_names(rollout) if name in Tuning._fields]
     return [
@@ -281,7 +281,7 @@ def _adapted(rollout: xr.Dataset, traces: Sequence[tracks.Trace]) -> list[str]:
     ]
 
 
-def _thinned(time: Array, values: Array) -> tuple[Array, Array]:
+def _thin_line(time: Array, values: Array) -> tuple[Array, Array]:
     """Return a line with fewer points that looks the same: of each stretch its lowest and its highest."""
     good = np.isfinite(values)
     time, values = time[good], values[good]
@@ -416,11 +416,11 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
 def _configuration(rollout: xr.Dataset, configuration: str | None) -> str:
     """Return where everything came from, in words, and the experiment file; both folded."""
     provenance = Provenance.from_rollout(rollout)
-    parts = [page.folded("Where it came from", _provenance(provenance))]
+    parts = [page.fold("Where it came from", _provenance(provenance))]
     if configuration is not None:
-        parts.append(page.folded("Experiment file", f"<pre tabindex=0>{page.text(configuration)}</pre>"))
+        parts.append(page.fold("Experiment file", f"<pre tabindex=0>{page.text(configuration)}</pre>"))
     everything = page.text(provenance.to_json(indent=1)[:400_000])
-    parts.append(page.folded("Everything it was made from, as data", f"<pre tabindex=0>{everything}</pre>"))
+    parts.append(page.fold("Everything it was made from, as data", f"<pre tabindex=0>{everything}</pre>"))
     return "".join(parts)
 
 

@@ -163,13 +163,13 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         tool = model.frames[model.getFrameId(frame)]
     findings: list[str] = []
     drawn, links = _visuals(robot, model, findings)
-    merged = [None if part is None else _merged(part) for part in drawn]
+    merged = [None if part is None else _merge_corners(part) for part in drawn]
     size = _size(model, merged)
     fine = [
         _stick(model, index, tool, size) if part is None else part
-        for index, part in enumerate(_simplified(merged, TRIANGLES))
+        for index, part in enumerate(_simplify(merged, TRIANGLES))
     ]
-    coarse = _simplified(fine, COARSE)
+    coarse = _simplify(fine, COARSE)
     bodies = [_body(robot, model, index, links[index], fine, coarse, size) for index in range(model.njoints)]
     return Scene(
         robot=robot,
@@ -307,14 +307,14 @@ def _visuals(robot: Robot, model: Any, findings: list[str]) -> tuple[list[Triang
         for visual in link.iterfind("visual"):
             try:
                 shape = _shape(robot, visual)
-                shape = meshes.moved(shape, place @ _origin(visual))
+                shape = meshes.move(shape, place @ _origin(visual))
             except MeshError as error:
                 findings.append(f"link {link.get('name', '')!r}: {error}")
                 continue
             except (ArmgpiError, ValueError, OverflowError) as error:
                 findings.append(f"link {link.get('name', '')!r}: its visual cannot be drawn ({error})")
                 continue
-            parts[int(frame.parentJoint)].append(_painted(shape, visual, named))
+            parts[int(frame.parentJoint)].append(_paint(shape, visual, named))
     return [meshes.concatenate(part) if part else None for part in parts], links
 
 
@@ -342,7 +342,7 @@ def _shape(robot: Robot, visual: ElementTree.Element) -> Triangles:
         raise ValueError("it has no geometry")
     if shape.tag == "mesh":
         part = meshes.load(robot, shape.get("filename", ""))
-        return meshes.moved(part, np.eye(4), _numbers(shape.get("scale", "1 1 1"), 3))
+        return meshes.move(part, np.eye(4), _numbers(shape.get("scale", "1 1 1"), 3))
     if shape.tag == "box":
         return meshes.box(*_lengths(shape.get("size", ""), 3))
     if shape.tag == "sphere":
@@ -353,7 +353,7 @@ def _shape(robot: Robot, visual: ElementTree.Element) -> Triangles:
     raise ValueError(f"a <{shape.tag}> is none of mesh, box, sphere, cylinder")
 
 
-def _painted(part: Triangles, visual: ElementTree.Element, named: dict[str, Array | None]) -> Triangles:
+def _paint(part: Triangles, visual: ElementTree.Element, named: dict[str, Array | None]) -> Triangles:
     """Return triangles with the URDF's colour where their file has none."""
     material = visual.find("material")
     color = None
@@ -402,14 +402,14 @@ def _lengths(text: str, count: int) -> Array:
     return numbers
 
 
-def _simplified(parts: list[_T], most: int) -> list[_T]:
+def _simplify(parts: list[_T], most: int) -> list[_T]:
     """Return bodies simplified, each by the same share, where together they are too many triangles."""
     total = sum(len(part.faces) for part in parts if part is not None)
     if total <= most:
         return parts
     share = most / total
     return [
-        None if part is None else meshes.simplified(part, max(100, int(share * len(part.faces))))
+        None if part is None else meshes.simplify(part, max(100, int(share * len(part.faces))))
         for part in parts
     ]
 
@@ -436,7 +436,7 @@ def _ring(
     return float(np.clip(1.15 * widest, 0.035 * size, 0.1 * size))
 
 
-def _merged(part: Triangles) -> Triangles:
+def _merge_corners(part: Triangles) -> Triangles:
     """Return triangles with corners that look the same made one."""
     size = max(float(np.ptp(part.points, axis=0).max()), 1e-9)
     # As fine as what the page gets: positions to a part in 10^5, normals to a byte.
@@ -489,7 +489,7 @@ def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
             matrix = np.eye(4)
             matrix[:3, :3] = _turned_to(end / length)
             matrix[:3, 3] = 0.5 * end
-            parts.append(meshes.moved(meshes.cylinder(0.01 * size, length), matrix))
+            parts.append(meshes.move(meshes.cylinder(0.01 * size, length), matrix))
     whole = meshes.concatenate(parts)
     return whole._replace(colors=np.broadcast_to(_PLAIN, whole.points.shape))
 
@@ -546,8 +546,8 @@ def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str, rollout
     return Actor(
         label=trace.label or "actual",
         color=trace.look.color,
-        q=_single(_held(data["q"])[frames]),
-        q_ref=_single(_held(data["q_ref"])[frames]),
+        q=_single(_hold_last(data["q"])[frames]),
+        q_ref=_single(_hold_last(data["q_ref"])[frames]),
         tau=_single(np.nan_to_num(data["tau"][frames])),
         saturated=saturated,
         end=end if int(trace.data["status"]) != Status.FINISHED else "finished",
@@ -560,7 +560,7 @@ def _single(values: Array) -> npt.NDArray[np.float32]:
     return np.clip(values, -1e30, 1e30).astype(np.float32)
 
 
-def _held(values: Array) -> Array:
+def _hold_last(values: Array) -> Array:
     """Return values (time, n) with the last finite row in place of those that are not; zero before it."""
     good = np.isfinite(values).all(axis=1)
     last = np.maximum.accumulate(np.where(good, np.arange(len(values)), -1))

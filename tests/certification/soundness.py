@@ -12,7 +12,7 @@ from armgpi.arrays import Array, as_times
 from armgpi.certification.adversary import Worst, worst
 from armgpi.certification.asked import Asked
 from armgpi.certification.quantities import resting
-from armgpi.certification.solve import checker, merged
+from armgpi.certification.solve import checker, merge_facts
 from armgpi.control.controller import Measurement
 from armgpi.loop.prepared import prepare
 from armgpi.loop.simulation import simulate
@@ -265,7 +265,7 @@ class Adversary:
         at the reference, and V is with that difference.
         """
         data, setting = self.made.data, self.asked.setting
-        facts = merged(data["limits"], data["law"], data["numbers"], data["inputs"]["jump"])
+        facts = merge_facts(data["limits"], data["law"], data["numbers"], data["inputs"]["jump"])
         solution, sizes = checker.exact(data["solutions"]["jump"]), checker.sample(facts)[4]
         level = float(sum(x * y * y for x, y in zip(solution["a"], sizes, strict=True)) / solution["alpha"])
         P, omega, late = np.array(solution["P"], dtype=float), float(min(facts["omega"])), self.asked.delay

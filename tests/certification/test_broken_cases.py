@@ -11,7 +11,7 @@ from soundness import observe
 import armgpi
 from armgpi.certification.asked import NOTHING, ask
 from armgpi.certification.certificate import certificate
-from armgpi.certification.quantities import searched
+from armgpi.certification.quantities import search_numbers
 from armgpi.certification.solve import solve
 
 LINK = """<link name="{0}"><inertial><mass value="{1}"/>
@@ -32,7 +32,7 @@ def certified(robot: armgpi.Robot, **options: Any) -> tuple[Any, armgpi.Certific
     gains = armgpi.FixedGains(10.0)
     given = {"gains": gains, "radius": [0.05, 0.02], "box": {"lower": [-0.5, 0.45], "upper": [0.5, 0.75]}}
     asked = ask(robot, 1e-3, **{**given, **options})
-    return asked, certificate(asked, searched(asked.setting))
+    return asked, certificate(asked, search_numbers(asked.setting))
 
 
 @pytest.mark.parametrize("speed", [6.0, 8.0])

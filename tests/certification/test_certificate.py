@@ -22,9 +22,9 @@ from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.certification.refute import again
 from armgpi.certification.report import html
-from armgpi.certification.solve import merged, solve
+from armgpi.certification.solve import merge_facts, solve
 from armgpi.cli import main
-from armgpi.cli.certify import _chosen, _gains
+from armgpi.cli.certify import _chosen_parts, _gains
 from armgpi.control.family import Member
 from armgpi.control.gains import Tuning
 from armgpi.control.realisation import Bumpless
@@ -150,7 +150,7 @@ def one_claim_each(data: Any) -> list[Any]:
 
 def still_claimed(data: Any, name: str) -> bool:
     """Tell, by NumPy alone, whether a solution implies the errors that are claimed."""
-    facts = merged(data["limits"], data["law"], data["numbers"], data["inputs"][name])
+    facts = merge_facts(data["limits"], data["law"], data["numbers"], data["inputs"][name])
     solution = checker.exact(data["solutions"][name])
     P = np.array(solution["P"], dtype=float)
     for delta in checker.sample(facts)[2]:
@@ -255,13 +255,13 @@ def test_a_solution_that_misses_by_1e_8_is_refused(made: armgpi.Certificate) -> 
 def test_what_the_solver_says_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
     from armgpi.certification import solve as solving
 
-    original = solving._Problem.solved
+    original = solving._Problem.solve_at
 
     def slightly_wrong(self: Any, alpha: float, margin: float) -> Any:
         x = original(self, alpha, margin)
         return None if x is None else x * np.where(np.arange(len(x)) == 0, 0.5, 1.0)
 
-    monkeypatch.setattr(solving._Problem, "solved", slightly_wrong)
+    monkeypatch.setattr(solving._Problem, "solve_at", slightly_wrong)
     assert solve(LAW, NUMBERS, INPUTS) is None
 
 
@@ -270,7 +270,7 @@ def bound(law: dict[str, Any], numbers: dict[str, Any], inputs: dict[str, str] =
     found = solve(law, numbers, inputs)
     if found is None:
         return None
-    return checker.bounds(merged(law, numbers, inputs, LIMITS), checker.exact(found._asdict()))
+    return checker.bounds(merge_facts(law, numbers, inputs, LIMITS), checker.exact(found._asdict()))
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2])
@@ -456,10 +456,10 @@ def test_bad_options_are_refused_by_name(
 
 def test_what_the_rule_chooses_is_no_option_of_the_untuned_law() -> None:
     law = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none", "delay": 1}
-    assert _chosen({**law, "controller": "gpi"})["integrators"] == 2
-    assert _chosen({**law, "controller": "untuned"}) == {"controller": "untuned", "delay": 1}
+    assert _chosen_parts({**law, "controller": "gpi"})["integrators"] == 2
+    assert _chosen_parts({**law, "controller": "untuned"}) == {"controller": "untuned", "delay": 1}
     with pytest.raises(armgpi.errors.ConfigError, match="--rolloff"):
-        _chosen({**law, "controller": "untuned", "rolloff": 1})
+        _chosen_parts({**law, "controller": "untuned", "rolloff": 1})
 
 
 def test_shares_of_what_disturbs_are_told_and_add_up() -> None:

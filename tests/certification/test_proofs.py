@@ -72,7 +72,7 @@ def test_no_configuration_exceeds_what_is_proved_and_some_come_near(arm: Robot, 
     vectors = {"torque": 0.1, "friction": 0.2, "velocity": 0.3, "acceleration": 1.0, "encoder": 1e-4}
     vectors |= {"viscous": 0.3, "zone": 3e-4}
     case = case._replace(**{name: size * np.array([1.0, 0.5, 2.0]) for name, size in vectors.items()})
-    proven, seen = bounds(proofs.proved(case, TOLERANCE)), everywhere(case, 4000, 1)
+    proven, seen = bounds(proofs.prove_numbers(case, TOLERANCE)), everywhere(case, 4000, 1)
     for name, number in proven.items():
         assert number.status == "proved", name
         # Rounding of D^-1 D^, which is the identity where the nominal model is the arm.
@@ -86,7 +86,7 @@ def test_no_configuration_exceeds_what_is_proved_and_some_come_near(arm: Robot, 
 @given(robots(min_joints=2, max_joints=3), st.floats(0.0, 2.0), st.integers(0, 2**32 - 1))
 def test_no_configuration_of_any_arm_exceeds_what_is_proved(robot: Robot, load: float, seed: int) -> None:
     case = setting(robot, load, 0.3)
-    proven = bounds(proofs.proved(case, 0.2, budget=0.2))
+    proven = bounds(proofs.prove_numbers(case, 0.2, budget=0.2))
     for name, seen in everywhere(case, 200, seed).items():
         if proven[name].status == "proved":
             assert seen <= proven[name].value + 1e-9 * abs(proven[name].value), name
@@ -165,7 +165,7 @@ def test_no_stiffness_in_a_cell_of_any_arm_exceeds_its_bound(
         rates = [proofs.Norm(model.D, proofs._slopes(model.D), apart)]
         (rate,) = proofs.largest(rates, prover.around, np.full(1, 1e-9), 0.5, 0.1)
         made = [
-            proofs.Stiffness(model, prover._held(model), model.G, case.radius, share)
+            proofs.Stiffness(model, prover._residual(model), model.G, case.radius, share)
             for share in (1e-12, max(1e-12, math.exp(-rate)))
         ]
         for found, whole in enumerate(pieces(made[0].polynomials, halves, case.radius)):
@@ -268,7 +268,7 @@ def test_the_sector_of_an_arm_of_seven_joints_is_proved_on_a_task_box() -> None:
     case = setting(robot.with_armature(robot.armature + 0.1), 1.0, 0.4)
     first, second, nominal = polynomials_of([*case.arms, case.nominal], robot.middle())
     half = 0.5 * (case.upper - case.lower)
-    made = [proofs.Norm(D, nominal[0].mapped(lambda c: c[:, None])) for D, _ in (first, second)]
+    made = [proofs.Norm(D, nominal[0].map_values(lambda c: c[:, None])) for D, _ in (first, second)]
     (bound,) = proofs.largest(made, half, np.array([1.4]), 0.2, budget=60.0)
     q = np.random.default_rng(1).uniform(case.lower, case.upper, (2000, robot.n))
     at, function = quantities.Points(q, q, q), quantities.functions(case)["delta_high"]
@@ -278,7 +278,7 @@ def test_the_sector_of_an_arm_of_seven_joints_is_proved_on_a_task_box() -> None:
 
 def test_branch_and_bound_ends_with_a_bound_when_time_is_over(arm: Robot) -> None:
     case = setting(arm, 0.25, 1.0)
-    proven = proofs.proved(case, 1e-9, budget=0.05)
+    proven = proofs.prove_numbers(case, 1e-9, budget=0.05)
     for number in (proven.sigma, proven.kappa_v, *proven.inverse):
         assert number.status in ("proved", "searched")
 
@@ -290,4 +290,4 @@ def test_a_nan_proves_nothing(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> No
         "bounds",
         lambda quantity, cell, which, x: proofs.Bounds(np.full(len(which), np.nan), np.zeros(len(which))),
     )
-    assert proofs.proved(case, budget=0.1).sigma.status == "searched"
+    assert proofs.prove_numbers(case, budget=0.1).sigma.status == "searched"

@@ -13,7 +13,15 @@ from strategies import robots
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.certification.quantities import Points, Setting, functions, largest, motion, searched, slopes
+from armgpi.certification.quantities import (
+    Points,
+    Setting,
+    functions,
+    largest,
+    motion,
+    search_numbers,
+    slopes,
+)
 from armgpi.control.family import Member
 from armgpi.control.payload import certified_sector, largest_payload, payload_range
 
@@ -28,7 +36,7 @@ def setting(speed: float = 0.5) -> Setting:
 
 def test_no_motion_exceeds_the_numbers() -> None:
     given = setting()
-    numbers = searched(given)
+    numbers = search_numbers(given)
     rng = np.random.default_rng(3)
     arm, nominal = given.arms
     for _ in range(200):
@@ -84,7 +92,7 @@ def test_no_speed_of_the_error_does_more_than_its_bound_and_some_comes_near(
 
 
 def test_speed_scales_what_depends_on_it() -> None:
-    slow, fast = searched(setting(0.2)), searched(setting(0.4))
+    slow, fast = search_numbers(setting(0.2)), search_numbers(setting(0.4))
     assert fast.sigma.value == pytest.approx(2.0 * slow.sigma.value, rel=1e-9)
     assert fast.kappa_v.value == pytest.approx(2.0 * slow.kappa_v.value, rel=1e-9)
     assert fast.kappa_e == slow.kappa_e

@@ -12,7 +12,7 @@ import armgpi
 from armgpi.certification.adversary import worst
 from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import certificate
-from armgpi.certification.quantities import searched
+from armgpi.certification.quantities import search_numbers
 from armgpi.health.zoo import fingers
 
 
@@ -32,7 +32,7 @@ def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
     asked = ask(
         robot, 1e-3, **{"payload": (0.0, 0.25), "speed": 0.2, "start": "held", "radius": 0.05, **options}
     )
-    made = certificate(asked, searched(asked.setting))
+    made = certificate(asked, search_numbers(asked.setting))
     assert made.certified, made.reasons
     seen = observe(asked, made, 4000)
     assert seen.rollouts == 4000 * len(made.data["solutions"])
@@ -49,7 +49,7 @@ def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
     """From the right load's start and from the other one's; its dead zone is in the claims."""
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
     asked = ask(robot, 1e-3, speed=0.2, radius=0.2, controller="untuned", torque=0.001, gains=None)
-    made = certificate(asked, searched(asked.setting))
+    made = certificate(asked, search_numbers(asked.setting))
     assert float(made.data["law"]["omega"][0]) == pytest.approx(55.3, abs=0.1)  # the rule's, not GPI's
     assert made.certified, made.reasons
     assert made.check() == []
@@ -81,7 +81,7 @@ def jumping() -> tuple[Asked, armgpi.Certificate]:
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.02)
     given = {"payload": (0.0, 0.02), "speed": 0.2, "radius": 0.05, "torque": 0.001, "jump": True}
     asked = ask(robot, 1e-3, acceleration=0.2, **given)
-    return asked, certificate(asked, searched(asked.setting))
+    return asked, certificate(asked, search_numbers(asked.setting))
 
 
 def test_evolution_finds_more_than_drawing_and_exceeds_no_claim(
@@ -153,7 +153,7 @@ def test_no_evolved_adversary_exceeds_a_claim(name: str, inertia: float, options
     robot = robot.with_armature(robot.armature + inertia)
     given = {"speed": 0.2, "acceleration": 0.2, "radius": 0.05, "torque": 0.001, "jump": True}
     asked = ask(robot, 1e-3, **{**given, **options})
-    made = certificate(asked, searched(asked.setting))
+    made = certificate(asked, search_numbers(asked.setting))
     assert {"gain", "stated", "start"} <= set(made.data["solutions"]), made.reasons
     seen = observe(asked, made, 30_000, generations=30)
     for claim in made.data["solutions"]:
@@ -164,7 +164,7 @@ def test_no_evolved_adversary_exceeds_a_claim(name: str, inertia: float, options
 def test_a_certificate_is_within_a_factor_of_the_worst_found(name: str, load: float, inertia: float) -> None:
     robot = armgpi.Robot.load(name)
     asked = ask(robot, 1e-3, payload=(0.0, load), speed=0.2, start="held")
-    made = certificate(asked, searched(asked.setting))
+    made = certificate(asked, search_numbers(asked.setting))
     ratios = made.per_torque / [case.error for case in worst(asked, count=60)]
     assert (ratios >= 1.0).all()
     assert (ratios <= 2.5).all()

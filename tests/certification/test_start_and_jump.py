@@ -15,8 +15,8 @@ from armgpi.arrays import Array
 from armgpi.certification import check_certificate, quantities
 from armgpi.certification.asked import ask
 from armgpi.certification.certificate import Certificate, certificate
-from armgpi.certification.quantities import Points, Setting, resting, searched
-from armgpi.certification.solve import merged
+from armgpi.certification.quantities import Points, Setting, resting, search_numbers
+from armgpi.certification.solve import merge_facts
 
 checker: Any = check_certificate
 SEEDS = st.integers(0, 2**32 - 1)
@@ -120,7 +120,7 @@ def jumping() -> tuple[Any, Certificate]:
     robot = Robot.load("anthropomorphic3").with_armature(0.02)
     given = {"payload": (0.0, 0.02), "speed": 0.2, "radius": 0.05, "torque": 0.001, "jump": True}
     asked = ask(robot, 1e-3, acceleration=0.2, **given)
-    return asked, certificate(asked, searched(asked.setting))
+    return asked, certificate(asked, search_numbers(asked.setting))
 
 
 @pytest.mark.parametrize("claim", ["start", "jump"])
@@ -130,7 +130,7 @@ def test_no_state_that_v_allows_leaves_a_claim_in_the_sample_of_a_start_or_a_jum
     """Integrators and filters may be anything, which no rollout from rest has; so may a jump's time."""
     asked, made = jumping
     setting, data, h = asked.setting, made.data, asked.controller.dt
-    facts = merged(data["limits"], data["law"], data["numbers"], data["inputs"][claim])
+    facts = merge_facts(data["limits"], data["law"], data["numbers"], data["inputs"][claim])
     solution, claims = checker.exact(data["solutions"][claim]), data["solutions"][claim]["claims"]
     level = float(
         sum(x * y * y for x, y in zip(solution["a"], checker.sample(facts)[4], strict=True))

@@ -46,14 +46,14 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return the compilations there have been so far."""
     calls: list[Any] = []
-    called = build.called
+    called = build.run_program
 
     def counted(command: Any, *arguments: Any) -> Any:
         if "-o" in command:
             calls.append(command)
         return called(command, *arguments)
 
-    monkeypatch.setattr(build, "called", counted)
+    monkeypatch.setattr(build, "run_program", counted)
     return calls
 
 
@@ -168,7 +168,7 @@ def test_old_entries_go_first(cache: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert answer(sources[3]) == 3
     assert len(list(cache.iterdir())) == 3
     with monkeypatch.context() as patch:
-        patch.setattr(build, "_compiled", lambda *_: pytest.fail("compiled again"))
+        patch.setattr(build, "_compile", lambda *_: pytest.fail("compiled again"))
         assert [answer(sources[i]) for i in (0, 2, 3)] == [0, 2, 3]
 
 
@@ -204,14 +204,14 @@ def test_two_processes_that_build_the_same_do_not_clash(cache: Path) -> None:
 def test_a_second_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     first = compiled(*LOOP)
     build._loaded.clear()
-    build._probed.cache_clear()
-    called = build.called
+    build._probe.cache_clear()
+    called = build.run_program
 
     def only_versions(command: Any, *arguments: Any) -> Any:
         assert command[-1] == "--version"
         return called(command, *arguments)
 
-    monkeypatch.setattr(build, "called", only_versions)
+    monkeypatch.setattr(build, "run_program", only_versions)
     np.testing.assert_array_equal(compiled(*LOOP)["q"], first["q"])
 
 

@@ -195,7 +195,7 @@ def test_dynamics_of_a_users_own() -> None:
         def __getattr__(self, name: str) -> Any:
             return getattr(self.base, name)
 
-    robot = ARM._replaced(dynamics=Own(ARM.dynamics))
+    robot = ARM._with_attributes(dynamics=Own(ARM.dynamics))
     falls_back(GPI(ARM, DT), "its dynamics are Own, not Pinocchio's", plant=RigidBodyPlant(robot))
 
 
@@ -236,7 +236,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(build, "_loaded", {})
     monkeypatch.setattr(generated, "_generated", collections.OrderedDict())
     monkeypatch.setenv("ARMGPI_CACHE", str(tmp_path / "cache"))
-    build._probed.cache_clear()
+    build._probe.cache_clear()
 
 
 @pytest.mark.usefixtures("fresh")
@@ -271,7 +271,7 @@ def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
 
 @pytest.mark.usefixtures("fresh")
 def test_a_compiler_with_options(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = next(name for name in ("cc", "gcc", "clang") if build._probed((name,), os.environ["PATH"]))
+    name = next(name for name in ("cc", "gcc", "clang") if build._probe((name,), os.environ["PATH"]))
     monkeypatch.setenv("CC", f"{name} -DUNUSED=1")
     compiled(RigidBodyPlant(ARM), GPI(ARM, DT), MOVE, 0.01)
 

@@ -35,7 +35,7 @@ from armgpi import (
 from armgpi.control.adrc import ADRC
 from armgpi.control.ctdob import ComputedTorqueDOB
 from armgpi.control.family import Member, transfer_function
-from armgpi.control.observer import Estimate, corrected, expected_next, observer_gains
+from armgpi.control.observer import Estimate, correct_estimate, expected_next, observer_gains
 from armgpi.control.pid_positions import PIDPositions
 from armgpi.control.realisation import Bumpless
 from armgpi.control.schedule import GainSchedule
@@ -90,7 +90,7 @@ def test_the_observer_is_exact_where_its_model_is(order: int) -> None:
     true = Estimate(*(np.array(x) for x in (0.1, -0.2, zeta, slope)))
     seen = Estimate(*(np.array(x) for x in (0.0, 0.0, 0.0, 0.0)))
     for _ in range(400):
-        now = corrected(true.e, seen, gains)
+        now = correct_estimate(true.e, seen, gains)
         v = np.array(rng.normal())
         seen = expected_next(now, v, 0.01)
         e = true.e + 0.01 * true.rate + 0.01**2 * (0.5 * (v + true.zeta) + 0.01 * true.slope / 6.0)

@@ -227,10 +227,10 @@ def test_the_rule_s_numbers_decide_no_code(monkeypatch: pytest.MonkeyPatch) -> N
 def test_nominal_loads_of_varied_robots_are_those_of_each() -> None:
     varied = ARM.varied(inertia_scale=np.array([0.8, 1.0, 0.8]), rotor_inertia=np.array([0.1, 0.0, 0.1]))
     loads = LoadRange(heaviest=np.array([[0.2], [0.0], [0.2]]), com=(0.0, 0.0, 0.05))
-    found = loads.found(varied, 1e-3, 1e-3)
+    found = loads.choose(varied, 1e-3, 1e-3)
     assert isinstance(found.nominal, VariedRobots)
     for i, robot in enumerate(varied.robots):
-        one = LoadRange(heaviest=(0.2, 0.0, 0.2)[i], com=(0.0, 0.0, 0.05)).found(robot, 1e-3, 1e-3)
+        one = LoadRange(heaviest=(0.2, 0.0, 0.2)[i], com=(0.0, 0.0, 0.05)).choose(robot, 1e-3, 1e-3)
         q = ARM.random_positions(3, seed=i)
         np.testing.assert_allclose(found.nominal.mass_matrix(q)[i], one.nominal.mass_matrix(q[i]), rtol=1e-12)
         assert found.omega_c[i, 0] == pytest.approx(one.omega_c)  # type: ignore[index]

@@ -30,7 +30,7 @@ from armgpi.errors import ArmgpiError
 from armgpi.loop.rollout import Status
 from armgpi.realtime import Injected, Watchdog, run
 from armgpi.realtime.datagram import END, SAMPLE, TORQUE, Datagram, unpack
-from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervised
+from armgpi.realtime.ends import ArmEnd, ControllerEnd, supervise
 
 DT = 1e-3
 ARMS = {name: Robot.load(name) for name in ("anthropomorphic3", "ur5")}
@@ -143,7 +143,7 @@ def test_exported_c_is_a_controller_like_another() -> None:
 def test_what_was_missed_is_filled_along_a_straight_line() -> None:
     _, law, move = parts()
     q = ARM.middle() + np.linspace(0.0, 1e-4, 5)[:, None]
-    whole, holes = (ControllerEnd(supervised(law, None, False), move) for _ in range(2))
+    whole, holes = (ControllerEnd(supervise(law, None, False), move) for _ in range(2))
     for k in range(5):
         every = whole.receive(Datagram(SAMPLE, k, k * DT, q[k]))
     for k in (0, 4):
@@ -156,7 +156,7 @@ def test_what_was_missed_is_filled_along_a_straight_line() -> None:
 
 def test_a_sample_twice_has_one_answer_and_an_old_one_none() -> None:
     _, law, move = parts()
-    end = ControllerEnd(supervised(law, None, False), move)
+    end = ControllerEnd(supervise(law, None, False), move)
     samples = [Datagram(SAMPLE, k, k * DT, ARM.middle()) for k in range(3)]
     answers = [end.receive(sample) for sample in samples]
     assert end.receive(samples[2]) is answers[2]

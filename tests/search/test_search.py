@@ -253,8 +253,8 @@ def problem(**options: Any) -> Problem:
 def test_a_candidate_that_fails_where_nobody_looked_is_never_the_best() -> None:
     search = Search(problem())
     search.run()
-    assert search.problem.space.values(search.ranked()[0].x)[0] > 100.0
-    found = search.validated()
+    assert search.problem.space.values(search.rank()[0].x)[0] > 100.0
+    found = search.validate()
     assert all(search.problem.space.values(each.row.x)[0] <= 100.0 for each in found)
 
 
@@ -286,7 +286,7 @@ def test_a_search_that_was_stopped_ends_as_one_that_was_not(
 def test_budgets_are_kept_and_a_larger_one_is_never_worse() -> None:
     search = Search(problem(budgets=(400.0, 2500.0, 8000.0), evaluations=300))
     search.run()
-    found = search.validated()
+    found = search.validate()
     assert [each.budget for each in found] == [400.0, 2500.0, 8000.0]
     assert all(each.row.means["total_variation"] <= each.budget for each in found)
     errors = [each.row.objective for each in found]

@@ -281,7 +281,7 @@ def test_a_term_is_found_by_its_values() -> None:
 
 def test_a_source_is_changed_where_it_has_to_be() -> None:
     change = edits.Change("sign", (2, 4, 2, 9), "a + b", "a - b", "f", "", 8.0)
-    assert edits.patched("ä = 1\nx = a + b  # ä\n", (change,)) == "ä = 1\nx = a - b  # ä\n"
+    assert edits.apply_changes("ä = 1\nx = a + b  # ä\n", (change,)) == "ä = 1\nx = a - b  # ä\n"
 
 
 # What is measured: `make search` draws new mistakes and numbers.

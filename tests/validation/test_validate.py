@@ -240,7 +240,7 @@ def test_the_report_is_text_json_and_a_page(tmp_path: Path) -> None:
 def test_names_in_the_page_are_escaped() -> None:
     model = planar(1).model
     robot = planar(1).robot
-    robot = robot._replaced(name="<b>x</b>")
+    robot = robot._with_attributes(name="<b>x</b>")
     assert "<b>x" not in validate(model, robot).html()
 
 

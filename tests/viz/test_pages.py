@@ -360,7 +360,7 @@ def test_thinned_lines_keep_their_extremes() -> None:
     time = np.arange(50_000) * 1e-3
     values = rng.normal(size=time.size)
     values[[7, 41_234]] = 50.0, -50.0
-    x, y = report._thinned(time, values)
+    x, y = report._thin_line(time, values)
     assert len(x) <= report.POINTS + 2
     assert (y.max(), y.min()) == (50.0, -50.0)
     assert set(zip(x, y, strict=True)) <= set(zip(time, values, strict=True))

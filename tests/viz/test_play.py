@@ -278,7 +278,7 @@ def test_a_start_that_no_table_holds_leaves_a_slider_out(monkeypatch: pytest.Mon
     moved = controls.playable(made, "gpi", {})
     form = {choice.id: choice.value for choice in moved.choices}
     own = [control for control in moved.controls if control.only is None]
-    config = play_page.composed(moved, form)
+    config = play_page.compose_config(moved, form)
     traced = variant.trace_form(form, config, own, play_page._Makers(made).loop, variant.Pool())
     assert "plant.encoder_bits" in traced.unmoved
     assert max(table.values[..., 0].size for table in traced.tables) <= 20

@@ -15,9 +15,9 @@ It is elementwise, like a law: what NumPy runs here is what exported C does.
 from armgpi.control.supervisor.bounds import FARTHEST as FARTHEST
 from armgpi.control.supervisor.bounds import Bounds as Bounds
 from armgpi.control.supervisor.bounds import Supervisor as Supervisor
+from armgpi.control.supervisor.bounds import complete_settings as complete_settings
 from armgpi.control.supervisor.bounds import frozen_samples as frozen_samples
 from armgpi.control.supervisor.bounds import least_acceleration as least_acceleration
-from armgpi.control.supervisor.bounds import suited as suited
 from armgpi.control.supervisor.state import COUNTED as COUNTED
 from armgpi.control.supervisor.state import SIGNALS as SIGNALS
 from armgpi.control.supervisor.state import FaultReport as FaultReport

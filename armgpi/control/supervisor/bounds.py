@@ -323,7 +323,7 @@ def _inertias(law: Controller) -> Iterator[Array]:
         yield robot.mass_matrix(lower + share * (upper - lower))
 
 
-def suited(supervisor: Supervisor, plant: Any, controller: Controller) -> Supervisor:
+def complete_settings(supervisor: Supervisor, plant: Any, controller: Controller) -> Supervisor:
     """Return settings in which what is not given suits an experiment's encoder, noise and delay.
 
     Args:

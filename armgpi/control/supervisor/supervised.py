@@ -117,7 +117,7 @@ class Supervised(Controller):
         q, r = np.where(good, given, 0.0), np.where(good, asked, 0.0)
         v = np.where(good, measurement.v, 0.0) if self.measurement_type is FullState else zero
         rest = Target(r, zero, zero)
-        law = self.law.init(self._shown(q, v), self._given(rest, target, worst != 0.0))
+        law = self.law.init(self._measurement(q, v), self._target(rest, target, worst != 0.0))
         watch = self._watch(zero, q=q, r=r, tau=zero)._replace(
             status=np.where(good, float(State.INIT), float(State.FAULT)),
             reason=worst,
@@ -311,7 +311,7 @@ class Supervised(Controller):
         shown = watch.v * (1.0 / self.dt)
         if self.measurement_type is FullState:
             shown = np.where(seen.lost, shown, measurement.v)
-        asked, after = law.step(self._shown(seen.q, shown), self._given(aim, target, stopping), before)
+        asked, after = law.step(self._measurement(seen.q, shown), self._target(aim, target, stopping), before)
         # A law whose torque is no number has a state that is none: it cannot go on.
         unsound = beyond(sum_joints(asked), LARGEST)
         capped = None if caps is None else caps(asked) & ~unused
@@ -442,11 +442,11 @@ class Supervised(Controller):
         soft = (watch.status == float(State.FAULT)) & ~accused
         return _gone(watch.v + np.where(soft, self.stop.smoothing, self._smoothing) * new)
 
-    def _given(self, aim: Target, target: Target, stopping: Mask) -> Target:
+    def _target(self, aim: Target, target: Target, stopping: Mask) -> Target:
         """Return the target for the law: its rates are those given, while there is no stop."""
         return Target(aim.q, np.where(stopping, aim.v, target.v), np.where(stopping, aim.a, target.a))
 
-    def _shown(self, q: Array, v: Array) -> Measurement | FullState:
+    def _measurement(self, q: Array, v: Array) -> Measurement | FullState:
         """Return what the law measures."""
         return FullState(q, v) if self.measurement_type is FullState else Measurement(q)
 

@@ -84,7 +84,7 @@ def reproduce(
     prepare(folder)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(
-        workers or cores(), mp_context=context, initializer=_prepared, initargs=(backend,)
+        workers or cores(), mp_context=context, initializer=_prepare_worker, initargs=(backend,)
     ) as pool:
         try:
             found = _run_all(runs.QUICK if quick else runs.FULL, quick, pool, done)
@@ -130,12 +130,12 @@ def _run_all(setting: runs.Setting, quick: bool, pool: Executor, done: Callable[
     """Run the batches, several at a time."""
 
     def submit(name: str, job: Callable[..., xr.Dataset], *arguments: object) -> Future[xr.Dataset]:
-        def ended(future: Future[xr.Dataset]) -> None:
+        def on_end(future: Future[xr.Dataset]) -> None:
             if not future.cancelled() and future.exception() is None:
                 done(name)
 
         future = pool.submit(job, *arguments)
-        future.add_done_callback(ended)
+        future.add_done_callback(on_end)
         return future
 
     # The longest first, and what the tuned PID waits for: its torque budget and its candidates.
@@ -214,7 +214,7 @@ def _write(folder: Path, sheets: list[Sheet], words: str, pictures: list[Path]) 
     return write_set(folder, texts, [path.name for path in pictures])
 
 
-def _prepared(backend: str) -> None:
+def _prepare_worker(backend: str) -> None:
     """Keep a worker to its own core, let the parent alone answer Ctrl-C, and choose the backend."""
     import signal
 

@@ -48,10 +48,10 @@ class Sources(NamedTuple):
         if ablation is not None:
             costs = {bits: tables.ablation_costs(ablation, bits) for bits in runs.ABLATION_BITS}
         return cls(
-            one=_thinned(gpi, runs.SCENARIO_1).sel(time=slice(None, _END_1)),
-            two=_thinned(gpi, runs.SCENARIO_2).sel(time=slice(None, _END_2)),
-            calm=(_thinned(pid, runs.UNDISTURBED), _thinned(gpi, runs.UNDISTURBED)),
-            pushed=(_thinned(pid, runs.NEAR_PID), _thinned(gpi, runs.NETWORK)),
+            one=_thin(gpi, runs.SCENARIO_1).sel(time=slice(None, _END_1)),
+            two=_thin(gpi, runs.SCENARIO_2).sel(time=slice(None, _END_2)),
+            calm=(_thin(pid, runs.UNDISTURBED), _thin(gpi, runs.UNDISTURBED)),
+            pushed=(_thin(pid, runs.NEAR_PID), _thin(gpi, runs.NETWORK)),
             ablation=costs,
         )
 
@@ -77,7 +77,7 @@ def _motion(rollout: xr.Dataset) -> Figure:
         number = row + 1
         _name(axes[row, 0], 2 * row, f"Controlled angular position $q_{number}$", f"$q_{number}$ [rad]")
         _name(axes[row, 1], 2 * row + 1, f"Computed torque $\\tau_{number}$", f"$\\tau_{number}$ [N m]")
-    return _finished(figure, axes)
+    return _finish(figure, axes)
 
 
 def _tuning(rollout: xr.Dataset) -> Figure:
@@ -92,7 +92,7 @@ def _tuning(rollout: xr.Dataset) -> Figure:
         values = rollout[name].sel(joint="q1")
         axes[row, 0].plot(values["time"], values, color=style.PALETTE[0])
         _name(axes[row, 0], row, f"Adaptive ${symbol}$ control parameter", f"${symbol}$ [{unit}]")
-    return _finished(figure, axes)
+    return _finish(figure, axes)
 
 
 def _gains(rollout: xr.Dataset) -> Figure:
@@ -105,7 +105,7 @@ def _gains(rollout: xr.Dataset) -> Figure:
         axes[row, 0].plot(here["time"], value, color=style.PALETTE[0])
         unit = "1/s" if power == 1 else f"1/s$^{power}$"
         _name(axes[row, 0], row, f"${symbol}$", f"${symbol}$ [{unit}]")
-    return _finished(figure, axes)
+    return _finish(figure, axes)
 
 
 def _cartesian(rollout: xr.Dataset) -> Figure:
@@ -138,7 +138,7 @@ def _disturbances(rollout: xr.Dataset) -> Figure:
         plots.plot_disturbance(axes[row, 0], rollout, joint)
         number = row + 1
         _name(axes[row, 0], row, f"External torque $\\tau_{{d{number}}}$", f"$\\tau_{{d{number}}}$ [N m]")
-    return _finished(figure, axes)
+    return _finish(figure, axes)
 
 
 def _against(rollouts: Sequence[xr.Dataset]) -> Figure:
@@ -154,7 +154,7 @@ def _against(rollouts: Sequence[xr.Dataset]) -> Figure:
         ends = [end for one in row for end in one.get_ylim()]
         for one in row:
             one.set_ylim(min(ends), max(ends))
-    return _finished(figure, axes)
+    return _finish(figure, axes)
 
 
 def _pareto(every: dict[int, dict[str, tuple[float, float]]] | None) -> Figure:
@@ -194,7 +194,7 @@ def _name(axes: Axes, panel: int, title: str, ylabel: str) -> None:
     axes.set_ylabel(ylabel)
 
 
-def _finished(figure: Figure, axes: Any) -> Figure:
+def _finish(figure: Figure, axes: Any) -> Figure:
     """Label the time axis at the bottom, without empty ends, and give the figure its legend."""
     for bottom in axes[-1]:
         bottom.set_xlabel("time [s]")
@@ -210,7 +210,7 @@ def _one_legend(figure: Figure) -> None:
         plots.legend(figure)
 
 
-def _thinned(result: xr.Dataset, label: str) -> xr.Dataset:
+def _thin(result: xr.Dataset, label: str) -> xr.Dataset:
     """Return a rollout at D(q) x 1.0, thinned, and without its label: the panel's title says what it is."""
     rollout = runs.select(result, label, 1.0)
     every = max(1, rollout.sizes["time"] // _POINTS)

@@ -352,7 +352,7 @@ def _paper_loads(loaded: Sequence[float]) -> list[Sine]:
     ]
 
 
-def _stated() -> BSplineNetwork:
+def _stated_networks() -> BSplineNetwork:
     """Return the networks of scenario 5.3."""
     controller = _scenario("scenario-5.3").controllers["GPI with networks"]
     assert isinstance(controller, GPI)
@@ -362,13 +362,13 @@ def _stated() -> BSplineNetwork:
 
 def _box(setting: Setting) -> tuple[float, float]:
     """Return the range of omega_c in the scenario files, slower where the sample time is longer."""
-    lower, upper = (float(np.max(end)) / setting.slower for end in _stated().boxes["omega_c"])
+    lower, upper = (float(np.max(end)) / setting.slower for end in _stated_networks().boxes["omega_c"])
     return lower, upper
 
 
 def _network(**changes: Any) -> BSplineNetwork:
     """Return the networks of scenario 5.3, changed."""
-    stated = _stated()
+    stated = _stated_networks()
     names = ("learning_rate", "error_range", "dead_zone", "bandwidth")
     return BSplineNetwork(**{**{name: getattr(stated, name) for name in names}, **changes})
 

@@ -123,7 +123,7 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
     others = [metric for metric in metrics.shown_in("reproduction") if metric not in shown]
     rows: list[tuple[str, ...]] = []
     for name, cells in (("published PID-like", table.pid), ("published proposal", table.proposal)):
-        printed = (_printed(value) for joints in cells for value in joints)
+        printed = (_paper_digits(value) for joints in cells for value in joints)
         rows.append((name, "", *printed, *("not stated" for _ in others), ""))
     least = (_texts(holding) if name == "isci" else ("",) * len(JOINTS) for name in _PUBLISHED)
     rows.append(("holding against gravity and load alone", "", *chain(*least), *("" for _ in others), ""))
@@ -134,7 +134,7 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
         of_arm = [float(metric.of_arm(one.metrics[metric.name])) for metric in others]
         rows.append((one.name, one.measures, *_texts([*ours, *of_arm]), one.end))
         if one.name in (runs.NETWORK, runs.NEAR_PID):
-            against = _published(table, one.name)
+            against = _published_column(table, one.name)
             words = (cell.status for cell in _cells(table, one))
             whom = "PID-like" if against is table.pid else "proposal"
             rows.append((f"... against the published {whom}", "", *words, *("" for _ in others), ""))
@@ -169,14 +169,14 @@ class _Cell(NamedTuple):
 
 def _cells(table: published.Table, one: Contender) -> Iterator[_Cell]:
     """Return the published cells that a contender is held against, with its own values."""
-    theirs = _published(table, one.name)
+    theirs = _published_column(table, one.name)
     for name, cells in theirs._asdict().items():
         for joint, ours, cell in zip(JOINTS, one.metrics[name].tolist(), cells, strict=True):
             status = published.status(ours if np.isfinite(ours) else None, cell)
             yield _Cell(joint, metrics.ALL[name].heading, ours, cell, status)
 
 
-def _published(table: published.Table, name: str) -> published.Cells:
+def _published_column(table: published.Table, name: str) -> published.Cells:
     """Return the published column that a contender is held against."""
     return table.pid if name in (runs.NEAR_PID, runs.TUNED_PID) else table.proposal
 
@@ -190,7 +190,7 @@ def statuses(found: Sequence[Contender]) -> Sheet:
                 continue
             for cell in _cells(table, one):
                 where = (str(table.number), one.sensors, one.name, cell.metric, cell.joint)
-                rows.append((*where, *_texts([cell.ours]), _printed(cell.published), cell.status))
+                rows.append((*where, *_texts([cell.ours]), _paper_digits(cell.published), cell.status))
     return Sheet(
         "statuses",
         "Every cell of Tables 2 to 4",
@@ -328,7 +328,7 @@ def _at(result: xr.Dataset, label: str, bits: int) -> xr.Dataset:
     return result.isel(rollout=int(np.flatnonzero(here)[0]))
 
 
-def _printed(value: float) -> str:
+def _paper_digits(value: float) -> str:
     """Return a published number with all the digits that the paper prints."""
     return f"{value:.7g}"
 
