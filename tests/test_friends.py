@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,9 @@ def test_an_mjcf_is_the_arm_that_mujoco_simulates(tmp_path: Path) -> None:
     assert robot.joint_names == ("j1", "j2")
     np.testing.assert_array_equal(robot.limits.effort, [30.0, 20.0])
     np.testing.assert_array_equal(robot.armature, [0.05, 0.02])
+    free = tmp_path / "free.xml"
+    free.write_text(re.sub('<motor joint="j2"[^>]*/>', "", TWO.format(more="")))
+    assert Robot.load(free).limits.effort[1] > 1e100  # no motor, no limit that is known
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)

@@ -35,10 +35,11 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
 
 
 def started(file: Path, out: Path, rollouts: int) -> subprocess.Popen[bytes]:
-    """Start a sweep."""
+    """Start a sweep that takes signals, even where a shell started this in the background without SIGINT."""
     code = "from armgpi.cli import main; main()"
     command = [sys.executable, "-c", code, "sweep", str(file), "--out", str(out), "--rollouts", str(rollouts)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(command, **quiet, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
 
 def contents(folder: Path) -> dict[str, str]:
