@@ -230,11 +230,6 @@ def not_negative(array: Array) -> npt.NDArray[np.bool_]:
     return array >= 0.0
 
 
-def any_value(array: Array) -> npt.NDArray[np.bool_]:
-    """Accept every (finite) element."""
-    return np.ones(array.shape, dtype=np.bool_)
-
-
 def check_number(
     value: Any, name: str, expected: str, lowest: float = 0.0, highest: float = math.inf, open_: bool = False
 ) -> float:

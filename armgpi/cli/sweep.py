@@ -152,17 +152,16 @@ def _count(text: str) -> int:
 def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
     from armgpi.loop import metrics
-    from armgpi.studies.results import failure_words, quantile_words
+    from armgpi.studies.results import failure_words, heading, quantile_words
 
     say(f"{sweep.label} on {sweep.robot.name}; failed is {failure_words(sweep)}")
     for sentence in sentences:
         say(sentence)
-    sliding = bool(sweep.robot.prismatic.all())
     for each in metrics.shown_in("terminal"):
         if each.name in said["quantiles"]:
             values = said["quantiles"][each.name]
             shares = (f"{100 * float(share):g} % {quantile_words(x)}" for share, x in values.items())
-            say(f"{each.heading} [{each.unit.symbol(sliding) or '-'}]: {', '.join(shares)}")
+            say(f"{heading(sweep, each.name)}: {', '.join(shares)}")
     for name, parts in said["failure by what was drawn"].items():
         low, high = min(parts, key=_value), max(parts, key=_value)
         if _value(high) > _value(low):

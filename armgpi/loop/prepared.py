@@ -94,15 +94,7 @@ def prepare(
     nominal, arm = loop.controller.robot, loop.plant.robot
     if isinstance(nominal, Robot) and isinstance(arm, Robot) and (said := unlike(nominal, arm)):
         warnings.warn(said, ArmgpiWarning, stacklevel=3)
-    return PreparedLoop(
-        loop,
-        t_final,
-        record=record,
-        record_every=record_every,
-        signals=signals,
-        divergence=divergence,
-        backend=backend,
-    )
+    return PreparedLoop(loop, t_final, record, record_every, signals, divergence, backend)
 
 
 class PreparedLoop:
@@ -121,12 +113,11 @@ class PreparedLoop:
         self,
         loop: ClosedLoop,
         t_final: float,
-        *,
-        record: str = "all",
-        record_every: int = 1,
-        signals: bool = False,
-        divergence: float = DIVERGENCE,
-        backend: str = "auto",
+        record: str,
+        record_every: int,
+        signals: bool,
+        divergence: float,
+        backend: str,
     ) -> None:
         """Check the options; see :func:`prepare`."""
         self.loop = loop

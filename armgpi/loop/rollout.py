@@ -247,14 +247,8 @@ class Recorded(NamedTuple):
 
     def ends(self) -> list[str]:
         """Return in words how each rollout ended; see :func:`describe_end`."""
-        recording, faults = self.recording, self.recording.faults
-        words = []
-        for i, (status, t_end) in enumerate(zip(recording.status, recording.t_end, strict=True)):
-            reason, joint = None, ""
-            if faults:
-                reason, joint = faults["fault"][i], self.robot.joint_names[faults["fault_joint"][i]]
-            words.append(_end(status, t_end, reason, joint))
-        return words
+        recording = self.recording
+        return _ends(recording.status, recording.t_end, self.robot.joint_names, recording.faults)
 
     def dataset(self) -> xr.Dataset:
         """Return it as the dataset that a rollout is."""
@@ -367,23 +361,20 @@ def _status() -> dict[str, Any]:
 def describe_end(rollout: xr.Dataset) -> list[str]:
     """Return in words how each rollout ended: "finished", "diverged at 1.25 s", "stopped at 1.25 s: ..."."""
     rows = rollout if "rollout" in rollout["status"].dims else rollout.expand_dims("rollout")
+    values = {name: rows[name].values for name in ("status", "t_end", "joint", *FAULTS) if name in rows}
+    return _ends(values["status"], values["t_end"], values["joint"], values)
+
+
+def _ends(status: Any, t_end: Array, joints: Any, faults: Mapping[str, Any]) -> list[str]:
+    """Return in words how rollouts ended; why and at which joint where a supervisor stopped them."""
     words = []
-    for index, (status, t_end) in enumerate(zip(rows["status"].values, rows["t_end"].values, strict=True)):
-        reason, joint = None, ""
-        if "fault" in rows:
-            reason = rows["fault"].values[index]
-            joint = str(rows["joint"].values[int(rows["fault_joint"].values[index])])
-        words.append(_end(status, t_end, reason, joint))
+    for i, end in enumerate(Status(int(each)) for each in status):
+        said = end.name.lower() + ("" if end == Status.FINISHED else f" at {float(t_end[i]):.4g} s")
+        if "fault" in faults and faults["fault"][i]:
+            reason, joint = Reason(int(faults["fault"][i])), joints[int(faults["fault_joint"][i])]
+            said += f"{':' if end == Status.STOPPED else ', after'} {reason.name} ({joint})"
+        words.append(said)
     return words
-
-
-def _end(status: int, t_end: float, reason: int | None, joint: str) -> str:
-    """Return in words how a rollout ended; why and at which joint where a supervisor stopped it."""
-    name = Status(int(status)).name.lower()
-    said = name if status == Status.FINISHED else f"{name} at {float(t_end):.4g} s"
-    if reason:
-        said += f"{':' if status == Status.STOPPED else ', after'} {Reason(int(reason)).name} ({joint})"
-    return said
 
 
 def describe_measurement(name: str, knows: str = "") -> str:
@@ -407,7 +398,7 @@ def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
 
 
 def netcdf(rollout: xr.Dataset) -> bytes:
-    """Return a rollout as a NetCDF file."""
+    """Return a dataset, such as a rollout, as a NetCDF file."""
     encoding = {
         name: {"zlib": True, "complevel": 4, "fletcher32": True}  # the checksum finds damage
         for name, variable in rollout.data_vars.items()

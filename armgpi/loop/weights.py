@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from os import PathLike
 
 import numpy as np
@@ -13,7 +12,7 @@ from armgpi.arrays import check_path, check_type
 from armgpi.control.gains import Tuning
 from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, RolloutError
-from armgpi.loop.rollout import read_netcdf
+from armgpi.loop.rollout import netcdf, read_netcdf
 from armgpi.parameter import parameters
 from armgpi.robot.batch import AnyRobot, check_robot
 
@@ -43,13 +42,7 @@ def save_weights(weights: Weights, path: str | PathLike[str], robot: AnyRobot) -
         raise ArrayError("weights", "expected those of a single rollout, got a batch")
     variables = {name: (("joint", f"basis_of_{name}"), values) for name, values in given.items()}
     dataset = xr.Dataset(variables, coords={"joint": list(robot.joint_names)}, attrs={_FORMAT: 1})
-    import h5netcdf  # here: with h5py, it is as slow to import as Pinocchio
-    from xarray.backends import H5NetCDFStore
-
-    content = io.BytesIO()
-    with h5netcdf.File(content, "w") as file:
-        dataset.dump_to_store(H5NetCDFStore(file))
-    files.write(check_path(path, "path"), content.getvalue())
+    files.write(check_path(path, "path"), netcdf(dataset))
 
 
 def load_weights(path: str | PathLike[str], robot: AnyRobot) -> Weights:

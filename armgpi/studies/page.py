@@ -13,7 +13,7 @@ from armgpi.arrays import Array
 from armgpi.config import build, dump
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
-from armgpi.studies.results import QUANTILES, of_arm, quantile_words, sentences, worst
+from armgpi.studies.results import QUANTILES, heading, of_arm, quantile_words, sentences, worst
 from armgpi.studies.sample import Sweep
 from armgpi.viz import page, report
 from armgpi.viz.drawing import LINE, Drawing, figure
@@ -44,7 +44,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         page.bullets(sentences(said)),
         _table(sweep, said),
         "<h3>Distribution of every metric</h3>",
-        _figures((_histogram(of_arm(found, name)), _heading(name)) for name in sweep.metrics),
+        _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
         "<h3>Share of failures by what was drawn</h3>",
         _figures((_map(rows), name) for name, rows in said["failure by what was drawn"].items()),
         _figures((_square(pair["parts"]), " × ".join(pair["of"])) for pair in said["failure by two of them"]),
@@ -61,12 +61,10 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
 
 def _table(sweep: Sweep, said: Mapping[str, Any]) -> str:
     """Return the quantiles of the metrics as a table."""
-    rows, sliding = [], bool(sweep.robot.prismatic.all())
-    for name in sweep.metrics:
-        cells = [quantile_words(said["quantiles"][name][str(share)]) for share in QUANTILES]
-        rows.append(
-            [f"{metrics.ALL[name].heading} [{metrics.ALL[name].unit.symbol(sliding) or '-'}]", *cells]
-        )
+    rows = [
+        [heading(sweep, name), *(quantile_words(said["quantiles"][name][str(share)]) for share in QUANTILES)]
+        for name in sweep.metrics
+    ]
     head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
     return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
 
@@ -74,12 +72,6 @@ def _table(sweep: Sweep, said: Mapping[str, Any]) -> str:
 def _figures(pictures: Iterable[tuple[str, str]]) -> str:
     """Return pictures with their titles, side by side."""
     return f"<div class=figures>{''.join(starmap(figure, pictures))}</div>"
-
-
-def _heading(name: str) -> str:
-    """Return what a metric is called, with its unit."""
-    metric = metrics.ALL[name]
-    return f"{metric.heading} [{metric.unit.symbol(False) or '-'}]"
 
 
 def _histogram(values: Array) -> str:

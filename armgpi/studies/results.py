@@ -202,6 +202,12 @@ def of_arm(found: xr.Dataset, name: str) -> Array:
     return metrics.ALL[name].of_arm(found[name].values)
 
 
+def heading(sweep: Sweep, name: str) -> str:
+    """Return what a metric of an arm is called, with its unit."""
+    metric = metrics.ALL[name]
+    return f"{metric.heading} [{metric.unit.symbol(bool(sweep.robot.prismatic.all())) or '-'}]"
+
+
 def failure_map(found: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return how often rollouts fail in each part of the ranges of one or two numbers that were drawn.
 
