@@ -350,7 +350,7 @@ def test_the_plain_check_counts_the_points_at_the_bound_as_the_levels_do() -> No
     levels += [np.column_stack([np.zeros((100, 2)), np.repeat([1.5, 0.5], (20, 80))])]
     found = rare.estimate(levels)
     assert (found.bounds, found.shares) == ([0.25, 1.0], [0.2, 0.2])
-    stub: Any = SimpleNamespace(digest="", label="", failure={}, drawn=[], drawn_at=lambda u: u[:, :0])
+    stub: Any = SimpleNamespace(digest="", label="", failure={}, drawn_names=[], drawn_at=lambda u: u[:, :0])
     check = np.column_stack([np.zeros((100, 2)), np.repeat([2.0, 1.0, 0.0], (3, 7, 90))])
     said = rare.summary(stub, found, levels[-1], check)["plain check"]
     assert (said["value"], said["by the levels"]) == (0.03, pytest.approx(0.04))
