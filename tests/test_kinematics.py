@@ -257,7 +257,12 @@ def test_points_in_order_are_followed_on_one_branch() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "named"),
     [
-        ({"rotation": np.eye(3)}, ParameterError, "an arm of 6 joints or more"),
+        ({"rotation": np.eye(3)}, ParameterError, "an arm of 6 joints or more.* with the direction"),
+        (
+            {"robot": Robot.load("anthropomorphic3", lock=["q3"])},
+            ParameterError,
+            "an arm of 3 joints or more, which a path in space takes",
+        ),
         ({"near": np.zeros((2, 3))}, ArrayError, "near"),
         ({"near": [0.0, 9.0, 0.0]}, LimitError, "near of joint 'q2'"),
         ({"rate": -1.0}, ParameterError, "rate"),

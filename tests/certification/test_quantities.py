@@ -115,6 +115,25 @@ def test_a_search_comes_to_each_end_of_its_box_and_no_further() -> None:
         assert largest(case, away) == pytest.approx(radius[j], abs=1e-15)
 
 
+def test_stiffness_and_jump_are_those_of_differences_at_a_configuration() -> None:
+    case, q = setting(), np.array([0.3, -0.7, 0.5])
+    light, heavy = case.arms
+    at, nominal = Points(q[None], q[None], q[None]), case.nominal
+    for arm in case.arms:
+        D = arm.mass_matrix(q)
+        root = np.linalg.inv(np.linalg.cholesky(D))
+        v = np.linalg.solve(nominal.mass_matrix(q), arm.gravity(q))
+        ends = [
+            [arm.gravity(x) - nominal.mass_matrix(x) @ v for x in (q + h, q - h)] for h in 1e-5 * np.eye(3)
+        ]
+        gradient = np.column_stack([(after - before) / 2e-5 for after, before in ends])
+        (found,) = functions(case)["kappa_e"](case, arm, at)
+        assert found == pytest.approx(np.linalg.norm(root @ gradient @ root.T, 2), rel=1e-6)
+        change = np.linalg.solve(nominal.mass_matrix(q), heavy.gravity(q) - light.gravity(q))
+        (found,) = functions(case)["jump"](case, arm, at)
+        assert found == pytest.approx(np.sqrt(change @ D @ change), rel=1e-9)
+
+
 def test_slopes_are_derivatives() -> None:
     q = np.array([[0.3, -0.7], [1.0, 2.0]])
     found = slopes(lambda x: np.sin(x) * x[:, ::-1], q)
