@@ -147,7 +147,7 @@ def test_a_sweep_runs_under_the_supervisor_of_its_file(tmp_path: Path) -> None:
         == said["probability of a stop"]["value"] * 16
     )
     assert any(line.startswith("stopped by the supervisor: ") for line in results.sentences(said))
-    assert under.digest != made(SUPERVISED.replace("2000", "1000")).digest
+    assert under.identity.digest != made(SUPERVISED.replace("2000", "1000")).identity.digest
 
 
 def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
@@ -350,7 +350,10 @@ def test_the_plain_check_counts_the_points_at_the_bound_as_the_levels_do() -> No
     levels += [np.column_stack([np.zeros((100, 2)), np.repeat([1.5, 0.5], (20, 80))])]
     found = rare.estimate(levels)
     assert (found.bounds, found.shares) == ([0.25, 1.0], [0.2, 0.2])
-    stub: Any = SimpleNamespace(digest="", label="", failure={}, drawn_names=[], drawn_at=lambda u: u[:, :0])
+    own = SimpleNamespace(digest="")
+    stub: Any = SimpleNamespace(
+        identity=own, label="", failure={}, drawn_names=[], drawn_at=lambda u: u[:, :0]
+    )
     check = np.column_stack([np.zeros((100, 2)), np.repeat([2.0, 1.0, 0.0], (3, 7, 90))])
     said = rare.summary(stub, found, levels[-1], check)["plain check"]
     assert (said["value"], said["by the levels"]) == (0.03, pytest.approx(0.04))
@@ -363,7 +366,8 @@ def test_a_chunk_is_a_function_of_study_and_number() -> None:
     np.testing.assert_array_equal(found.numbers(3, 16), found.numbers(3, 16))
     np.testing.assert_array_equal(found.numbers(3, 5), found.numbers(3, 16)[:5])
     assert not np.array_equal(found.numbers(3, 16), found.numbers(4, 16))
-    assert made(TEXT.replace("0.05", "0.06")).digest != found.digest == made().digest
+    own = found.identity.digest
+    assert made(TEXT.replace("0.05", "0.06")).identity.digest != own == made().identity.digest
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol"])

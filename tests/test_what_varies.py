@@ -82,7 +82,7 @@ def test_an_old_name_is_taken_and_says_the_new_one() -> None:
         before = Sweep.of(named[0])
     after = Sweep.of(named[1])
     assert list(before.varied) == list(after.varied) == ["plant.payload.mass"]
-    assert before.digest == after.digest  # and so the draws
+    assert before.identity.digest == after.identity.digest  # and so the draws
 
 
 def test_a_parameter_without_a_search_is_searched_and_swept_over_its_range() -> None:

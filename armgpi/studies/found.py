@@ -17,6 +17,7 @@ from armgpi import files
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
 from armgpi.escape import markdown_table
+from armgpi.loop import metrics
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.studies.setup import Wanted, best_file
 from armgpi.studies.study import Study
@@ -59,14 +60,9 @@ def finish(
         loaded = best_file(wanted, each.row.x)
         text, copied = experiments.portable(loaded.config)
         contents |= {name: text, **copied}
-    if found and not math.isinf(found[0].budget):
-        contents["best.yaml"] = contents[f"best-{_middle(found).budget:g}.yaml"]
+    if found and not math.isinf(found[0].budget):  # the one in the middle of the front
+        contents["best.yaml"] = contents[f"best-{found[len(found) // 2].budget:g}.yaml"]
     return [files.write(folder / name, content) for name, content in contents.items()]
-
-
-def _middle(found: Sequence[Validated]) -> Validated:
-    """Return the one in the middle of a front."""
-    return found[len(found) // 2]
 
 
 def _csv(rows: Sequence[Sequence[Any]]) -> str:
@@ -195,15 +191,13 @@ def as_data(search: Search, found: Sequence[Validated], given: Row) -> dict[str,
 
 def _cells(row: Row, held_out: Row, against: str) -> list[str]:
     """Return the values of a candidate on both sets of scenarios."""
-    return [text for each in (row, held_out) for text in (_objective(each), _short(each.means[against]))]
+    return [
+        text for each in (row, held_out) for text in (_objective(each), metrics.short(each.means[against]))
+    ]
 
 
 def _objective(row: Row) -> str:
     """Return an objective, or why there is none."""
     if row.failed:
         return f"fails in {100.0 * row.failed:.0f} %"
-    return _short(row.objective) + ("" if row.sound else " (breaks a constraint)")
-
-
-def _short(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "-"
+    return metrics.short(row.objective) + ("" if row.sound else " (breaks a constraint)")

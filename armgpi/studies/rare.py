@@ -287,7 +287,7 @@ def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, A
     drawn = sweep.drawn_at(ndtr(failed[:, :-2]))
     shares = (0.05, 0.5, 0.95)
     return {
-        "study": sweep.digest,
+        "study": sweep.identity.digest,
         "controller": sweep.label,
         "failure": {"diverged": None, **sweep.failure},
         "rollouts": found.points,

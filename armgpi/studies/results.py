@@ -111,7 +111,7 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
         coords={"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))},
         attrs={
             "title": f"armgpi sweep of {robot.name}",
-            "study": sweep.digest,
+            "study": sweep.identity.digest,
             "experiment": sweep.identity.text,
             "code": sweep.identity.code_digest,
             "sampling": sweep.sampling,
@@ -135,7 +135,7 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
     said: dict[str, Any] = {
-        "study": sweep.digest,
+        "study": sweep.identity.digest,
         "controller": sweep.label,
         "rollouts": n,
         "failure": {"diverged": None, **sweep.failure},

@@ -115,7 +115,8 @@ class Sweep:
                 variable = _find_variable(loop.parameters, name, type(config.plant).model_fields)
                 known = (variable.declared, experiment.robot.n, variable.value)
                 varied[name] = distribution(name, section, *known)
-                with_value(found, name, 1.0)
+                # Its worst cases are written to a file, which needs a key for it.
+                _put(experiment.config.model_dump(exclude={"vary", "failure"}), name, 1.0, found)
             except (ParameterError, NameNotFound) as error:
                 raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
         object.__setattr__(found, "varied", varied)
@@ -124,11 +125,6 @@ class Sweep:
     def enter(self, folder: Path, accept_code: bool = False) -> Study:
         """Make a folder that of this sweep, or find that it is; see :meth:`Study.enter`."""
         return Study.enter(folder, self.identity, EXPERIMENT, accept_code)
-
-    @property
-    def digest(self) -> str:
-        """A name for what the sweep is: another one has another."""
-        return self.identity.digest
 
     @property
     def robot(self) -> Any:
@@ -255,7 +251,7 @@ class Sweep:
 
     def _loop(self) -> PreparedLoop:
         """Return the loop, prepared once."""
-        if (known := _loops.get(self.digest)) is None:
+        if (known := _loops.get(self.identity.digest)) is None:
             experiment = self.experiment
             if "plant.payload.mass" in self.config.vary and self.config.plant.payload is not None:
                 plant = self.config.plant.model_copy(update={"payload": None})
@@ -264,7 +260,7 @@ class Sweep:
             parts = (experiment.plant, law, experiment.reference, experiment.t_final)
             known = prepare(*parts, **_KEPT, supervisor=experiment.supervisor)
             _loops.clear()
-            _loops[self.digest] = known
+            _loops[self.identity.digest] = known
         return known
 
     def _fixed_values(self) -> dict[str, Any]:
@@ -342,11 +338,6 @@ def run_chunk(folder: Path, chunk: int, rows: int) -> None:
     if not (folder / f"{chunk_name(chunk, rows)}.chunk").is_file():
         sweep, study = load(folder.resolve())
         study.write(chunk_name(chunk, rows), sweep.run(chunk, rows))
-
-
-def with_value(sweep: Sweep, name: str, value: Any) -> None:
-    """Refuse a parameter that has no key in an experiment file: its worst cases could not be written."""
-    _put(sweep.experiment.config.model_dump(exclude={"vary", "failure"}), name, value, sweep)
 
 
 def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
