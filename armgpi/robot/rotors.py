@@ -218,8 +218,8 @@ def describe(robot: Robot) -> str:
         )
     rows = _believed_rows(robot, "rotor_inertia")
     return rows and (
-        f"rotors believed, as the file is silent of them [kg m² or kg, within a factor of {SCATTER:g}]: "
-        f"{rows}; tell them by --rotor-inertia or --drives FILE, or none by --drives rigid"
+        f"the file gives no rotor inertia; believed [kg m² or kg, within a factor of {SCATTER:g}]: {rows}; "
+        "give it by --rotor-inertia or --drives FILE, or none by --drives rigid"
     )
 
 
@@ -227,9 +227,9 @@ def describe_gears(robot: Robot) -> str:
     """Return in a line what is believed of the stiffness of an arm's gears; or nothing."""
     rows = _believed_rows(robot, "stiffness")
     return rows and (
-        f"gears believed to twist [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: {rows}; where they "
-        f"are stiff, the law that --drives believed makes has 1/{SOFT_COST:g} of the error (ITAE), and where "
-        "not, it loses most arms; tell stiffness by --drives FILE"
+        f"the file gives no gear stiffness; believed [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: "
+        f"{rows}; for stiff gears --drives believed has 1/{SOFT_COST:g} of the error (ITAE), but loses most "
+        "arms whose gears twist; give stiffness by --drives FILE"
     )
 
 

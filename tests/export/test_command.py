@@ -175,7 +175,7 @@ def test_the_default_for_a_geared_robot_holds_it(
             robot, "--target", target, "--t-final", "0.1", *options, "-o", tmp_path / name
         )
         assert code == 0, out + err
-        assert ("gears believed to twist" in err) == (name == "default")
+        assert ("the file gives no gear stiffness; believed" in err) == (name == "default")
         loaded = config.read(tmp_path / name / "experiment.yaml")
         law: Any = next(iter(config.build(loaded.config, loaded.origin).controllers.values()))
         gears = Gears(np.array(rotor), np.array(stiffness), 0.02, 500.0, "motor")
