@@ -486,6 +486,10 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     # Of a section that says all there is to choose, the choice (half a second of a rule) would be dropped.
     full = section.model_fields_set >= {*type(section).model_fields}
     full &= all(keys[name] in told for name, each in parameters(source).items() if each.default is REQUIRED)
+    # A mapping of some joints leaves the others to it.
+    full &= not any(
+        isinstance(value := getattr(section, key), dict) and {*robot.joint_names} - {*value} for key in told
+    )
     chosen = {} if full else source.chosen(context)
     chosen = {name: value for name, value in chosen.items() if name not in set_here}
     missing = {keys[name]: _as_section(value) for name, value in chosen.items() if keys[name] not in told}
