@@ -60,12 +60,12 @@ def _usage_shown() -> Iterator[None]:
     except Exception as error:
         if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
             message, context = vars(error)["message"], vars(error).get("ctx")
-            message = printable(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
-            vars(error)["message"] = message
+            line = printable(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
             if context is not None and "\n" not in message:  # the whole help stays as it is
                 # Click puts a sentence of its own before no message.
-                vars(error)["message"] += f"{'; see' if message else 'See'} armgpi {context.info_name} --help"
+                line += f"{'; see' if line else 'See'} armgpi {context.info_name} --help"
                 vars(error)["ctx"] = None
+            vars(error)["message"] = line
         raise
 
 
