@@ -254,7 +254,7 @@ def test_a_key_that_cannot_be_set_is_named(cli: Callable[..., Answer], word: str
 
 
 def test_without_a_command_the_help_is_shown(cli: Callable[..., Answer]) -> None:
-    assert "Simulate:" in "".join(cli()[1:])
+    assert "\nSimulate:\n" in "".join(cli()[1:])
 
 
 def test_the_version_is_shown(cli: Callable[..., Answer]) -> None:

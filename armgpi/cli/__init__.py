@@ -58,10 +58,11 @@ def _usage_shown() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if hasattr(error, "format_message"):  # of Click, which Typer may have a copy of
+        # Of Click, which Typer may have a copy of; without a command its message is the whole help.
+        if hasattr(error, "format_message") and type(error).__name__ != "NoArgsIsHelpError":
             message, context = vars(error)["message"], vars(error).get("ctx")
             line = printable(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
-            if context is not None and "\n" not in message:  # the whole help stays as it is
+            if context is not None:
                 # Click puts a sentence of its own before no message.
                 line += f"{'; see' if line else 'See'} armgpi {context.info_name} --help"
                 vars(error)["ctx"] = None
