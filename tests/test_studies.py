@@ -429,6 +429,22 @@ def test_many_signals(name: str, commands: dict[str, Callable[[Path], Any]], tmp
 # Clusters.
 
 
+@pytest.mark.search
+def test_a_processor_with_fewer_instructions_writes_the_same_bytes(asked: Path, tmp_path: Path) -> None:
+    """As far as one machine can tell: NumPy and OpenBLAS take the code of older processors."""
+    fewer = {
+        "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX2 FMA3",
+        "OPENBLAS_CORETYPE": "Sandybridge",
+    }
+    for name, more in (("own", {}), ("older", fewer)):
+        words = [sys.executable, "-W", "ignore", "-m", "armgpi", "sweep", str(asked), "--rollouts", "40"]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), **more}
+        subprocess.run(
+            [*words, "--out", str(tmp_path / name)], env=environment, check=True, capture_output=True
+        )
+    assert contents(tmp_path / "older") == contents(tmp_path / "own")
+
+
 @contextmanager
 def cluster(folder: Path, count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Give the address of a scheduler, and processes in folders of their own: it, and its workers."""
