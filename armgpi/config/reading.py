@@ -167,6 +167,8 @@ def check_section(model: type[_Model], data: Mapping[Any, Any], origin: Origin, 
             expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
             message = f"{expected[0].lower()}{expected[1:]}, got {quote(found)}"
             message += f"; {hint}" if (hint := in_si(found)) else ""
+            if kind == "model_type" and path[-1] in SECTIONS:
+                message += f"; its keys: {', '.join(SECTIONS[str(path[-1])].model_fields)}"
         raise origin.error((*under, *path), message) from None
 
 

@@ -291,6 +291,8 @@ def one_of(makers: Mapping[str, Callable[[], Any]]) -> Any:
     def check(value: Any) -> Any:
         if isinstance(value, Section):
             return value
+        if isinstance(value, str) and value in makers:
+            raise ValueError(f"expected a mapping, as in 'type: {value}'")
         if not isinstance(value, dict):
             raise PydanticKnownError("model_type", {"class_name": "Section"})
         if "type" not in value:

@@ -31,7 +31,8 @@ def parse_text(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str |
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
-        raise ConfigError(source, "", f"is not valid YAML: {error.problem}", line) from None
+        tab = "; indent with spaces" if "'\\t'" in str(error.problem) else ""
+        raise ConfigError(source, "", f"is not valid YAML: {error.problem}{tab}", line) from None
     except RecursionError:
         raise ConfigError(source, "", "is not valid YAML: nested too deeply") from None
     except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
