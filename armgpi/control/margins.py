@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import check_number
+from armgpi.control.bandwidth import PHASE, default_bandwidth
 from armgpi.control.family import PRINTED, Member, transfer_function
 from armgpi.control.gains import Tuning
 from armgpi.control.realisation import Bumpless
 
-#: omega_c (1.5 dt + delay) of the printed law at its default bandwidth, and the 0.356 that it tolerates.
-_DEFAULT_PHASE, PRINTED_PHASE = 0.1, 0.3564136508074215
+#: omega_c (1.5 dt + delay) that the printed law tolerates: :func:`tolerated_phase`.
+PRINTED_PHASE = 0.3564136508074215
 #: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
 SLOWEST_DEFAULT = 15.0
 #: Real numbers; NumPy makes no difference between its floats in what it does to polynomials.
@@ -180,14 +180,8 @@ def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0, member: 
     Raises:
         ParameterError: when a number is out of its range.
     """
-    dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
-    delay = check_number(delay, "delay", "zero or positive [s]")
-    if not (isinstance(highest, float) and highest == math.inf):
-        highest = check_number(highest, "highest", "positive [rad/s]", open_=True)
-    phase = _DEFAULT_PHASE
-    if not member.printed:
-        phase *= tolerated_phase(member) / PRINTED_PHASE
-    return min(phase / (1.5 * dt + delay), highest)
+    share = 1.0 if member.printed else tolerated_phase(member) / PRINTED_PHASE
+    return default_bandwidth(dt, delay, highest, share * PHASE)
 
 
 def worst_margins(tuning: Tuning, member: Member = PRINTED) -> Margins:

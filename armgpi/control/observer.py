@@ -16,8 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.control.bandwidth import default_bandwidth
 from armgpi.control.controller import Controller, ControlStep, Measurement
-from armgpi.control.margins import default_omega
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
@@ -157,7 +157,7 @@ class ObserverController(Controller):
         """
         check_robot(self.robot)
         self.check_parameters(self.robot.joint_names)
-        self.fill("omega_c", _SLOWER * default_omega(self.dt, self.delay) * np.ones(self.robot.n))
+        self.fill("omega_c", _SLOWER * default_bandwidth(self.dt, self.delay) * np.ones(self.robot.n))
         self.fill("omega_o", _FASTER * self.omega_c)
         self.fill("bias_robot", self.robot)
         check_same_joints(self.bias_robot, "bias_robot", self.robot)
