@@ -796,6 +796,25 @@ def test_a_signal_keeps_what_is_there_and_exits_with_its_code(
     assert (tmp_path / "out" / "experiment.yaml").is_file()
 
 
+@pytest.mark.parametrize("error", [ImportError, ValueError, SystemError, SystemExit, KeyboardInterrupt])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_ends_in_another_error_has_its_exit_code_all_the_same(
+    number: int, error: type[BaseException], cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A library's import says that it failed; a file that is being closed, that it is none."""
+
+    def interrupt(*_: Any, **__: Any) -> None:
+        try:
+            os.kill(os.getpid(), number)
+        except KeyboardInterrupt:
+            raise error(2) from None
+
+    monkeypatch.setattr("armgpi.config.build", interrupt)
+    handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    assert cli("run", ARM).code == 128 + number
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
+
+
 @pytest.mark.parametrize("where", ["armgpi.config.build", "armgpi.config.experiment.save"])
 def test_ctrl_c_outside_of_the_simulation_exits_with_130(
     where: str, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path

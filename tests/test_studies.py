@@ -306,6 +306,60 @@ def test_an_interrupt_while_results_are_read_leaves_no_lock(tmp_path: Path) -> N
         assert read() == calls
 
 
+def test_a_zoo_goes_on_where_it_was_and_refuses_what_is_not_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(zoo, "HORIZON", 0.5)
+    arm = tmp_path / "arm.urdf"
+    shutil.copy(robots.locate("anthropomorphic3")[0], arm)
+
+    def run(out: str, *more: str) -> Any:
+        return called("zoo", str(arm), *more, "--out", str(tmp_path / out))
+
+    assert not run("whole", "twodof")
+    assert not run("cut")
+    place = next((tmp_path / "cut").glob("arm-*.chunk"))
+    before = place.stat()
+    assert not run("cut", "twodof")
+    assert place.stat() == before
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    assert not called("zoo", str(arm), "twodof")
+    assert (tmp_path / "cut" / "zoo.md").read_text() in capsys.readouterr().out
+    # Other draws are another study, a damaged part is refused, and other bytes are another arm.
+    assert run("cut", "--seed", "1") == 2
+    assert "holds another study (seed: 0 there, 1 here)" in capsys.readouterr().err.splitlines()[-1]
+    place.write_bytes(place.read_bytes()[:-8])
+    assert run("cut") == 2
+    assert "is damaged" in capsys.readouterr().err.splitlines()[-1]
+    arm.write_text(f"{arm.read_text()}<!-- another one -->")
+    assert not run("cut")
+    assert len([*(tmp_path / "cut").glob("arm-*.chunk")]) == 2
+
+
+@pytest.mark.parametrize(
+    "options", [("--reality", "geared", "--count", "2"), ("--tune", "9", "--count", "2")]
+)
+def test_what_a_zoo_has_run_is_read_again(
+    options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run() -> dict[str, bytes]:
+        assert not called("zoo", "anthropomorphic3", *options, "--out", str(tmp_path))
+        return contents(tmp_path)
+
+    before = run()
+    for place in ("armgpi.health.reality.outcomes", "armgpi.studies.zoo.run"):
+        monkeypatch.setattr(place, lambda *_, **__: pytest.fail("runs again"))
+    assert run() == before
+
+
+def test_rows_that_are_none_are_refused_though_their_hash_is_right(tmp_path: Path) -> None:
+    there = study.Study.enter(tmp_path, study.Identity({}))
+    for codes in ([91.0], [np.nan], [np.inf], [300.0], [*b"[[1, 2]]"], [*b"7"], [91.0] * 100_000):
+        there.write("rows", np.array(codes))
+        with pytest.raises(study.BadPart, match="rows: holds no rows"):
+            study.rows(there.part, "rows", lambda x: x, list)
+
+
 def forked(call: Callable[[Path], Any], out: Path) -> int:
     """Begin a command in a process of its own, where all is imported already, and return its number."""
     if child := os.fork():
@@ -401,7 +455,7 @@ def commands(
         "rare": lambda out: sweep(rare, out, "--rare", "--rollouts", "100"),
         "tune": tune,
         "contend": lambda out: called("contend", arm, "--quick", "--law", "GPI, roll-off", "--out", str(out)),
-        "zoo": lambda out: called("zoo", arm, "--out", str(files.make_folder(out) / "zoo.md")),
+        "zoo": lambda out: called("zoo", arm, "twodof", "--out", str(out)),
         "certify": lambda out: called(
             *("certify", arm, "--rotor-inertia", "0.1", "--omega", "40"),
             *("--out", str(files.make_folder(out) / "arm.json")),

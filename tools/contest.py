@@ -31,7 +31,6 @@ from armgpi.studies.contend import (
     budgets_of,
     draws,
     enter,
-    part_name,
     problem,
     ratio,
     run,
@@ -39,7 +38,7 @@ from armgpi.studies.contend import (
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.optimise import KEPT, Search
 from armgpi.studies.space import Space
-from armgpi.studies.study import Study
+from armgpi.studies.study import Study, part_name
 
 #: What the rule for arms that nobody tuned is held against, tuned for the torque variation that it has.
 RIVALS = ("ADRC, order 3", "ADRC, order 4")

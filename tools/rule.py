@@ -34,7 +34,7 @@ from armgpi.studies.evaluation import Evaluated
 from armgpi.studies.objective import Judged
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Dimension, Space
-from armgpi.studies.study import Identity, Study, code
+from armgpi.studies.study import Identity, Study
 
 sys.path.append(str(Path(__file__).resolve().parent))
 from reality import arms as arms_of
@@ -159,7 +159,7 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
         )
     )
     asked = {"method": "rule", "evaluations": evaluations, "every": every, "seed": seed}
-    study, begun = Study.enter(folder, Identity(asked, code())), time.monotonic()
+    study, begun = Study.enter(folder, Identity(asked)), time.monotonic()
 
     def told(search: Search) -> None:
         best = min(search.rows, key=lambda row: row.objective)

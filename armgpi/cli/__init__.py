@@ -106,7 +106,7 @@ def _main(
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the program as Ctrl-C does, but with an exit code of its own.
+    """Let SIGTERM end the program as Ctrl-C does, each with an exit code of its own.
 
     Ctrl-C is ignored by what a shell starts in the background; SIGTERM, which schedulers send, is not.
     """
@@ -116,15 +116,20 @@ def _terminable() -> Iterator[None]:
         received.append(number)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, stop)
+    asked = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        asked.append(signal.SIGINT)
+    before = {number: signal.signal(number, stop) for number in asked}
     try:
         yield
-    except SystemExit as end:
-        if received and end.code == INTERRUPTED:
+    except BaseException as end:
+        # What is interrupted may fail with another error: a library's import, a file that is being closed.
+        if received and not (isinstance(end, SystemExit) and not end.code):
             sys.exit(128 + received[0])
         raise
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _collect_late() -> None:

@@ -100,8 +100,9 @@ def identify(
         table = Table(*head)
         for row in rows:
             table.add_row(*row)
-        screen = console(None)
-        console(max(screen.width, natural_width(screen, table))).print(table)
+        screen = console()
+        screen.width = max(screen.width, natural_width(screen, table))
+        screen.print(table)
     say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -107,8 +106,7 @@ def inspect(
 
 def _show(report: HealthReport) -> None:
     """Print the report: facts, joints, findings."""
-    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
-    console = console_of(width, soft_wrap=True)
+    console = console_of(soft_wrap=True)
     for sentence in _what_it_is(report.facts):
         console.print(sentence)
     _show_joints(console, report.facts["joints"])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -124,8 +122,7 @@ def _show(rows: list[dict[str, Any]]) -> None:
     """Print a table."""
     from rich.table import Table
 
-    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
-    console = console_of(width)
+    console = console_of()
     table = Table(box=None, pad_edge=False)
     table.add_column("name", no_wrap=True)
     for heading in ("n", "kg", "reach m", "effort N m, N", "speed rad/s, m/s"):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +13,7 @@ import typer
 from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
-from armgpi.cli.terminal import console, say
+from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
 
 # What takes long to import is imported by the command, so that --help answers at once.
@@ -98,7 +96,15 @@ def _run_sweep(
 
     chunks = [(i, sweep.rows(i, count)) for i in range(-(-count // sweep.size))]
     missing = [(i, rows) for i, rows in chunks if not study.has(chunk_name(i, rows))]
-    with _progress(count, count - sum(rows for _, rows in missing)) as done:
+    left, run, begun = sum(rows for _, rows in missing), 0, time.monotonic()
+    with progress() as told:
+
+        def done(rows: int) -> None:
+            nonlocal run
+            run += rows
+            rate = run / max(time.monotonic() - begun, 1e-9)
+            told(f"{count - left + run} of {count}, {rate:.3g}/s, {(left - run) / rate:.0f} s left")
+
         broken = running.run(study.folder, missing, done, workers, cluster)
     lost = [i for i, rows in chunks if i not in broken and not study.has(chunk_name(i, rows))]
     broken |= dict.fromkeys(lost, f"no worker has written it to {study.folder}")
@@ -188,24 +194,3 @@ def _part(low: float, high: float) -> str:
 def _percent(part: dict[str, Any]) -> str:
     low, high = (f"{100.0 * part[end]:.3g}" for end in ("lower", "upper"))
     return f"{100.0 * part['value']:.3g} % ({low} to {high} %)"
-
-
-@contextmanager
-def _progress(count: int, before: int) -> Iterator[Callable[[int], None]]:
-    """Give a function that counts rollouts; on a terminal it shows how many, their rate and what remains."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    if not sys.stderr.isatty():
-        yield lambda rows: None
-        return
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeRemainingColumn())
-    begun, done = time.monotonic(), 0
-    with Progress(*columns, console=console(None, stderr=True), transient=True) as bar:
-        task = bar.add_task("rollouts", total=count, completed=before, rate="")
-
-        def advance(rows: int) -> None:
-            nonlocal done
-            done += rows
-            bar.update(task, advance=rows, rate=f"{done / (time.monotonic() - begun):.4g}/s")
-
-        yield advance

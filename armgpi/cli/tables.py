@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 import re
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -39,8 +37,7 @@ _FOLDED = 10
 
 def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     """Print a table of metrics per controller and joint, and a line on how each rollout ended."""
-    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120
-    console = console_of(width)
+    console = console_of()
     robot, chosen = experiment.robot, metrics.shown_in("terminal")
     slides = bool(robot.prismatic.all())
     title = f"{printable(robot.name)}, {experiment.t_final:.4g} s"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -43,8 +44,8 @@ def progress() -> Iterator[Callable[[str], None]]:
         rewrite_line("")
 
 
-def console(width: int | None, **options: Any) -> Console:
-    """Return a console for tables, whose text is not interpreted."""
+def console(**options: Any) -> Console:
+    """Return a console for tables, whose text is not interpreted; in a pipe it is 120 wide."""
     from rich.console import Console
     from rich.text import Text
 
@@ -55,7 +56,8 @@ def console(width: int | None, **options: Any) -> Console:
             """Return text as it may be shown."""
             return super().render_str(printable(text, lines=True), **options)
 
-    return Plain(width=width, markup=False, emoji=False, highlight=False, **options)
+    options.setdefault("width", None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
+    return Plain(markup=False, emoji=False, highlight=False, **options)
 
 
 def natural_width(console: Console, table: Any) -> int:

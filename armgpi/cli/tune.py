@@ -66,38 +66,38 @@ def tune(
     text = results.report(search, found, default)
     data = json_data(results.as_data(search, found, default)) if as_json else None
     picture = out / "study.png", lambda pictures: pictures.study_picture(search, found, default)
-    show(*picture, f"Search on {file.name}", text, data, paths, report)
+    show(f"Search on {file.name}", text, data, paths, report, *picture)
     if not found:
         sys.exit(FAILED)
 
 
 def show(
-    place: Path,
-    draw: Callable[[Any], bytes],
     title: str,
     text: str,
     data: Any,
     paths: list[Path],
     report: Path | None,
+    place: Path | None = None,
+    draw: Callable[[Any], bytes] = lambda pictures: b"",
 ) -> None:
-    """Write a picture, and a page where one is asked for; print tables, or data in their place.
+    """Print tables, or data in their place; write a picture and a page where they are asked for.
 
     Args:
-        place: of the picture.
-        draw: returns it, given :mod:`armgpi.studies.pictures`.
         title: of the page.
         text: the tables, as Markdown.
         data: printed as JSON in place of them, where there are some.
         paths: what was written before.
         report: of the page.
+        place: of the picture.
+        draw: returns it, given :mod:`armgpi.studies.pictures`.
     """
     picture = b""
-    if find_spec("matplotlib") is not None:
+    if place is not None and find_spec("matplotlib") is not None:
         from armgpi.studies import pictures
 
         picture = draw(pictures)
         paths = [*paths, files.write(place, picture)]
-    else:
+    elif place is not None:
         say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
     say(text if data is None else json.dumps(data), lines=True)
     if report is not None:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import json
+import operator
 import sys
 from collections.abc import Callable
+from functools import partial
+from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from armgpi import files
 from armgpi.cli import options as opt
-from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, refusal, stoppable
 from armgpi.cli.terminal import say
+from armgpi.cli.tune import show
 from armgpi.escape import json_data
+
+if TYPE_CHECKING:
+    from armgpi.studies.study import Part
 
 
 @stoppable
@@ -24,8 +30,10 @@ def zoo(
         typer.Argument(metavar="[ROBOT]...", help="Which ones; all by default.", show_default=False),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the table to a Markdown file.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Where the study of the arms and its table go."),
     ] = None,
+    accept_code: opt.AcceptCode = False,
     report: opt.Report = None,
     as_json: opt.Json = False,
     reality: Annotated[
@@ -53,104 +61,98 @@ def zoo(
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.
 
+    With --out a zoo that was stopped goes on where it was.
+
     \b
     armgpi zoo ur5 panda
-    armgpi zoo --out zoo.md
+    armgpi zoo --out zoo
     armgpi zoo ur5 panda --reality geared --count 16
     armgpi zoo ur5 panda --tune 97
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.robot import robots
+    from armgpi.studies.study import Identity, Study, unkept
 
     for name in names or ():
         robots.locate(name)
     if tune is not None and reality is not None:
         raise refusal("--tune", "an arm is tuned on geared drives; leave --reality out")
-    arms = names or list(robots.names())
     if reality is not None:
-        shown = _run_draws(arms, reality, seed, count)
+        method = _draws(reality, seed, count)
     else:
-        shown = _nominal(arms) if tune is None else _tune_arms(arms, tune, seed, count)
+        method = _nominal() if tune is None else _tuned(tune, seed, count)
+    part: Part = unkept
     if out is not None:
-        write(out, shown.table, "--out")
-    if report is not None:
-        write(report, _page(shown), "--report")
-    if as_json:
-        say(json.dumps(json_data([row._asdict() for row in shown.rows])))
-    else:
-        say(shown.table, lines=True)
-    for remark in shown.remarks:
-        say(remark, err=True)
-    if shown.bad:
+        asked = {"method": "zoo", "reality": reality, "tune": tune, "count": count, "seed": seed}
+        part = Study.enter(out, Identity(asked), accept_code=accept_code).part
+    rows, remarks = _run_arms(part, names or list(robots.names()), method)
+    text = "\n\n".join([method.table(rows), *remarks])
+    data = json_data([row._asdict() for row in rows]) if as_json else None
+    show("Every arm", text, data, [] if out is None else [files.write(out / "zoo.md", text)], report)
+    if method.failed(rows):
         sys.exit(FAILED)
 
 
-def _page(shown: _Shown) -> str:
-    """Return the table as a page."""
-    from armgpi.viz import page
+class _Method(NamedTuple):
+    """What is done with an arm: its rows, how they are read back, their table, and whether they fail."""
 
-    kind = "bad" if shown.bad else "good"
-    summary = f"<p class={kind}>{'Some have diverged.' if shown.bad else 'None has diverged.'}</p>"
-    arms = {"Arms": page.from_markdown(shown.table, "arms")}
-    return page.document("Every arm", summary + page.bullets(shown.remarks), arms)
-
-
-class _Shown(NamedTuple):
-    """Rows, their table, what is to be said besides, and whether the command failed."""
-
-    rows: list[Any]
-    table: str
-    remarks: list[str]
-    bad: bool
+    run: Callable[[str], list[Any]]
+    kind: Callable[..., Any]
+    table: Callable[[list[Any]], str]
+    failed: Callable[[list[Any]], bool] = operator.not_
 
 
-def _nominal(names: list[str]) -> _Shown:
-    """Return the rows of arms as their URDFs have them."""
-    from armgpi.health.zoo import markdown, run
-
-    rows, _ = _each(names, run)
-    return _Shown(rows, markdown(rows), [], any(row.end.startswith("diverged") for row in rows))
-
-
-def _each(names: list[str], run: Callable[[str], list[Any]]) -> tuple[list[Any], list[str]]:
+def _run_arms(part: Part, names: list[str], method: _Method) -> tuple[list[Any], list[str]]:
     """Return the rows of arms, one after the other, and which arms could not be run."""
     from armgpi.errors import ArmgpiError, BackendError
+    from armgpi.studies.study import BadPart, NoRoom, part_name, rows
 
-    rows, remarks = [], []
+    found, remarks = [], []
     for name in names:
         say(name, err=True)
         try:
-            rows += run(name)
-        except BackendError:  # none can be run
+            found += rows(part, part_name(name), method.kind, partial(method.run, name))
+        except (BackendError, BadPart, NoRoom):  # none can be run or kept
             raise
         except ArmgpiError as error:
             remarks.append(f"{name} was not run: {error}")
-    return rows, remarks
+            say(remarks[-1], err=True)
+    return found, remarks
 
 
-def _run_draws(names: list[str], reality: str, seed: int, count: int) -> _Shown:
-    """Return what comes of draws of a reality, tuned by nobody: lost arms are its result, not a failure."""
+def _nominal() -> _Method:
+    """Return how arms are run as their URDFs have them."""
+    from armgpi.health.zoo import Row, markdown, run
+
+    return _Method(run, Row, markdown, lambda rows: any(row.end.startswith("diverged") for row in rows))
+
+
+def _draws(reality: str, seed: int, count: int) -> _Method:
+    """Return how draws of a reality are run, tuned by nobody: lost arms are its result, not a failure."""
     from armgpi.errors import ParameterError
-    from armgpi.health.reality import draws, markdown, outcomes
+    from armgpi.health.reality import Outcome, draws, markdown, outcomes
     from armgpi.plants.reality import Reality
 
     try:
         drawn = Reality(reality, seed)
     except ParameterError as error:
         raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
-    law = {"type": "untuned"}
-    found, remarks = _each(names, lambda name: outcomes(draws(drawn, name, count), name, law))
-    by_arm = {name: [each for each in found if each.arm == name] for name in names}
-    table = markdown({**{name: each for name, each in by_arm.items() if each}, "all": found}, "robot")
-    return _Shown(found, table, remarks, not found)
+
+    def run(name: str) -> list[Outcome]:
+        return outcomes(draws(drawn, name, count), name, {"type": "untuned"})
+
+    def table(rows: list[Outcome]) -> str:
+        by_arm = {arm: list(own) for arm, own in groupby(rows, lambda row: row.arm)}
+        return markdown({**by_arm, "all": rows}, "robot")
+
+    return _Method(run, Outcome, table)
 
 
-def _tune_arms(names: list[str], evaluations: int, seed: int, count: int) -> _Shown:
-    """Tune arms and return them beside the rule."""
-    from armgpi.studies.zoo import MOST, markdown, run
+def _tuned(evaluations: int, seed: int, count: int) -> _Method:
+    """Return how arms are tuned, beside the rule."""
+    from armgpi.studies.zoo import MOST, as_row, markdown, run
 
     if seed < 0:
         raise refusal("--seed", f"expected 0 or more, got {seed}")
     if count > MOST:
         raise refusal("--count", f"expected at most {MOST} held-out draws, got {count}")
-    rows, remarks = _each(names, lambda name: [run(name, evaluations, count, seed)])
-    return _Shown(rows, markdown(rows), remarks, not rows)
+    return _Method(lambda name: [run(name, evaluations, count, seed)], as_row, markdown)

@@ -7,7 +7,6 @@ those that measure and know the same.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -24,13 +23,12 @@ from armgpi.escape import markdown_table
 from armgpi.health.reality import describe_knowledge as described
 from armgpi.health.zoo import fingers
 from armgpi.plants.reality import Draw, Reality, scales
-from armgpi.robot import robots
 from armgpi.robot.robot import Robot
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Range, Space
-from armgpi.studies.study import Identity, Study, code
+from armgpi.studies.study import Identity, Study, part_name
 
 #: Arms of the contest, and what torque variation is allowed [N m]; small arms get a share of it.
 ARMS = ("ur5", "panda", "kinova", "anthropomorphic3")
@@ -140,7 +138,7 @@ def enter(folder: Path, setting: Setting, accept_code: bool = False) -> Study:
     More seeds and arms may come later: parts are named after them, and after the bytes of the arm.
     """
     asked = {"method": "contend", **setting._replace(seeds=0)._asdict()}
-    return Study.enter(folder, Identity(asked, code()), accept_code=accept_code)
+    return Study.enter(folder, Identity(asked), accept_code=accept_code)
 
 
 def run(
@@ -166,13 +164,6 @@ def run(
         for arm in arms
         for law in laws
     ]
-
-
-def part_name(arm: str, *parts: object) -> str:
-    """Return the name of a part of an arm, which the bytes of its URDF are in."""
-    content = hashlib.sha256(robots.locate(arm)[0].read_bytes()).hexdigest()[:8]
-    name = "/".join([f"{arm}-{content}", *map(str, parts)])
-    return name.replace(" ", "_").replace(",", "").replace("+", "plus")
 
 
 def _entry(

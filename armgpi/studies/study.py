@@ -12,11 +12,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from armgpi.robot import robots
 #: The file of a folder that says what study it holds.
 IDENTITY = "study.json"
 #: Packages whose sources no number of a study depends on.
-_SHOWS = {"cli", "viz", "play", "export", "realtime", "validation", "paper", "health", "certification"}
+_SHOWS = {"cli", "viz", "play", "export", "realtime", "validation", "paper"}
 #: Largest file of identity, and longest first line of a chunk [bytes].
 _MOST, _HEAD = 10_000_000, 4096
 #: Differences that are told.
@@ -53,7 +53,7 @@ class Identity:
     """
 
     what: Mapping[str, Any]
-    code: Mapping[str, str]
+    code: Mapping[str, str] = field(default_factory=lambda: code())
     copies: Mapping[str, bytes] = field(default_factory=dict, repr=False)
     text: str = field(default="", repr=False)
 
@@ -115,6 +115,10 @@ def code() -> dict[str, str]:
 Shape = tuple[int | None, ...]
 
 
+class BadPart(RolloutError):
+    """A part that is there is damaged, or not of this study."""
+
+
 class NoRoom(RolloutError):
     """A part cannot be written, and so none can."""
 
@@ -129,6 +133,36 @@ class Part(Protocol):
 def unkept(name: str, shape: Shape, run: Callable[[], Array]) -> Array:
     """Run a part of a study that has no folder; a :class:`Part`."""
     return run()
+
+
+_Row = TypeVar("_Row")
+
+
+def rows(part: Part, name: str, kind: Callable[..., _Row], run: Callable[[], Sequence[_Row]]) -> list[_Row]:
+    """Return rows of plain data that are a part of a study: the codes of their text in JSON.
+
+    Args:
+        part: keeps it.
+        name: of the part.
+        kind: a named tuple, or what makes a row of the values of one.
+        run: gives the rows where they are not there.
+
+    Raises:
+        RolloutError: when the part cannot be read or written.
+        ArmgpiError: as `run`.
+    """
+    codes = part(name, (None,), lambda: np.array([*json.dumps(run()).encode()], dtype=float))
+    try:
+        return [kind(*row) for row in json.loads(bytes(map(int, codes)))]
+    except (ValueError, OverflowError, TypeError, RecursionError):
+        raise BadPart(f"{name}: holds no rows; remove it, and run again") from None
+
+
+def part_name(arm: str, *parts: object) -> str:
+    """Return the name of a part of an arm, which the bytes of its URDF are in."""
+    content = hashlib.sha256(robots.locate(arm)[0].read_bytes()).hexdigest()[:8]
+    name = "/".join([f"{Path(arm).stem}-{content}", *map(str, parts)])
+    return name.replace(" ", "_").replace(",", "").replace("+", "plus")
 
 
 @dataclass(frozen=True)
@@ -188,7 +222,7 @@ class Study:
         """Return the numbers of a part; where it is not there, run it and write it whole. A :class:`Part`.
 
         Raises:
-            RolloutError: when it is damaged, or of another study or other code.
+            BadPart: when it is damaged, or of another study or other code.
             NoRoom: when it cannot be written.
         """
         return self.read(name, shape) if self.has(name) else self.write(name, run())
@@ -215,7 +249,7 @@ class Study:
         """Return the numbers of a part that is there.
 
         Raises:
-            RolloutError: when it is damaged, or of another study or other code.
+            BadPart: when it is damaged, or of another study or other code.
         """
         place, remedy = self.place(name), "remove it, and run again"
         most = _MOST if None in shape else 8 * math.prod(filter(None, shape))
@@ -234,11 +268,11 @@ class Study:
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             whole = False
         if not whole:
-            raise RolloutError(f"{place}: is damaged; {remedy}")
+            raise BadPart(f"{place}: is damaged; {remedy}")
         if (head["study"], head["name"], fits) != (self.identity.digest, name, True):
-            raise RolloutError(f"{place}: is part of another study; {remedy}")
+            raise BadPart(f"{place}: is part of another study; {remedy}")
         if head["code"] not in self.codes:
-            raise RolloutError(f"{place}: was run by other code; {remedy}")
+            raise BadPart(f"{place}: was run by other code; {remedy}")
         return np.frombuffer(content, dtype="<f8").reshape(head["shape"])
 
 

@@ -82,6 +82,11 @@ class Row(NamedTuple):
     values: dict[str, float]
 
 
+def as_row(arm: str, n: int, rule: list[float], tuned: list[float] | None, values: dict[str, float]) -> Row:
+    """Return a row from plain data; see :class:`Row`."""
+    return Row(arm, n, Judged(*rule), None if tuned is None else Judged(*tuned), values)
+
+
 def run(name: str, evaluations: int, held_out: int, seed: int = 0) -> Row:
     """Tune an arm and return it beside the rule.
 
