@@ -1,7 +1,8 @@
 """What each law reaches on the paper's arm, 40 s with eqs. 29-31, tuned alike; and on other moves and loads.
 
 Usage:
-    python tools/ablation.py [--evaluations 961] [--seeds 2]
+    python tools/ablation.py --out ablation               # resumes where it was stopped
+    python tools/ablation.py --evaluations 961 --seeds 2  # which are the default
 
 Encoders have 16 bits and measurements are one sample late. Each law is searched for the least sum of the
 joints' ITAE at several budgets of torque variation on the run of docs/theory.md, and judged on three others.
@@ -13,6 +14,7 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from armgpi.studies.evaluation import Evaluated, by_rollout, with_keys
 from armgpi.studies.objective import Objective
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Range, Space
+from armgpi.studies.study import Identity, Study
 
 ARM = Robot.load("anthropomorphic3")
 DT, BITS, T_FINAL = 1e-3, 16, 40.0
@@ -106,10 +109,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--evaluations", type=int, default=961)
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("ablation"), help="folder of the searches")
     given = parser.parse_args(arguments)
+    asked = {"script": Path(__file__).read_text(encoding="utf-8"), "evaluations": given.evaluations}
+    study = Study.enter(given.out, Identity(asked))
     names = [f"up to {budget:g} N m" for budget in BUDGETS]
     print("| law | numbers | " + " | ".join(names) + " |\n" + "|---" * (len(names) + 2) + "|")
-    for name, contender in LAWS.items():
+    for place, (name, contender) in enumerate(LAWS.items()):
         space = Space(contender.section, config.controller(contender.section, CONTEXT), contender.free)
         found: dict[float, list[Any]] = {budget: [] for budget in BUDGETS}
         for seed in range(given.seeds):
@@ -122,7 +128,8 @@ def main(arguments: list[str] | None = None) -> int:
                     seed=seed,
                 )
             )
-            search.run()
+            own = f"{place:02d}/{seed}"
+            search.run(part=lambda part, *rest, own=own: study.part(f"{own}/{part}", *rest))
             for each in search.validate():
                 found[each.budget].append((each.row.objective, each.held_out.objective))
         cells = [
