@@ -149,6 +149,7 @@ def note_drives(experiment: Experiment) -> None:
     """Say what is believed of an arm's drives, and what limits the laws made by the rule for untuned arms."""
     from armgpi.config.building import verdicts
     from armgpi.control.geared import is_known
+    from armgpi.control.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
     from armgpi.robot.rotors import describe, describe_gears
@@ -162,7 +163,10 @@ def note_drives(experiment: Experiment) -> None:
             "not that arm's; --plant elastic simulates them",
             err=True,
         )
-    for label, each in verdicts(experiment).items():
+    made = verdicts(experiment)
+    if made and getattr(experiment.config.plant, "encoder_bits", None) is None:
+        say(f"note: encoders are assumed to have {BITS} bits: --encoder-bits tells them", err=True)
+    for label, each in made.items():
         say(f"{label}: {each.describe()}", err=True)
 
 

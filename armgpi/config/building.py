@@ -24,7 +24,7 @@ from armgpi.config.schema import (
 )
 from armgpi.control.controller import Controller
 from armgpi.control.supervisor import Supervised, Supervisor, complete_settings
-from armgpi.control.untuned import Untuned, Verdict, verdict
+from armgpi.control.untuned import Untuned, Verdict, assume, verdict
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
@@ -294,7 +294,7 @@ def verdicts(experiment: Experiment) -> dict[str, Verdict]:
         for section in config.controllers:
             if section.type == Untuned.config_name:
                 law = experiment.controllers[section.label]
-                found[section.label] = verdict(law, experiment.robot, context.bits)
+                found[section.label] = verdict(law, experiment.robot, assume(context.bits))
     return found
 
 

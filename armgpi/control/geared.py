@@ -42,8 +42,9 @@ STIFFNESS_OFF, DAMPINGS, CURRENT = 0.3, (0.03, 0.01), 500.0
 #: slower ones lose more arms to gravity and friction than light damping does (tools/reality.py, fit arms).
 LATE = 5.0
 #: And no loop with believed gears and encoders at motors is slower [rad/s]: at 2 to 3 the arm falls under a
-#: load (tools/reality.py, fit arms), while gears as stiff as may be behind rotors as light are rare.
-SLOWEST = 4.0
+#: load (tools/reality.py, fit arms), while gears as stiff as may be behind rotors as light are rare. Nor does
+#: the noise of coarse encoders make a joint slower.
+SLOWEST = 4.5
 #: Lowest resonance of believed gears behind encoders at the link, whose loops soft gears lose [Hz].
 SOFTEST = 5.0
 #: Bandwidths that are tried end here [rad/s]; one is below the one before by a factor, and the last interval

@@ -273,7 +273,7 @@ class GPI(Controller):
         dt: float,
         *,
         delay: float = 0.0,
-        bits: Any = None,
+        bits: Any = untuned.BITS,
         drives: str | None = None,
         **given: Any,
     ) -> GPI:
@@ -283,8 +283,8 @@ class GPI(Controller):
             robot: nominal model.
             dt: sample time [s].
             delay: transport delay in the loop [s].
-            bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); None
-                for exact positions.
+            bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); 16 is
+                assumed where nothing is said, None is for exact positions.
             drives: what is believed of drives that nothing tells: "soft", rotors and gears that twist;
                 "believed", rotors of stiff gears; "rigid", no rotors; see :func:`armgpi.believe_drives`.
             **given: parameters of the controller that are not to be chosen.

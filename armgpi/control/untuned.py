@@ -48,13 +48,16 @@ from armgpi.robot.rotors import believe_drives
 INTEGRATORS, ROLLOFF, RATIO, LATE_RATIO = 1, 1, 4.0, 8.0
 #: Where gears twist, all integral action starts from the measured position, and the side of the encoders says
 #: what bears the resonance: at the motor rotors three times as heavy as they are and no roll-off, which would
-#: make it late; at the link a roll-off. Chosen on Panda and UR5, judged on others (tools/gears.py).
+#: make it late; at the link a roll-off. Chosen on Panda and UR5, judged on others (tools/gears.py). As the
+#: feedback's inertia is above the arm's, the slow poles of the loop come near the zeros of C(s): two poles of
+#: the usual damping of 0.7 bring those forward, and the arm recovers sooner (tools/reality.py, fit arms).
+_COMMON: Mapping[str, Any] = {"second_zeta": 0.7, "feedforward": "computed"}
 GEARED: Mapping[bool, Mapping[str, Any]] = {
-    False: {"rolloff": 0, "rotor_factor": 3.0, "feedforward": "computed"},
-    True: {"rolloff": 1, "rolloff_ratio": RATIO, "feedforward": "computed"},
+    False: {**_COMMON, "rolloff": 0, "rotor_factor": 3.0},
+    True: {**_COMMON, "rolloff": 1, "rolloff_ratio": RATIO},
 }
 #: The same at the link where the stiffness is believed, so may be low.
-BELIEVED_LINK = {"rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0, "feedforward": "computed"}
+BELIEVED_LINK = {**_COMMON, "rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0}
 #: How much faster than without a roll-off the law for a link has to be where stiffness is told, to reject as
 #: much: by peak errors after a step of torque, at 1 to 4 ms and 1 to 3 samples late.
 ROLLOFF_GAIN = 1.6
@@ -65,6 +68,8 @@ CROSSOVER = 70.0
 TORQUE_SHARE = 0.005
 #: Error that is not integrated while the reference rests [rad or m].
 REST_ZONE = 3e-4
+#: Resolution of encoders of which nothing is said [bits]: set by hand, arms have 12 to 20.
+BITS = 16
 #: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
 _MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
 #: Share of a limit from which on it is reached: numbers are found to within some percent.
@@ -73,6 +78,11 @@ _REACHED = 0.95
 _CONFIGURATIONS = 50
 #: What chooses the member of the family, in the order of :class:`armgpi.control.family.Member`.
 MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
+
+
+def assume(bits: Any) -> Any:
+    """Return the resolution of encoders [bits], :data:`BITS` where nothing is said of them."""
+    return BITS if bits is None else bits
 
 
 def member(given: Mapping[str, Any]) -> Member:
@@ -131,7 +141,8 @@ def arguments(
     check_robot(robot)
     robot = believe_drives(robot, drives) if isinstance(robot, Robot) else robot
     given = {name: value for name, value in given.items() if name != "gains" or value is not None}
-    if isinstance(loads := given.get("payload"), tuple | list):
+    loads = given.get("payload")
+    if loads is not None and not isinstance(loads, LoadRange):
         given["payload"] = load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
     chosen = apply_rule(robot, dt, delay, bits, given)
     if "payload" in chosen:  # which the feedforward knows nothing of
@@ -245,7 +256,8 @@ def _with_structure(
 
     omega = _of_each(robot, fastest)
     if bits is not None:
-        omega = omega * np.minimum(1.0, _quietness(nominal(robot), dt, law, omega, bits, not law.rolloff))
+        quiet = omega * np.minimum(1.0, _quietness(nominal(robot), dt, law, omega, bits, not law.rolloff))
+        omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))
     return {**chosen, "omega_c": omega}
 
 
@@ -425,11 +437,15 @@ def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
 
 @with_parameters
 class Untuned(FixedGains):
-    """Fixed gains that an experiment takes from the rule, as it does the member and the feedforward."""
+    """Fixed gains that an experiment takes from the rule, as it does the member and the feedforward.
+
+    Where an experiment says nothing of the encoders they are assumed to have :data:`BITS` bits: no arm has
+    exact ones, and what is simulated is what is exported.
+    """
 
     config_name: ClassVar[str | None] = "untuned"
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
-        return apply_rule(context.nominal, context.dt, context.delay, context.bits, context.given)
+        return apply_rule(context.nominal, context.dt, context.delay, assume(context.bits), context.given)

@@ -217,5 +217,12 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
             for case in geared.rigid_cases(arm, DT, 1)
         ]
         assert (max(peaks) <= geared.RIGID_SENSITIVITY) == bears
-    late = untuned.verdict(GPI.untuned(UR5, 4e-3, delay=12e-3, drives="believed"), rotors.believe(UR5))
+    late = untuned.verdict(
+        GPI.untuned(UR5, 4e-3, delay=12e-3, bits=None, drives="believed"), rotors.believe(UR5)
+    )
     assert set(late.limits) <= {"delay", "load"}
+
+
+def test_coarse_encoders_make_no_joint_slower_than_an_arm_bears() -> None:
+    law = GPI.untuned(UR5, DT, delay=DT, bits=10)
+    assert law.gains.nominal().omega_c.min() >= geared.SLOWEST

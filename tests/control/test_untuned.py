@@ -43,7 +43,7 @@ def tuning(omega: float) -> Tuning:
 
 @pytest.mark.parametrize(("dt", "delay"), [(5e-4, 0.0), (1e-3, 1e-3), (4e-3, 4e-3), (4e-3, 12e-3)])
 def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay: float) -> None:
-    law = GPI.untuned(ARM, dt, delay=delay)
+    law = GPI.untuned(ARM, dt, delay=delay, bits=None)
     (omega,) = set(law.gains.nominal().omega_c)
     late = dt == 4e-3  # then lateness limits, and the roll-off is farther out
     assert set(law.rolloff_ratio) == {untuned.LATE_RATIO if late else untuned.RATIO}
@@ -69,7 +69,7 @@ def test_counts_make_no_more_noise_than_is_allowed(bits: int) -> None:
     noise = [count * count_noise(tuning(omega), 1e-3, MEMBER).step for omega in law.gains.nominal().omega_c]
     shares = untuned.most_inertia(ARM) * noise / untuned.usual_effort(ARM)[:, np.newaxis]
     assert shares.max() < 1.1 * untuned.TORQUE_SHARE  # the noise is no exact cube of the bandwidth
-    free = GPI.untuned(ARM, 1e-3, delay=1e-3).gains.nominal().omega_c
+    free = GPI.untuned(ARM, 1e-3, delay=1e-3, bits=None).gains.nominal().omega_c
     assert (law.gains.nominal().omega_c <= free).all()
     assert shares.max() > 0.9 * untuned.TORQUE_SHARE or (law.gains.nominal().omega_c == free).all()
 
@@ -167,6 +167,13 @@ def test_what_will_go_wrong_is_said() -> None:
     context = Context(ARM.with_limits(effort=1.0), 1e-3, bits=np.full(3, 10.0), nominal=ARM)
     with pytest.warns(ArmgpiWarning, match="one encoder count"):
         config.controller(section, context._replace(nominal=context.robot))
+
+
+def test_encoders_of_which_nothing_is_said_have_16_bits() -> None:
+    made, told = (GPI.untuned(ARM, 1e-3, **given) for given in ({}, {"bits": 16}))
+    run: Any = config.controller({"type": "untuned"}, Context(ARM, 1e-3, nominal=ARM))
+    for law in (made, run):
+        assert (law.gains.nominal().omega_c == told.gains.nominal().omega_c).all()
 
 
 @pytest.mark.parametrize(
