@@ -18,7 +18,7 @@ from armgpi.control.family import PRINTED, Member, transfer_function
 from armgpi.control.gains import Tuning
 from armgpi.control.realisation import Bumpless
 
-#: omega_c (1.5 dt + delay) that the printed law tolerates: :func:`tolerated_phase`.
+#: What the printed law tolerates of omega_c (1.5 dt + delay); see :func:`tolerated_phase`.
 PRINTED_PHASE = 0.3564136508074215
 #: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
 SLOWEST_DEFAULT = 15.0
