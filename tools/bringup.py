@@ -1,13 +1,13 @@
 """Bring up simulated robots that are wrong: at which stage of `armgpi bringup` each mistake is found.
 
 Usage:
-    python tools/bringup.py [--target NAME] [--only TEXT] [--last STAGE]
+    python tools/bringup.py [--target NAME] [--only TEXT] [--last STAGE] [--zero]
 
 Each mistake is planted into a robot as libfranka's (Panda, which echoes torques), one as UR's (UR5), and one
 behind ros2_control (Z1, 1 kHz, gravity by the controller, which is told no torque); see tools/targets.py. All
 have friction of 2 % of the torque that their joints are moved with. Stages are run one after another until a
 log is judged wrong. Travel is how far a joint was from where the stage wanted it, or, after a stop, from
-where it was stopped if that is less; brakes grip 50 ms after a fault.
+where it was stopped if that is less; brakes grip 50 ms after a fault. With --zero the arm has no torque then.
 """
 
 from __future__ import annotations
@@ -180,14 +180,13 @@ class WrongArm(ArmEnd):
         before = self.plant.true_state(self.state)
         for _ in range(self.mistake.rate):
             if self.guide is not None:
-                tau = self._guide_torque(self.guide) + np.sign(self.guide.at(self.k * self.dt).v) * (
-                    self.plant.robot.friction.coulomb
-                )
+                rubs = np.sign(self.guide.at(self.k * self.dt).v) * self.plant.robot.friction.coulomb
+                tau = self.follow(self.guide) + rubs
             else:
                 effort = self.own.limits.effort
                 tau = self.mistake.tau(self.command) + self.adding * self.own.gravity(before.q)
                 tau = np.clip(tau, -effort, effort)
-            self.state = self.plant.step(tau, self.state, self.dt)
+                self.state = self.plant.step(tau, self.state, self.dt)
             self.k += 1
             self.applied = tau
             self.last = [*self.last[1:], self.q]
@@ -228,9 +227,10 @@ def drive(end: ControllerEnd, arm: WrongArm, experiment: Any) -> float:
 class Bench:
     """A target's stages, with their experiments and exported controllers made once."""
 
-    def __init__(self, target: str, folder: Path) -> None:
-        """Write the stages."""
+    def __init__(self, target: str, folder: Path, zero: bool = False) -> None:
+        """Write the stages, whose faults may be without torque."""
         data = targets.described(target, next(iter(targets.ARMS[target])), BITS)
+        data["supervisor"] |= {"on_fault": "zero"} if zero else {}
         loaded = config.Loaded(config.check(data, config.Origin(target)), config.Origin(target))
         self.target = target
         self.folder = stages.write(loaded, config.build(*loaded), folder)
@@ -289,10 +289,11 @@ def main() -> None:
     parser.add_argument("--target", choices=TARGETS)
     parser.add_argument("--only", default="")
     parser.add_argument("--last", default="slow")
+    parser.add_argument("--zero", action="store_true")
     given = parser.parse_args()
     for target in [given.target] if given.target else TARGETS:
         with tempfile.TemporaryDirectory() as folder:
-            bench = Bench(target, Path(folder))
+            bench = Bench(target, Path(folder), given.zero)
             for mistake in MISTAKES:
                 if given.only not in mistake.name:
                     continue

@@ -40,7 +40,7 @@ def bringup(
 
     \b
     armgpi bringup my_arm.yaml -o bringup
-    armgpi loop bringup/10-dry.yaml --dry-run --log bringup/10-dry.armlog
+    armgpi loop bringup/10-dry.yaml --dry-run --clock simulated --log bringup/10-dry.armlog
     armgpi bringup check bringup/*.armlog
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.realtime import judge, stages
@@ -69,7 +69,7 @@ def _say_next(folder: Folder, place: int) -> None:
     file = folder.path / stage.name
     say(f"next: {stage.name}: {_does(stage)}")
     dry = " --dry-run" if stage.kind == "dry" else ""
-    say(f"  armgpi loop {file}.yaml{dry} --log {file}.armlog        (a simulated arm)")
+    say(f"  armgpi loop {file}.yaml{dry} --clock simulated --log {file}.armlog   (a simulated arm)")
     say(f"  armgpi export --config {file}.yaml --target ... -o {file}   (its README: how to run it)")
     say(f"  armgpi bringup check {folder.path}/*.armlog")
 

@@ -22,8 +22,6 @@ from armgpi.robot.robot import Robot
 REACTIONS = ("damping", "gravity", "hold", "zero")
 #: Gravity of an arm that stands upright [m/s^2].
 UPRIGHT = (0.0, 0.0, -9.81)
-#: How fast an arm in a dry run follows who moves it [rad/s].
-_GUIDED = 10.0
 #: Time for which samples may be missed [s], and their number, at least and at most.
 _SILENCE, _FEWEST_MISSED, _MOST_MISSED = 0.04, 20, 1000
 
@@ -119,19 +117,23 @@ class ArmEnd:
             self.fired.append(self.k)
         tau = self._alone() if self.silent >= self.watchdog.samples else self.command
         if self.guide is not None:
-            tau = self._guide_torque(self.guide)
-        self.state = self.plant.step(tau, self.state, self.dt)
+            tau = self.follow(self.guide)
+        else:
+            self.state = self.plant.step(tau, self.state, self.dt)
         self.applied = np.asarray(tau)
         if self._weight is not None:
             self.applied = self.applied + self._weight.gravity(self.plant.true_state(self.state).q)
         self.k += 1
         return tau
 
-    def _guide_torque(self, guide: Reference) -> Array:
-        """Return the torque of who moves the arm in a dry run: what was answered is not sent."""
-        truth, wanted = self.plant.true_state(self.state), guide.at(self.k * self.dt)
-        a = wanted.a + 2.0 * _GUIDED * (wanted.v - truth.v) + _GUIDED**2 * (wanted.q - truth.q)
-        return np.asarray(self.plant.robot.dynamics.inverse(truth.q, truth.v, a))
+    def follow(self, guide: Reference) -> Array:
+        """Put the arm where a hand has it in a dry run, and return the torque that this takes.
+
+        Whoever moves it holds its links: gears that twist do not swing then.
+        """
+        there = guide.at((self.k + 1) * self.dt)
+        self.state = self.plant.init(there.q, there.v)
+        return np.asarray(self.plant.robot.dynamics.inverse(*there))
 
     def _alone(self) -> Array:
         """Return the watchdog's torque."""

@@ -50,7 +50,7 @@ def run(
         controller: what controls it; its sample time is the loop's.
         reference: where to; both ends know it.
         t_final: how long [s], rounded to whole samples.
-        q0: starting positions [rad or m], (n,); the reference's start when not given.
+        q0: where encoders say that it starts [rad or m], (n,); the reference's start when not given.
         injected: what goes wrong; nothing when not given.
         watchdog: what the arm does when its controller is silent.
         model: by which the watchdog knows gravity and inertia; the plant's robot when not given.
@@ -67,8 +67,8 @@ def run(
         ArmgpiError: when an argument is not as it should be, or a process cannot do its work.
     """
     loop = ClosedLoop(plant, controller, reference)
-    truth = loop.true_state(loop.init(q0))
-    if truth.q.ndim != 1:
+    start = plant.robot.check_position(reference.at(0.0).q if q0 is None else q0, "the start q0")
+    if loop.true_state(loop.init(start)).q.ndim != 1:
         raise ParameterError("plant", plant, "a plant, controller, reference and start of a single rollout")
     check_choice(clock, "clock", CLOCKS)
     check_choice(policy, "policy", processes.POLICIES)
@@ -84,10 +84,10 @@ def run(
     steps = whole_steps(t_final, loop.dt)
     velocity = controller.measurement_type is FullState
     guide = reference if dry_run else None
-    arm = partial(ArmEnd, plant, model, loop.dt, watchdog, truth.q, truth.v, velocity, guide)
+    arm = partial(ArmEnd, plant, model, loop.dt, watchdog, start, np.zeros_like(start), velocity, guide)
     schedule = injected.prepare(steps, loop.dt)
     if clock == "wall":
-        control = (controller, reference, supervisor, exported, truth.q, dry_run)
+        control = (controller, reference, supervisor, exported, start, dry_run)
         taken = processes.wall(arm, control, schedule, policy, watch)
     else:
         end = ControllerEnd(supervise(controller, supervisor, exported), reference, steps, dry_run)

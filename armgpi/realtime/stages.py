@@ -221,7 +221,12 @@ def _file(
     section = {**(data.get("controllers") or [{"type": filled["type"]}])[0]}
     law = next(iter(experiment.controllers.values()))
     data["controllers"], data["supervisor"] = [section], dict(data.get("supervisor") or {})
-    data |= motion or {}
+    data.pop("vary", None)
+    if motion is None:
+        return data
+    data |= motion
+    if data.get("plant"):  # the load that the model does not know comes with the full speed
+        data["plant"] = {key: value for key, value in data["plant"].items() if key != "payload"}
     if caps is None:
         return data
     if isinstance(law, GPI) and not law.gains.adaptive:

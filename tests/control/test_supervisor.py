@@ -952,6 +952,21 @@ def test_a_law_that_asks_for_a_cap_is_a_fault_and_exported_c_says_so_too() -> No
     assert theirs.report(state) == ("fault", "cap", "q3")
 
 
+@pytest.mark.parametrize("rate", [None, 500.0])
+def test_a_fault_without_torque_is_without_torque_under_a_cap_too(rate: float | None) -> None:
+    bounds: Any = {"torque_cap": CAP, "on_fault": "zero", "torque_rate": rate}
+    supervised = Supervised(GPI(ARM, DT), Supervisor(**bounds))
+    target, tau = Target(Q, REST, REST), REST
+    state = supervised.init(Measurement(Q), target)
+    assert (np.abs(ARM.gravity(Q)) > CAP).any()  # or the cap would say nothing
+    for k in range(80):
+        before = tau
+        tau, state = supervised.step(Measurement(Q if k < 40 else np.full(3, np.nan)), target, state)
+        assert rate is None or (np.abs(tau - before) <= rate * DT * (1.0 + 1e-9)).all()
+    assert supervised.report(state).status == "fault"
+    np.testing.assert_array_equal(tau, 0.0)
+
+
 def test_a_joint_faster_than_the_cap_of_its_stage_is_stopped() -> None:
     supervised = Supervised(GPI(ARM, DT), Supervisor(speed_cap=SPEED_CAP))
     for share, reason in ((0.95, "none"), (1.3, "speed")):  # a count of 16 bits is 0.16 of this cap

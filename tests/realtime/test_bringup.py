@@ -10,13 +10,14 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from armgpi import GPI, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config
+from armgpi import GPI, ElasticPlant, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config
 from armgpi.cli import app
 from armgpi.errors import ConfigError
 from armgpi.export.code import generate
 from armgpi.export.files import _readme
 from armgpi.identification.logs import read_log
 from armgpi.loop import log as logs
+from armgpi.plants.plant import inside
 from armgpi.realtime import run, stages
 from armgpi.realtime.judge import QUESTIONS, judge
 from armgpi.realtime.stages import CAPS, Folder, Stage
@@ -79,6 +80,25 @@ def test_friction_that_the_file_tells_stops_no_sound_arm(tmp_path: Path) -> None
     path, outcome = recorded(folder, stage)
     assert np.abs(outcome.rollout["tau"].values[:, 2]).max() > 1.0  # friction was overcome
     assert not judge(folder, [path]).findings
+
+
+def test_a_hand_holds_the_links_of_an_arm_whose_gears_twist(tmp_path: Path) -> None:
+    text = "robot: {name: z1, lock: [jointGripper]}\nplant: {encoder_bits: 18, payload: {mass: 0.5}}\n"
+    (tmp_path / "z1.yaml").write_text(text + "controllers: [{type: untuned}]\n")
+    loaded = config.read(tmp_path / "z1.yaml")
+    folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
+    first, *_, slow, full = (folder.experiment(stage) for stage in folder.stages)
+    loads = [each.config.plant.payload for each in (first, slow, full)]
+    assert loads[:2] == [None, None]  # what nobody told the model comes with the full speed
+    assert loads[2] is not None
+    ((plant, controller),) = first.runs.values()
+    assert isinstance(inside(plant), ElasticPlant)
+    given: Any = {"clock": "simulated", "supervisor": first.supervisor, "dry_run": True}
+    log = run(plant, controller, first.reference, 0.3, **given).log
+    assert log is not None
+    assert log.fault is None
+    away = log.samples["q_measured"] - first.reference.at(log.t).q
+    assert np.abs(away).max() < 2.0 * np.pi / 2**18
 
 
 def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> None:

@@ -273,12 +273,17 @@ class Supervised(Controller):
             nominal=none + 1.0,
         )
 
-    def _limits(self, watch: Watch, q: Array) -> tuple[Array, Array, Callable[[Array], Mask] | None]:
-        """Return the lowest and the highest torque where the joints are at q, and which ones reach a cap."""
+    def _effort_and_rate(self, watch: Watch) -> tuple[Array, Array]:
+        """Return the lowest and the highest torque, whatever the caps are."""
         lower, upper = self._floor, self.effort
         if self.supervisor.torque_rate is not None:
             lower = np.maximum(lower, watch.tau - self.bounds.rate)
             upper = np.minimum(upper, watch.tau + self.bounds.rate)
+        return lower, upper
+
+    def _limits(self, watch: Watch, q: Array) -> tuple[Array, Array, Callable[[Array], Mask] | None]:
+        """Return the lowest and the highest torque where the joints are at q, and which ones reach a cap."""
+        lower, upper = self._effort_and_rate(watch)
         if not self._capped:
             return lower, upper, None
         hold, cap = self._brakes.gravity(q), self.bounds.cap
@@ -286,6 +291,14 @@ class Supervised(Controller):
         low, high = (np.minimum(np.maximum(x, lower), upper) for x in (hold - cap, hold + cap))
         reached = low == hold - cap, high == hold + cap
         return low, high, lambda tau: ((tau <= low) & reached[0]) | ((tau >= high) & reached[1])
+
+    def _room_for_none(self, dead: Mask, lower: Array, upper: Array, watch: Watch) -> tuple[Array, Array]:
+        """Return limits between which FAULT without torque has none: caps are about what holds the arm."""
+        if not self._capped or self.supervisor.on_fault != "zero":
+            return lower, upper
+        least, most = self._effort_and_rate(watch)
+        low, high = np.maximum(np.minimum(lower, 0.0), least), np.minimum(np.maximum(upper, 0.0), most)
+        return np.where(dead, low, lower), np.where(dead, high, upper)
 
     def _any_step(self, measurement: Any, target: Target, state: SupervisedState) -> ControlStep:
         """Return torque and next state, whatever comes."""
@@ -317,6 +330,7 @@ class Supervised(Controller):
         capped = None if caps is None else caps(asked) & ~unused
         dead = dead | (unsound if capped is None else unsound | any_joint(capped))
         opened = dead | seen.lost
+        lower, upper = self._room_for_none(dead, lower, upper, watch)
         tau, response = self._torque(asked, (lower, upper), opened, dead, accused, watch, aim, seen, v)
         tau = np.minimum(np.maximum(tau, lower), upper)
         going: Array | float = float(State.RUN)
@@ -327,7 +341,6 @@ class Supervised(Controller):
         moves = any_joint(aim.v != 0.0) | seen.lost | (restless > 0.0)
         stopped = np.where(moves, float(State.STOPPING), float(State.HOLD))
         reason, joint = self._reason(seen, entering, unsound, capped, watch)
-        frozen = self.frozen.after(dead & seen.distrusted, seen, aim.q, tau, watch)
         kept = watch._replace(
             status=np.where(dead, float(State.FAULT), np.where(stopping, stopped, going)),
             reason=reason,
@@ -342,7 +355,7 @@ class Supervised(Controller):
             r=aim.q,
             rv=way,
             tau=tau,
-            frozen=frozen,
+            frozen=self.frozen.after(dead & seen.distrusted, seen, aim.q, tau, watch),
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
         )
