@@ -186,6 +186,7 @@ class Reach:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         """Write down what a test reached."""
         self.hits.clear()
+        sys.settrace(self.enter)  # a test may have taken it away
         begun = sum(os.times()[:4])
         self.failed = False
         yield

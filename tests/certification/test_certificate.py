@@ -429,6 +429,12 @@ def test_a_page_shows_claims_circle_box_and_what_is_in_the_way(made: armgpi.Cert
         assert heading in page
     assert page.count("<svg") == 1 + robot.n
     assert "<script" not in page
+    _, _, *pictures = page.split("<svg")
+    for picture in pictures:  # of a joint each: curves go from one end of the box to the other
+        drawn = re.findall(r'polyline points="([^"]*)"', picture)
+        frame, *_, curve = (np.array([point.split(",") for point in line.split()], float) for line in drawn)
+        share = (curve[:, 0] - frame[0, 0]) / np.ptp(frame[:, 0])
+        np.testing.assert_allclose(share, (np.arange(len(curve)) + 0.5) / len(curve), atol=1e-3)
     none = armgpi.Certificate({**made.data, "solutions": {}}, ("in the way: <gravity>",))
     page = html(again(none, robot.with_armature(0.05)), none)
     assert "not certified" in page
