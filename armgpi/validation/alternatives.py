@@ -102,10 +102,11 @@ def scope_of(
         seen.keys[key] = None
         items.setdefault(ast.unparse(entry), entry)
     seen.add_counterparts()
+    listed = _listed(tree)
     for name, kind in kinds.items():
-        if kind in ((2,), (3,)):
+        if kind in ((2,), (3,)) and name not in listed:
             seen.vectors[name] = ast.Name(name, ast.Load())
-        if kind == (3, 3):
+        if kind == (3, 3) and name not in listed:
             seen.matrices[name] = ast.Name(name, ast.Load())
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
@@ -211,6 +212,13 @@ def _counters(tree: ast.AST) -> list[str]:
     """Return the variables that loops count with."""
     found = [n.target.id for n in ast.walk(tree) if isinstance(n, ast.For) and isinstance(n.target, ast.Name)]
     return list(dict.fromkeys(found))
+
+
+def _listed(tree: ast.AST) -> set[str]:
+    """Return the names whose entries loops go through, such as the angles: they are no vectors of space."""
+    counters = _counters(tree)
+    found = (n for n in ast.walk(tree) if isinstance(n, ast.Subscript) and isinstance(n.value, ast.Name))
+    return {n.value.id for n in found if isinstance(n.slice, ast.Name) and n.slice.id in counters}  # type: ignore[attr-defined]
 
 
 class _Seen(ast.NodeVisitor):
@@ -326,7 +334,7 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from _of_name(node, scope)
         case ast.Subscript():
             yield from _of_subscript(node, scope)
-        case ast.Tuple() | ast.List():
+        case ast.Tuple() | ast.List() | ast.IfExp():
             yield from _of_row(node)
         case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
@@ -426,17 +434,40 @@ def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
 def vector_terms(scope: Scope) -> Iterator[ast.expr]:
     """Yield vectors that a vector's equation may lack, the short ones first.
 
-    They are products that stand elsewhere, and cross products.
+    They are products that stand elsewhere, with another vector in them as well, scaled vectors, and at last
+    other cross products.
     """
-    found: dict[str, ast.expr] = {ast.unparse(x): x for x in (*scope.products, *scope.vectors)}
+    near = {ast.unparse(x): x for x in (*scope.products, *scope.vectors, *_relatives(scope))}
+    found: dict[str, ast.expr] = {}
     simple = list(_crosses(scope, scope.cross)) if scope.cross is not None else []
     found |= {ast.unparse(x): x for x in simple}
     simple = [x for x in simple if isinstance(x, ast.Call) and not _has_call(x)]
     for scalar in (x for x in scope.scalars if isinstance(x, ast.Subscript)):
         for x in (*(simple if scope.loops else ()), *scope.vectors):
             scaled = _times(scalar, x)
-            found[ast.unparse(scaled)] = scaled
-    yield from sorted(found.values(), key=_length)
+            (near if _length(scaled)[1] == 0 else found)[ast.unparse(scaled)] = scaled
+    yield from sorted(near.values(), key=_length)
+    yield from sorted((x for text, x in found.items() if text not in near), key=_length)
+
+
+class _Replaced(ast.NodeTransformer):
+    """An expression with another one in place of one of its parts."""
+
+    def __init__(self, old: str, new: ast.expr) -> None:
+        self._old, self._new = old, new
+
+    def visit(self, node: ast.AST) -> Any:
+        """Return the other part, or the node with its parts."""
+        return self._new if ast.unparse(node) == self._old else self.generic_visit(node)
+
+
+def _relatives(scope: Scope) -> Iterator[ast.expr]:
+    """Yield products that stand somewhere with another vector in place of one."""
+    vectors = {ast.unparse(x): x for x in scope.vectors if isinstance(x, ast.Name | ast.Subscript)}
+    for product in scope.products:
+        for old in dict.fromkeys(ast.unparse(x) for x in ast.walk(product)):
+            for other in vectors.values() if old in vectors else ():
+                yield _Replaced(old, other).visit(copy.deepcopy(product))
 
 
 def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
@@ -541,6 +572,18 @@ def _of_subscript(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
         yield kind, ast.Subscript(node.value, index, node.ctx)
     if isinstance(node.slice, ast.Name | ast.BinOp):
         yield "transposed", ast.Attribute(node, "T", ast.Load())
+    if isinstance(node.slice, ast.Name) and isinstance(node.value, ast.Name):
+        yield from _at_the_end(node, node.slice, scope)
+
+
+def _at_the_end(node: ast.Subscript, index: ast.Name, scope: Scope) -> Iterator[Choice]:
+    """Yield what an entry of a list is where two loops meet: of the last link the centre of mass."""
+    others = [x for x in scope.entries if ast.unparse(x).endswith(f"[{index.id}]")]
+    counters = [name for name, kind in scope.kinds.items() if kind == "int" and name != index.id]
+    for other, name in itertools.product(others, counters):
+        meet = ast.Compare(index, [ast.Eq()], [ast.Name(name, ast.Load())])
+        yield "index", ast.IfExp(meet, other, node)
+        yield "index", ast.IfExp(meet, node, other)
 
 
 def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
@@ -553,6 +596,8 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(1))
         case ast.Constant(value=str() as key):
             yield from (("name", ast.Constant(name)) for name in scope.keys if name != key)
+        case ast.Slice(lower=lower, upper=upper, step=None) if (lower is None) != (upper is None):
+            yield "index", ast.Slice(upper, lower)
         case ast.Tuple(elts=items):
             for j, k in itertools.combinations(range(len(items)), 2):
                 swapped = [*items]
@@ -565,7 +610,10 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
 
 
-def _of_row(node: ast.Tuple | ast.List) -> Iterator[Choice]:
+def _of_row(node: ast.Tuple | ast.List | ast.IfExp) -> Iterator[Choice]:
+    if isinstance(node, ast.IfExp):
+        yield from (("extra", node.body), ("extra", node.orelse))
+        return
     items = node.elts
     for k in range(len(items) - 1):
         if ast.dump(items[k]) != ast.dump(items[k + 1]):

@@ -25,7 +25,6 @@ from armgpi.errors import ModelError
 from armgpi.validation import harmonics, phrasing, terms
 from armgpi.validation.hypotheses import (
     CONVENTIONS,
-    MOMENTS,
     Hypothesis,
     Names,
     Parameter,
@@ -34,7 +33,7 @@ from armgpi.validation.hypotheses import (
     parameters,
 )
 from armgpi.validation.problem import Element, Mask, Problem
-from armgpi.validation.tree import Tree, evaluate
+from armgpi.validation.tree import Tree
 
 #: Other explanations that are as good, at most so many: who reads more?
 ALTERNATIVES = 4
@@ -60,8 +59,6 @@ _FACTORS = {
 NOT_NAMED = "not named: no usual mistake explains it"
 #: Entries of one quantity that are explained by more different causes than these are not.
 _MOST_CAUSES = 2
-#: More values than these are not changed by one mistake.
-_MOST_VALUES = 4
 #: Quantities of a function that may have causes of their own; D first, as C and G may follow from the same.
 _QUANTITIES = ("D", "H", "B", "Z", "G", "V", "F", "J")
 #: Kinds of causes that say nothing of a mistake.
@@ -255,7 +252,7 @@ class _Search:
             found += [c for c in entries[0] if c.text in texts and c.text not in {f.text for f in found}]
         else:
             found += [*self.common_factor(scope), *self.common_terms(columns)]
-        return _best_first(found or self.link_parameters(scope, differing))
+        return _best_first(found)
 
     def wrong_values(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return the numbers of the robot of which another value makes all of `scope` agree."""
@@ -365,42 +362,6 @@ class _Search:
             if abs(step) <= 1e-13 * max(abs(x1), 1e-6) or x1 == x0:
                 break
         return x1 if np.abs(rest(x1)).max() <= 1.0 else None
-
-    def link_parameters(self, scope: Mask, differing: Mask) -> list[_Candidate]:
-        """Return links whose mass, centre of mass and inertia, by least squares, make all agree."""
-        p = self.problem
-        inertial = p.quantity("D", "H", "G", "V")
-        if (differing & ~inertial).any() or (scope & inertial).sum() < 3:
-            return []  # ten parameters fit anything that small
-        mask = scope & inertial
-        weights = 1.0 / p.tolerance[mask]
-        target = ((p.user - p.reference)[:, mask] * weights).ravel()
-        blocks = [
-            np.stack([(p.hypothesis(h)[:, mask] * weights).ravel() for h in regressor(p.tree, i)], axis=-1)
-            for i in range(p.tree.n)
-        ]
-        limit = 100.0  # in units of the tolerance: least squares over many columns loses some digits
-        for count in range(1, min(p.tree.n, 3) + 1):
-            for chosen in itertools.combinations(range(p.tree.n), count):
-                block = np.concatenate([blocks[i] for i in chosen], axis=-1)
-                sizes = np.linalg.norm(block, axis=0)
-                sizes[sizes == 0.0] = 1.0
-                # Joints feel sums of parameters only, so the block is rank deficient by construction.
-                change = np.linalg.lstsq(block / sizes, target, rcond=1e-11)[0]
-                if np.abs(block / sizes @ change - target).max() <= limit:
-                    links = " and ".join(self.names.link(i) for i in chosen)
-                    own, values = _inertial_text(chosen, (change / sizes).reshape(count, 10))
-                    text = f"the inertial parameters of {links}: {own}"
-                    return [
-                        _Candidate(
-                            _FREE * values,
-                            "inertial-parameters",
-                            text,
-                            structural=False,
-                            plausible=values <= _MOST_VALUES,
-                        )
-                    ]
-        return []
 
     def entry(self, column: int) -> list[_Candidate]:
         """Return the mistakes that explain one element; none when none does."""
@@ -650,53 +611,11 @@ def _under(tree: Tree, gravity: Array) -> Tree:
     return replace(tree, gravity=gravity)
 
 
-def _always(tree: Tree) -> Callable[[Tree], Tree]:
-    """Return the change that gives this tree, whatever it is applied to."""
-    return lambda _: tree
-
-
 def _only(column: int, like: Mask) -> Mask:
     """Return a mask of one element."""
     mask = np.zeros_like(like)
     mask[column] = True
     return mask
-
-
-def regressor(tree: Tree, i: int) -> list[Hypothesis]:
-    """Return arms whose quantities are the derivatives by the ten inertial parameters of body i."""
-    empty = tree
-    for k in range(tree.n):
-        empty = empty.with_body(k, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
-    empty = replace(empty, armature=np.zeros(tree.n))
-    point = empty.with_body(i, mass=1.0)
-    columns = [Hypothesis("", "", tree=_always(point))]
-    for axis in np.eye(3):
-        # A unit point at +axis less one at -axis is twice the first moment.
-        ahead, behind = (point.with_body(i, com=s * axis) for s in (1.0, -1.0))
-
-        def moment(t: Tree, q: Array, want: object, a: Tree = ahead, b: Tree = behind) -> dict[str, Array]:
-            names = list(want)  # type: ignore[call-overload]
-            one, other = evaluate(a, q, names), evaluate(b, q, names)
-            return {name: 0.5 * (one[name] - other[name]) for name in one}
-
-        columns.append(Hypothesis("", "", custom=moment))
-    for r, c in MOMENTS:
-        unit = np.zeros((3, 3))
-        unit[r, c] = unit[c, r] = 1.0
-        columns.append(Hypothesis("", "", tree=_always(empty.with_body(i, inertia=unit))))
-    return columns
-
-
-def _inertial_text(chosen: tuple[int, ...], change: Array) -> tuple[str, int]:
-    """Return changes of mass, first moments and inertias as text, and how many they are."""
-    labels = ("m", "m cx", "m cy", "m cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-    texts, count = [], 0
-    for i, row in zip(chosen, change, strict=True):
-        size = np.abs(row).max()
-        shown = [f"{label} {x:+.4g}" for label, x in zip(labels, row, strict=True) if abs(x) > 1e-6 * size]
-        count += len(shown)
-        texts.append(f"link {i + 1} by {', '.join(shown)}")
-    return "; ".join(texts) + " (least squares; only sums of them may be felt by the joints)", count
 
 
 def _join_equal(causes: Iterator[Cause]) -> list[Cause]:

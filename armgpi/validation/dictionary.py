@@ -20,14 +20,8 @@ from armgpi.arrays import Array
 COEFFICIENTS = (1.0, 2.0, 0.5, 4.0, 0.25, 3.0, 1.0 / 3.0, 1.0 / 12.0)
 #: Relative error up to which two values are the same: they come from differences of outputs.
 SAME = 1e-7
-#: The same for sums of two products, of which there are so many that some come close by chance.
-EXACT = 1e-10
-#: Coefficients of the products in such a sum, and how many products take part.
-_SUMMED, _MOST_SUMMED = (1.0, -1.0, 2.0, -2.0), 900
 #: Products that have the same value, at most.
 _SEVERAL = 40
-#: A sum is hardly so much smaller than its parts.
-_CANCELLED = 1e3
 #: Names and expressions that take part, at most: their products are listed.
 _MOST_NAMES, _MOST_STATES = 20, 18
 
@@ -137,9 +131,6 @@ class Dictionary:
             wanted = np.log(abs(value) / coefficient)
             low, high = np.searchsorted(logs, [wanted - SAME, wanted + SAME])
             found += [(len(words[k]), rank, words[k], coefficient) for k in range(low, high)]
-        if not found:
-            two = self._two(value)
-            return [] if two is None else [two]
         terms: list[Term] = []
         for _, rank, word, coefficient in sorted(found, key=lambda one: one[:2])[:_SEVERAL]:
             sign = float(np.sign(value) * np.prod([self._signs[x] for x in word] or [1.0]))
@@ -148,33 +139,6 @@ class Dictionary:
             bits = float(np.log2(rank + 1.0) + len(word) * np.log2(len(self._constants) + 1.0))
             terms += [Term(("-" if sign < 0.0 else "") + text, bits)]
         return terms
-
-    def _two(self, value: float) -> Term | None:
-        """Return a sum of two products of numbers that has a value."""
-        words, logs = self._products
-        short = [k for k, word in enumerate(words) if 0 < len(word) <= 3]
-        short = sorted(short, key=lambda k: len(words[k]))[:_MOST_SUMMED]
-        signs = np.array([np.prod([self._signs[x] for x in words[k]]) for k in short])
-        parts = np.concatenate([c * signs * np.exp(logs[short]) for c in _SUMMED])
-        order = np.argsort(parts)
-        # What is left for the second one, looked up among all.
-        at = np.searchsorted(parts[order], value - parts)
-        for shift in (-1, 0):
-            near = order[np.clip(at + shift, 0, len(order) - 1)]
-            close = np.abs(parts + parts[near] - value) <= EXACT * np.maximum(np.abs(parts), abs(value))
-            close &= np.abs(parts) < _CANCELLED * abs(value)
-            for i in sorted(np.flatnonzero(close), key=lambda i: len(words[short[i % len(short)]])):
-                j = int(near[i])
-                degrees = [len(words[short[k % len(short)]]) for k in (int(i), j)]
-                # What is added has one unit: m l² and m lc², or a moment of inertia, which has one name.
-                if degrees[0] != degrees[1] and 1 not in degrees:
-                    continue
-                texts = []
-                for k in (int(i), j):
-                    coefficient, word = _SUMMED[k // len(short)], words[short[k % len(short)]]
-                    texts.append(" * ".join([f"{coefficient:g}", *_powers(word)]).removeprefix("1 * "))
-                return Term(f"({texts[0]} + {texts[1]})", 2.0 * float(np.log2(len(parts))))
-        return None
 
 
 def _powers(word: tuple[str, ...]) -> list[str]:

@@ -254,7 +254,7 @@ class Block:
         self.terms: list[Any] = []
         self.reaches: set[str] = set()
         self.scope = Scope({})
-        self._dictionaries: dict[tuple[int, str], Dictionary] = {}
+        self._dictionaries: dict[int, Dictionary] = {}
 
     def switchable(self, arguments: tuple[str, ...]) -> ast.Module:
         """Return the statements with every alternative of every expression behind its switch."""
@@ -340,13 +340,13 @@ class Block:
         )
         return {ast.unparse(node) for node in found if node.lineno == line}
 
-    def dictionary(self, line: int, label: str) -> Dictionary:
-        """Return the products of names that can be written in a line, by their values at some states."""
-        if (line, label) not in self._dictionaries:
-            self._dictionaries[line, label] = self._products(line, label)
-        return self._dictionaries[line, label]
+    def dictionary(self, line: int) -> Dictionary:
+        """Return the products of names that can be written in a line, by their values."""
+        if line not in self._dictionaries:
+            self._dictionaries[line] = self._products(line)
+        return self._dictionaries[line]
 
-    def _products(self, line: int, label: str) -> Dictionary:
+    def _products(self, line: int) -> Dictionary:
         """Return the products of the names that have a value in a line, those that stand in it first."""
         later, there = self.later(line), self._written_in(line)
         texts = [name for name, kind in self.scope.kinds.items() if kind == "float"]
@@ -356,7 +356,7 @@ class Block:
         constants, states = {}, {}
         for text in dict.fromkeys(texts):
             known = not later or not later & _used(ast.parse(text))
-            values = self.values(text, label) if known else None
+            values = self.values(text) if known else None
             if values is None or values.ndim > 1:
                 continue
             if np.ptp(values) == 0.0:

@@ -66,8 +66,6 @@ _REFINED = 3
 _SLOW = 0.7
 #: Effects beyond this are those of a change that divides by next to nothing.
 _HUGE = 1e12
-#: A product of names that is looked up takes no more than this, nor does a number of few digits [bits].
-_LOOKED_UP = 28.0
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
@@ -141,7 +139,7 @@ def find_repair(
     # What brings some of it into agreement deserves time of its own.
     late = max(until, time.process_time() + 0.75 * BUDGET) if extra and steps else until
     best = _gone_on(trials, steps, again, goal, known, most, late)
-    return best or trials.first_that_agrees(itertools.chain(trials.fits_beside(), trials.tried_pairs()))
+    return best or trials.first_that_agrees(trials.tried_pairs())
 
 
 def _gone_on(
@@ -207,9 +205,8 @@ class _Trials:
         """Take a source with its switches, what reads a changed one, and when to give up [s]."""
         self.editor, self._again, self._until, self.doubted = editor, again, until, doubted
         self._targets, self._blocks = editor.targets, editor.blocks
-        #: Changes that touch nothing that agrees, and those of them that were looked at part by part.
+        #: Changes that touch nothing that agrees, and were not looked at part by part yet.
         self._inside: list[Pick] = []
-        self._tried_inside: list[Pick] = []
         self._sites = max(sum(len(block.sites) for block in self._blocks), 1)
         #: What two changes of the usual kinds take: what is longer has to be compared with others [bits].
         self.usual = 2.0 * float(np.log2(self._sites * _KINDS))
@@ -336,9 +333,8 @@ class _Trials:
         others = [pick for pick in picks if pick.kind not in _USUAL and not pick.sure]
         found: dict[Any, _Step] = {}
         for stage in (
-            (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits(whole=True)),
-            (self._helpful(others, first=True), self._helpful(picks, first=False)),
-            (self._fits(whole=False), self._helpful_in_parts()),
+            (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits()),
+            (self._helpful(others, first=True), self._helpful(picks, first=False), self._helpful_in_parts()),
         ):
             step: _Step | None = None
             for pick in itertools.chain(*stage):
@@ -399,8 +395,7 @@ class _Trials:
         parts = [name for name, target in self._targets.items() if not target.whole]
         # Where much agrees, a change that spoils something shows it.
         parts.sort(key=lambda name: int(self._wrong[name].sum()))
-        late, inside = self.share(0.2), self._inside
-        self._inside, self._tried_inside = [], [*self._tried_inside, *inside]
+        late, inside, self._inside = self.share(0.2), self._inside, []
         for pick in inside:
             if time.process_time() > late:
                 return
@@ -513,63 +508,34 @@ class _Trials:
 
     # Terms that are solved for.
 
-    def _fits(self, whole: bool) -> Iterator[Pick]:
-        """Yield terms that are missing: what each has to be is solved for, and looked up.
-
-        Args:
-            whole: in what the functions give; else in their parts.
-        """
+    def _fits(self) -> Iterator[Pick]:
+        """Yield terms that are missing: what each has to be is solved for, and looked up."""
         for block in sorted(self._blocks, key=lambda b: not b.rebuilds):  # constants are found fast
             if not block.once or len(block.calls.get(ALL, ())) < ROWS:
                 continue
             for k, site in enumerate(block.sites):
                 if not site.fitted or self._over() or self.editor.is_right(site):
                     continue
-                for label, values in self._solve(block, k) if whole else self._solved_in_parts(block, k):
-                    for text, bits in _missing_terms(block, site, values, label):
-                        bits += self._bits(1)
-                        kind = "value" if site.literal else "term"
-                        yield Pick(block, k, len(site.choices) - 1, float(bits), {label: values}, kind, text)
+                if (values := self._solve(block, k)) is None:
+                    continue
+                for text, bits in _missing_terms(block, site, values):
+                    bits += self._bits(1)
+                    kind = "value" if site.literal else "term"
+                    yield Pick(block, k, len(site.choices) - 1, float(bits), {ALL: values}, kind, text)
 
-    def _solve(self, block: Block, k: int) -> Iterator[tuple[str, Array]]:
-        """Yield terms with which some values agree and none is spoiled, at the rows."""
+    def _solve(self, block: Block, k: int) -> Array | None:
+        """Return the term at the rows with which some values agree and none is spoiled; None without one."""
         pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {ALL: np.zeros(ROWS)})
         constant = self.editor.is_constant(block, k)
         names = [name for name in block.reaches if self._targets[name].whole]
-        slopes = self._slope(pick, ALL, names, _FEW)
-        for used in self._groups(*slopes, constant):
-            if (values := self._agreeing(pick, ALL, used, names, constant)) is not None:
-                yield ALL, values
-                return
-
-    def _solved_in_parts(self, block: Block, k: int) -> Iterator[tuple[str, Array]]:
-        """Yield terms with which a part of a function agrees."""
-        constant = self.editor.is_constant(block, k)
-        for name, target in self._targets.items():
-            if target.whole or name not in block.reaches or not self._wrong[name].any() or self._over():
+        for used in self._groups(*self._slope(pick, names, _FEW), constant):
+            if (values := self._root(pick, used, constant)) is None:
                 continue
-            label = target.states[0][1]
-            pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {label: np.zeros(ROWS)})
-            slope, _ = self._slope(pick, label, [name], 1)
-            moved = (slope[name] != 0.0).any(axis=0) if slope else np.zeros(1, dtype=np.bool_)
-            if not moved.any() or (moved & ~self._wrong[name]).any():
-                continue
-            values = self._agreeing(pick, label, {name: moved}, [name], constant)
-            if values is not None:
-                yield label, values
-                if constant:
-                    return
-
-    def _agreeing(
-        self, pick: Pick, label: str, used: Wrong, names: Iterable[str], constant: bool
-    ) -> Array | None:
-        """Return the term for which some values agree and none of some functions is spoiled."""
-        values = self._root(pick, label, used, constant)
-        if values is None:
-            return None
-        with self.editor.making(pick._replace(values={label: values})):
-            outputs = self.editor.outputs(names, ROWS)
-        return values if outputs is not None and self._helps(outputs) else None
+            with self.editor.making(pick._replace(values={ALL: values})):
+                outputs = self.editor.outputs(names, ROWS)
+            if outputs is not None and self._helps(outputs):
+                return values
+        return None
 
     def _groups(self, slope: Mapping[str, Array], rest: Mapping[str, Array], constant: bool) -> list[Wrong]:
         """Return which values may be wrong because of one term: all that it moves, those of one function, ...
@@ -599,26 +565,26 @@ class _Trials:
         return groups
 
     def _slope(
-        self, pick: Pick, label: str, names: Iterable[str], rows: int
+        self, pick: Pick, names: Iterable[str], rows: int
     ) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return how much a term moves what functions give, and what that lacks; nothing if they fail."""
         assert pick.values is not None
         with self.editor.making(pick):
             here = self.editor.outputs(names, rows)
-        with self.editor.making(pick._replace(values={label: pick.values[label] + _NUDGE})):
+        with self.editor.making(pick._replace(values={ALL: pick.values[ALL] + _NUDGE})):
             there = self.editor.outputs(names, rows)
         if here is None or there is None:
             return {}, {}
         slope = {name: (there[name] - here[name]) / _NUDGE for name in here}
         return slope, {name: self._targets[name].values[:rows] - here[name] for name in here}
 
-    def _root(self, pick: Pick, label: str, used: Wrong, constant: bool) -> Array | None:
+    def _root(self, pick: Pick, used: Wrong, constant: bool) -> Array | None:
         """Return the term for which some values agree, by Gauss and Newton; None without one."""
         values, near, before = np.zeros(ROWS), 0, np.inf
         for step in range(_STEPS if constant else _STEPS // 2):
             # One number shows at two states whether it is right.
             rows = _FEW if constant or step == 0 else ROWS
-            slopes, rests = self._slope(pick._replace(values={label: values}), label, list(used), rows)
+            slopes, rests = self._slope(pick._replace(values={ALL: values}), list(used), rows)
             if not slopes:
                 return None
             slope, rest = (
@@ -695,19 +661,6 @@ class _Trials:
                 if outputs is not None and not self._away(name, outputs[name]).any() and self._both(one, two):
                     yield one, two
 
-    def fits_beside(self) -> Iterator[tuple[Pick, Pick]]:
-        """Yield a usual change with a missing term that make all agree, of those that touch nothing right."""
-        usual, late = [pick for pick in self._tried_inside if pick.kind in _USUAL], self.share(0.7)
-        for one in sorted(usual, key=lambda pick: pick.bits):
-            if time.process_time() > late:
-                return
-            with self.editor.making(one):
-                found = list(self._fits(whole=True))
-            # A number of many digits, or a sum of two terms, explains anything beside another change.
-            most = _LOOKED_UP + self._bits(1)
-            found = [two for two in found if two.bits <= most]
-            yield from ((one, two) for two in found if self._both(one, two))
-
     def _both(self, one: Pick, two: Pick) -> bool:
         """Tell whether two changes make all agree."""
         if one.block is two.block and one.site == two.site:
@@ -757,20 +710,20 @@ def _apart(slope: Array, rest: Array, move: Array) -> bool:
     return bool((left > 0.5 * np.linalg.norm(rest, axis=1)).any())
 
 
-def _missing_terms(block: Block, site: Site, values: Array, label: str) -> Iterator[tuple[str, float]]:
+def _missing_terms(block: Block, site: Site, values: Array) -> Iterator[tuple[str, float]]:
     """Yield what an expression has to be where a term of known values is missing in it."""
     if isinstance(site.node, ast.Constant):
         yield from _number(site, float(values[0])) if np.ptp(values) <= 1e-9 * np.abs(values).max() else ()
         if site.literal or site.node.value != 0:
             return
     old = ast.unparse(site.node)
-    dictionary = block.dictionary(site.node.lineno, label)
+    dictionary = block.dictionary(site.node.lineno)
     if terms := dictionary.terms(values):
         yield from ((_sum(old, found.text), found.bits) for found in terms)
         return
     # A factor that all of it lacks, or one of its parts.
     for part, sign in _parts(site.node):
-        now = block.values(ast.unparse(part), label)
+        now = block.values(ast.unparse(part))
         if now is None or now.shape != values.shape:
             continue
         with np.errstate(all="ignore"):

@@ -37,6 +37,7 @@ def test_right_models_agree(style: str) -> None:
         ("closed", 12),  # 12 of 40 products that are 0.04 were looked at, and the right one was none of them
         ("spong", 13),  # where a function had defaults or annotations nothing was searched
         ("loops", 28),  # entries of lists were no names: 0.5 is c[k] / l[k]
+        ("loops", 4),  # c[i] if i == k else l[i] was l[i]
     ],
 )
 def test_a_name_holds_for_other_numbers(style: str, line: int, tmp_path: Path) -> None:
@@ -44,6 +45,19 @@ def test_a_name_holds_for_other_numbers(style: str, line: int, tmp_path: Path) -
     found = byhand.outcome(mistake, tmp_path)
     assert found.right, found.text
     assert found.confirmed
+
+
+@pytest.mark.parametrize(
+    ("style", "line"),
+    [
+        ("newton", 4),  # a dropped ω×(ω×p), of which another stands beside it
+        ("spatial", 20),  # one half of a vector of six for the other
+    ],
+)
+def test_a_recursion_is_repaired(style: str, line: int, tmp_path: Path) -> None:
+    (mistake,) = (one for one in byhand.mistakes(style) if one.line == line)
+    found = byhand.outcome(mistake, tmp_path)
+    assert found.right, found.text
 
 
 @pytest.mark.parametrize("line", [18, 21])

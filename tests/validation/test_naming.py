@@ -271,7 +271,7 @@ def test_a_term_is_found_by_its_values() -> None:
     s, v = rng.normal(size=8), rng.normal(size=8)
     terms = Dictionary({"m": 1.23, "l": 0.41, "k": 0.77}, {"s": s, "v": v})
     space = {"m": 1.23, "l": 0.41, "k": 0.77, "s": s, "v": v}
-    for text in ("m * l ** 2", "2 * m * l * s", "-0.5 * k * s * v ** 2", "m * l ** 2 + 2 * m * l * k"):
+    for text in ("m * l ** 2", "2 * m * l * s", "-0.5 * k * s * v ** 2"):
         values = np.broadcast_to(eval(text, space), 8)
         (found, *_) = terms.terms(values)
         assert found is not None, text
