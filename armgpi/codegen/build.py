@@ -15,13 +15,13 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from armgpi.errors import ArmgpiWarning, BackendError
 
@@ -47,9 +47,9 @@ SCALAR = ("-fschedule-insns",)
 #: Entries kept at most, a library has one or two; the ones used least recently go.
 _KEPT = 512
 #: What they are called.
-_ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.so")
-#: Longest time that a compiler may take [s].
-_PATIENCE = 300.0
+_ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.(so|wasm)")
+#: Longest time that a compiler may take [s]; the first call of Zig's takes 20.
+_PATIENCE = 600.0
 #: About what it takes to trace, generate and compile a loop, for each joint [s].
 _JOINT = 0.1
 
@@ -71,7 +71,7 @@ class Compiler(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def _probe(command: tuple[str, ...], path: str | None) -> Compiler | None:
+def probe(command: tuple[str, ...], path: str | None) -> Compiler | None:
     """Return a compiler that answers, None when it does not; `path` is the PATH that it is looked for in."""
     if shutil.which(command[0], path=path) is None:
         return None
@@ -132,7 +132,7 @@ def compiler() -> Compiler:
     """
     asked = os.environ.get("CC", "")
     for command in _commands(asked):
-        found = _probe(command, os.environ.get("PATH"))
+        found = probe(command, os.environ.get("PATH"))
         if found is not None:
             return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
@@ -242,7 +242,7 @@ def find_library(name: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL | Non
     key = _key(compiler(), name, package(), *flags)
     if key not in _loaded:
         with suppress(OSError), _open_folder(cache_folder()) as (place, opened):
-            if (kept := _load_kept(place, opened, key)) is not None:
+            if (kept := _load_kept(place, opened, key, _LIBRARY)) is not None:
                 _loaded[key] = kept
     return _loaded.get(key)
 
@@ -267,35 +267,74 @@ def library(source: str, flags: tuple[str, ...] = FLAGS, name: str = "") -> ctyp
     key = _key(found, source, *flags)
     alias = _key(found, name, package(), *flags) if name else ""
     if key not in _loaded:
-        try:
-            _loaded[key] = _from(cache_folder(), source, key, found, flags, alias)
-        except _Untrusted as error:
-            message = f"compiled code is not kept: {error}; ARMGPI_CACHE names another folder"
-            warnings.warn(ArmgpiWarning(message), stacklevel=2)
-        except OSError:  # a home that cannot be written
-            pass
-    if key not in _loaded:
-        try:
-            with tempfile.TemporaryDirectory(prefix="armgpi-", ignore_cleanup_errors=True) as private:
-                _loaded[key] = _from(Path(private), source, key, found, flags)
-        except OSError as error:
-            raise BackendError(f"no folder to compile in: {error}") from None
+        _loaded[key] = _obtain(_LIBRARY, source, key, found, (*flags, "-lm"), alias)
     return _loaded[key]
 
 
+def wasm(source: str, found: Compiler, flags: tuple[str, ...]) -> bytes:
+    """Return WebAssembly of a C source, compiled now or before; it is kept as libraries are.
+
+    Raises:
+        BackendError: when the compiler fails.
+    """
+    return _obtain(_Kind(".wasm", Path.read_bytes), source, _key(found, source, *flags), found, flags)
+
+
+_Made = TypeVar("_Made")
+
+
+class _Kind(NamedTuple, Generic[_Made]):
+    """What is made of C.
+
+    Attributes:
+        suffix: of its files.
+        load: makes it of a file.
+    """
+
+    suffix: str
+    load: Callable[[Path], _Made]
+
+
+_LIBRARY = _Kind(".so", lambda path: ctypes.CDLL(str(path)))
+
+
+def _obtain(
+    kind: _Kind[_Made], source: str, key: str, found: Compiler, flags: tuple[str, ...], alias: str = ""
+) -> _Made:
+    """Return what is kept, or compile it: in the cache, or where it cannot be kept."""
+    try:
+        return _from(cache_folder(), kind, source, key, found, flags, alias)
+    except _Untrusted as error:
+        message = f"compiled code is not kept: {error}; ARMGPI_CACHE names another folder"
+        warnings.warn(ArmgpiWarning(message), stacklevel=3)
+    except OSError:  # a home that cannot be written
+        pass
+    try:
+        with tempfile.TemporaryDirectory(prefix="armgpi-", ignore_cleanup_errors=True) as private:
+            return _from(Path(private), kind, source, key, found, flags)
+    except OSError as error:
+        raise BackendError(f"no folder to compile in: {error}") from None
+
+
 def _from(
-    folder: Path, source: str, key: str, found: Compiler, flags: tuple[str, ...], alias: str = ""
-) -> ctypes.CDLL:
-    """Return a library that is kept in a folder, or that is compiled there; `alias` is its other entry.
+    folder: Path,
+    kind: _Kind[_Made],
+    source: str,
+    key: str,
+    found: Compiler,
+    flags: tuple[str, ...],
+    alias: str = "",
+) -> _Made:
+    """Return what is kept in a folder, or compile it there; `alias` is its other entry.
 
     Raises:
         OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
     """
     with _open_folder(folder) as (place, opened):
-        kept = _load_kept(place, opened, key)
+        kept = _load_kept(place, opened, key, kind)
         if kept is None:
-            _compile(source, key, found, flags, place)
-            kept = _load_kept(place, opened, key)
+            _compile(source, key + kind.suffix, found, flags, place)
+            kept = _load_kept(place, opened, key, kind)
         if kept is None:
             raise BackendError(f"{place}: what was compiled cannot be read back")
         for name in os.listdir(opened) if alias else ():
@@ -355,18 +394,18 @@ def _check_above(place: Path) -> None:
             raise _Untrusted(f"{folder}, above {place.name}, can be written by others than you and root")
 
 
-def _load_kept(folder: Path, opened: int, key: str) -> ctypes.CDLL | None:
-    """Return a whole library of ours from an opened folder; what is damaged or not ours is removed."""
+def _load_kept(folder: Path, opened: int, key: str, kind: _Kind[_Made]) -> _Made | None:
+    """Return what is whole and ours from an opened folder; what is damaged or not ours is removed."""
     # By the descriptor, so that it comes from the folder that was checked.
     base = Path(f"/proc/self/fd/{opened}")
     base = base if base.is_dir() else folder
     for name in sorted(os.listdir(opened)):
-        if not (name.startswith(f"{key}-") and name.endswith(".so")):
+        if not (name.startswith(f"{key}-") and name.endswith(kind.suffix)):
             continue
         with suppress(OSError):  # a folder, or what cannot be removed
             if _is_whole(name, opened):
                 try:
-                    return ctypes.CDLL(str(base / name))
+                    return kind.load(base / name)
                 except OSError as error:
                     with suppress(OSError):  # the next one makes it anew
                         os.unlink(name, dir_fd=opened)
@@ -385,28 +424,29 @@ def _is_whole(name: str, folder: int) -> bool:
         info = os.fstat(opened)
         if not stat.S_ISREG(info.st_mode) or _why_shared(info):
             return False
-        if hashlib.sha256(file.read()).hexdigest()[:16] != name[:-3].rpartition("-")[2]:
+        if hashlib.sha256(file.read()).hexdigest()[:16] != Path(name).stem.rpartition("-")[2]:
             return False
         with suppress(OSError):  # of a cache that can only be read
             os.utime(opened)
     return True
 
 
-def _compile(source: str, key: str, found: Compiler, flags: tuple[str, ...], folder: Path) -> None:
-    """Compile, and move the library to its place in a folder.
+def _compile(source: str, name: str, found: Compiler, flags: tuple[str, ...], folder: Path) -> None:
+    """Compile, and move what is made to its place in a folder; `name` is its key and suffix.
 
     Raises:
         OSError: when nothing can be made in the folder.
         BackendError: when the compiler fails.
     """
+    key, _, suffix = name.partition(".")
     work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
     try:
         (work / "loop.c").write_text(source, encoding="utf-8")
-        built = work / "loop.so"
-        run_compiler(found.command, [*flags, "-o", str(built), str(work / "loop.c"), "-lm"], built, _PATIENCE)
+        built = work / f"loop.{suffix}"
+        run_compiler(found.command, [str(work / "loop.c"), *flags, "-o", str(built)], built, _PATIENCE)
         built.chmod(0o700)  # whatever the umask
         digest = hashlib.sha256(built.read_bytes()).hexdigest()[:16]
-        built.replace(folder / f"{key}-{digest}.so")
+        built.replace(folder / f"{key}-{digest}.{suffix}")
     except OSError as error:
         raise BackendError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:

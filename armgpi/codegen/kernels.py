@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -15,6 +16,7 @@ from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.plants.rigid_body import ImplicitFriction
 from armgpi.robot.dynamics import (
     CoupledDynamics,
     Dynamics,
@@ -301,13 +303,42 @@ class TracedDynamics:
 
     def _call(self, name: str, *arguments: Any) -> Symbols:
         """Note a call and return the symbols of its result."""
-        kernel = self.arm.kernel(name)
-        expressions = []
-        for size, argument in zip(kernel.sizes, arguments, strict=True):
-            expressions += flat(np.broadcast_to(argument, (size,)))
-        results = Symbols.new(f"call{len(self.calls)}", (kernel.size,))
-        self.calls.append(Call(kernel, expressions, self._parameters, flat(results)))
-        return results
+        return _note_call(self.calls, self.arm.kernel(name), self._parameters, *arguments)
+
+
+def _note_call(calls: list[Call], kernel: Kernel, parameters: list[Any], *arguments: Any) -> Symbols:
+    """Note a call of a kernel and return the symbols of its result."""
+    expressions = []
+    for size, argument in zip(kernel.sizes, arguments, strict=True):
+        expressions += flat(np.broadcast_to(argument, (size,)))
+    results = Symbols.new(f"call{len(calls)}", (kernel.size,))
+    calls.append(Call(kernel, expressions, parameters, flat(results)))
+    return results
+
+
+class TracedFriction:
+    """Friction that notes what it is asked for: its Newton steps are written once, whatever calls them."""
+
+    def __init__(self, friction: ImplicitFriction, calls: list[Call]) -> None:
+        """Note the uses among other calls."""
+        self._sticks, self._calls = friction.sticks, calls
+
+    def __call__(self, inertia: Any, v_free: Any, *others: Any) -> Symbols:
+        """Return the velocity."""
+        n = v_free.shape[-1]
+        kernel = _friction_kernel(n, self._sticks)
+        return _note_call(self._calls, kernel, [], inertia.reshape(n * n), v_free, *others)
+
+
+@lru_cache(maxsize=32)
+def _friction_kernel(n: int, sticks: bool) -> Kernel:
+    """Return the kernel of friction on so many joints."""
+    sizes = (n * n, n, n, n, 1, 1)
+    inertia, *others = (Symbols.new(f"x{i}_", (size,)) for i, size in enumerate(sizes))
+    friction: Any = ImplicitFriction(sticks)
+    after = flat(friction(inertia.reshape(n, n), *others))
+    symbols = [x for part in (inertia, *others) for x in flat(part)]
+    return Kernel(f"friction_{n}_{sticks:d}", sizes, n, (), symbols, after)
 
 
 # Kept for as long as the robot is: a second controller or another run for it generates nothing. Rollouts of

@@ -24,7 +24,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.effects import SideEffects
-from armgpi.codegen.kernels import Arm, Call, TracedDynamics, arm_of
+from armgpi.codegen.kernels import Arm, Call, TracedDynamics, TracedFriction, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.controller import ControlStep
@@ -35,6 +35,7 @@ from armgpi.loop.running import TOTALS, Running
 from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
 from armgpi.plants.loads import Load
+from armgpi.plants.rigid_body import ImplicitFriction
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.dynamics import Dynamics, ScaledDynamics
@@ -240,6 +241,8 @@ class Tracer:
             return self._note(value, self._dynamics(value))
         if isinstance(value, LoadTable):
             return self._note(value, self._loads(self(value.plant, numbers), value.substeps))
+        if isinstance(value, ImplicitFriction):
+            return self._note(value, self._friction(value))
         if _is_plain_object(value):
             # Numbers of loads and references are inputs of the code: another push compiles nothing.
             return self._object(value, numbers or isinstance(value, Load | Reference))
@@ -249,6 +252,10 @@ class Tracer:
     def _loads(self, plant: Any, substeps: int) -> Any:
         """Return disturbance torques as expressions."""
         return _TracedLoads(plant, substeps)
+
+    def _friction(self, friction: ImplicitFriction) -> Any:
+        """Return friction that notes its uses."""
+        return TracedFriction(friction, self.trace.calls)
 
     def kind(self, values: Array) -> str:
         """Return what an array is: "shared" by rollouts, each rollout's "own", or part of the "structure"."""
@@ -510,6 +517,10 @@ class Inventory(LoopTracer):
     def _loads(self, plant: Any, substeps: int) -> Any:
         self.structure.append(substeps)
         return plant
+
+    def _friction(self, friction: ImplicitFriction) -> Any:
+        self.structure.append(friction.sticks)
+        return friction
 
     def _kind_of(self, value: Any) -> None:
         names = [name for name in vars(value) if name not in _unused_attributes(value)]

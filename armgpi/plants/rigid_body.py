@@ -65,6 +65,7 @@ class RigidBodyPlant(Arm):
         # What differs by rollout was declared to vary, whatever it is.
         coulomb = np.zeros(0) if self.friction is None else self.friction.coulomb
         self._sticks = coulomb.ndim == 2 or bool(coulomb.any())
+        self._brake = ImplicitFriction(self._sticks)
         self._substep = self._without_friction if self.friction is None else self._with_friction
 
     def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
@@ -111,6 +112,26 @@ class RigidBodyPlant(Arm):
         assert self.friction is not None
         q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
         inertia = self.robot.dynamics.mass_matrix(q)
+        viscous, coulomb = self.friction
+        new = self._brake(inertia, v_free, viscous, coulomb, h, self.stick_velocity)
+        return q_free + 0.5 * h * (new - v_free), new
+
+
+class ImplicitFriction:
+    """The velocity that friction leaves of an arm's after a substep; a function of its own in generated C.
+
+    Attributes:
+        sticks: whether there is Coulomb friction.
+    """
+
+    def __init__(self, sticks: bool) -> None:
+        """Note whether there is Coulomb friction."""
+        self.sticks = sticks
+
+    def __call__(
+        self, inertia: Array, v_free: Array, viscous: Array, coulomb: Array, h: float, stick: float
+    ) -> Array:
+        """Return the velocity, from D(q) and the velocity without friction, after `h`."""
         momentum = np.matmul(inertia, v_free[..., None])
         diagonal = np.arange(v_free.shape[-1])
 
@@ -120,8 +141,7 @@ class RigidBodyPlant(Arm):
             matrix[..., diagonal, diagonal] += h * resistance
             return solve(matrix, momentum - h * push[..., None])
 
-        new = after_friction(brake, v_free, self.friction, self.stick_velocity, self._sticks)
-        return q_free + 0.5 * h * (new - v_free), new
+        return after_friction(brake, v_free, Friction(viscous, coulomb), stick, self.sticks)
 
 
 def after_friction(

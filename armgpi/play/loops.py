@@ -127,11 +127,12 @@ class _Listing(Inventory):
         return listed
 
 
-def numbers(loop: ClosedLoop) -> Numbers:
-    """Return the numbers of a loop, as prepared loops list them."""
+def numbers(loop: ClosedLoop, tape: bool = True) -> Numbers:
+    """Return the numbers of a loop, as prepared loops list them; with or without the tape."""
     listed = _Listing(loop, loop.init())
     found = listed.values
-    return Numbers(np.array(found.shared), found.start[:, 0], found.seeds, _tape(loop, listed.where))
+    noted = _tape(loop, listed.where) if tape else None
+    return Numbers(np.array(found.shared), found.start[:, 0], found.seeds, noted)
 
 
 class _Taped:

@@ -6,12 +6,11 @@ another load is another pointer, and every load has the very C that a run with i
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
-import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
-from pathlib import Path
 
 from armgpi.codegen import build
 from armgpi.codegen.emit import Dialect
@@ -24,11 +23,9 @@ _FLAGS = (
     *("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=gnu11", "-O2", "-ffp-contract=off"),
     *("-fno-math-errno", "-fno-trapping-math", "-w", "-s", "-Wl,--export=__heap_base", "-Wl,--export=choose"),
 )
-#: Longest time that the compiler may take [s]; its first call takes 20.
-_PATIENCE = 600.0
 #: What every form has of its own.
 _OWN = ("Job", "NR", "v_mix", "draw", "record", "sample", "add_up", "add_early", "run")
-#: A call of the equations of motion in a sample.
+#: A call of a kernel in a sample.
 _CALL = re.compile(r"\b\w+\(x_(\d+), o \+ \d+, y\1\)")
 
 
@@ -79,7 +76,7 @@ def compiler() -> tuple[str, ...]:
 
 
 def compile_wasm(code: str, exports: Sequence[str]) -> bytes:
-    """Return WebAssembly for C.
+    """Return WebAssembly for C; what was compiled once is kept.
 
     Args:
         code: the C.
@@ -89,9 +86,6 @@ def compile_wasm(code: str, exports: Sequence[str]) -> bytes:
         BackendError: when there is no compiler, or it fails.
     """
     called = compiler()
-    with tempfile.TemporaryDirectory(prefix="armgpi-") as folder:
-        before, after = Path(folder, "loop.c"), Path(folder, "loop.wasm")
-        before.write_text(code, encoding="utf-8")
-        exported = (f"-Wl,--export={name}" for name in exports)
-        build.run_compiler(called, [*_FLAGS, *exported, "-o", str(after), str(before)], after, _PATIENCE)
-        return after.read_bytes()
+    if (found := build.probe(called, os.environ.get("PATH"))) is None:
+        raise BackendError(f"{' '.join(called)} does not run")
+    return build.wasm(code, found, (*_FLAGS, *(f"-Wl,--export={name}" for name in exports)))

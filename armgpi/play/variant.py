@@ -16,14 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.codegen.kernels import Kernel, arm_of
+from armgpi.codegen.kernels import Arm, Kernel, arm_of
 from armgpi.codegen.trace import Seed, Trace, columns, tracing
 from armgpi.compiled.source import recorded_names, trace_used
 from armgpi.control.gains import Tuning
-from armgpi.errors import ArmgpiError
+from armgpi.errors import ArmgpiError, BackendError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.play.controls import Control
 from armgpi.play.loops import EXACT, Numbers, Tape, movable, numbers
+from armgpi.robot.robot import Robot
 
 #: What a page records, if there is such a thing.
 _RECORDED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau", Tuning._fields[0])
@@ -121,7 +122,7 @@ class Pool:
 
     Attributes:
         kernels: in the order of their indices.
-        tables: of states at the start, by what they depend on: friction is none of it.
+        tables: by what they depend on; friction is none of it for states at the start.
     """
 
     def __init__(self) -> None:
@@ -136,6 +137,11 @@ class Pool:
             self._places[kernel.name] = len(self.kernels)
             self.kernels.append(kernel)
         return self._places[kernel.name]
+
+    def place_of(self, arm: Arm, method: str) -> int:
+        """Return the index of a kernel of an arm, which is made where no equal arm's is there yet."""
+        index = self._places.get(f"{method}_{arm.model.digest}")
+        return self.place(arm.kernel(method)) if index is None else index
 
 
 def trace_form(
@@ -247,7 +253,7 @@ class _Prober:
         """Return the numbers of the loop with some controls moved."""
         key = repr(sorted(moved.items()))
         if key not in self._known:
-            found = numbers(self._loop(moved))
+            found = numbers(self._loop(moved), tape=False)
             if len(found.shared) != len(self.first.shared) or found.start.shape != self.first.start.shape:
                 raise ArmgpiError(f"{', '.join(moved)}: changes the form of the loop")
             self._known[key] = found
@@ -303,11 +309,22 @@ class _Prober:
         axes = [self.controls[name].values for name in names]
         if not all(axes) or self._entries(names) > _MOST:
             raise ArmgpiError(f"{' and '.join(names)}: too many values together for a page")
+        key = ""
+        if to == "shared":
+            # One that is the same at both ends and at the probes is the same: another form has made it.
+            probes = axes[0][0], axes[0][-1], *self._probes(self.controls[names[0]])
+            asked = [{names[0]: value} for value in probes]
+            key = repr([(each, self._numbers_at(each, to)[list(places)].tolist()) for each in asked])
+            if key in self.pool.tables:
+                return self.pool.tables[key]._replace(at=list(places))
         rows = [
             self._numbers_at(dict(zip(names, values, strict=True)), to)[list(places)]
             for values in itertools.product(*axes)
         ]
-        return Table(names, to, list(places), np.array(rows).reshape(*map(len, axes), len(places)))
+        table = Table(names, to, list(places), np.array(rows).reshape(*map(len, axes), len(places)))
+        if key:
+            self.pool.tables[key] = table
+        return table
 
     def _entries(self, names: Sequence[str]) -> int:
         """Return how many values some controls have together."""
@@ -330,29 +347,48 @@ class _Prober:
 
     def _arms(self) -> list[Kernels]:
         """Return the equations of motion that controls change."""
-        plant = arm_of(self.loop.plant.robot.dynamics)
-        methods = {id(kernel): method for method, kernel in plant.kernels.items()}
-        calls: dict[str, list[int]] = {"plant": [], "nominal": []}
-        for i, call in enumerate(self.trace.calls):
-            calls["plant" if id(call.kernel) in methods else "nominal"].append(i)
-        found = []
+        controls = {
+            side: tuple(name for name, control in self.controls.items() if control.arm == side)
+            for side in ("plant", "nominal")
+        }
+        traced = self.trace.calls
+        loop = self.loop
+        if controls["nominal"]:
+            # What a load makes two models of has one without: which call is whose a trace with a load tells.
+            loop = self._loop({name: self.controls[name].values[-1] for name in controls["nominal"]})
+            with tracing():
+                traced = trace_used(loop, loop.init(), True).calls
+        owners = {
+            id(kernel): (name, method)
+            for name, arm in _arms_of(loop).items()
+            for method, kernel in arm.kernels.items()
+        }
+        calls: dict[str, dict[int, tuple[str, str]]] = {"plant": {}, "nominal": {}}
+        fixed = {}
+        for i, call in enumerate(traced):
+            if (owner := owners.get(id(call.kernel))) is not None:
+                calls["plant" if owner[0] == "plant" else "nominal"][i] = owner
+            elif controls["nominal"] and not call.kernel.name.startswith("friction_"):
+                raise BackendError(f"{call.kernel.name}: whose arm it is of, and so its load, is not known")
+            else:
+                fixed[i] = self.pool.place(call.kernel)
+        found = [Kernels((), list(fixed), np.array(list(fixed.values()), dtype=int))]
         for side, own in calls.items():
-            names = tuple(name for name, control in self.controls.items() if control.arm == side)
+            names = controls[side]
             axes = [self.controls[name].values for name in names]
             which = []
             for values in itertools.product(*axes):
-                loop = self._loop(dict(zip(names, values, strict=True)))
-                if side == "plant":
-                    arm = arm_of(loop.plant.robot.dynamics)
-                    kernels = [arm.kernel(methods[id(self.trace.calls[i].kernel)]) for i in own]
-                else:
-                    # A controller may have several arms: which call is whose only a trace knows.
-                    with tracing():
-                        traced = trace_used(loop, loop.init(), True).calls
-                    kernels = [traced[i].kernel for i in own]
-                which.append([self.pool.place(kernel) for kernel in kernels])
-            found.append(Kernels(names, own, np.array(which).reshape(*map(len, axes), len(own))))
+                arms = _arms_of(self._loop(dict(zip(names, values, strict=True))))
+                which.append([self.pool.place_of(arms[name], method) for name, method in own.values()])
+            found.append(Kernels(names, list(own), np.array(which).reshape(*map(len, axes), len(own))))
         return found
+
+
+def _arms_of(loop: ClosedLoop) -> dict[str, Arm]:
+    """Return the arms of a loop: the plant's, and those that its controller has by their names there."""
+    robots = {name: part for name, part in vars(loop.controller).items() if isinstance(part, Robot)}
+    arms = {name: robot.dynamics for name, robot in {**robots, "plant": loop.plant.robot}.items()}
+    return {name: arm_of(getattr(each, "base", each)) for name, each in arms.items()}
 
 
 def _way(probes: list[tuple[Array, float]], constants: list[float]) -> tuple[int, float, float] | None:

@@ -77,6 +77,18 @@ def test_an_entry_is_compiled_once(cache: Path, compilations: list[Any]) -> None
     assert stat.S_IMODE(cache.stat().st_mode) == 0o700  # what is loaded from here runs
 
 
+def test_a_file_for_pages_is_kept_and_made_anew_when_it_is_damaged(
+    cache: Path, compilations: list[Any]
+) -> None:
+    first, *others = (build.wasm(SOURCE, build.compiler(), ("-shared",)) for _ in range(3))
+    assert others == [first] * 2
+    assert len(compilations) == 1
+    assert entry(cache).suffix == ".wasm"
+    entry(cache).write_bytes(first[:-1])
+    assert len(build.wasm(SOURCE, build.compiler(), ("-shared",))) == len(first)
+    assert len(compilations) == 2
+
+
 def test_within_a_process_it_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert build.library(SOURCE) is build.library(SOURCE)
 
@@ -204,7 +216,7 @@ def test_two_processes_that_build_the_same_do_not_clash(cache: Path) -> None:
 def test_a_second_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     first = compiled(*LOOP)
     build._loaded.clear()
-    build._probe.cache_clear()
+    build.probe.cache_clear()
     called = build.run_program
 
     def only_versions(command: Any, *arguments: Any) -> Any:

@@ -236,7 +236,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(build, "_loaded", {})
     monkeypatch.setattr(generated, "_generated", collections.OrderedDict())
     monkeypatch.setenv("ARMGPI_CACHE", str(tmp_path / "cache"))
-    build._probe.cache_clear()
+    build.probe.cache_clear()
 
 
 @pytest.mark.usefixtures("fresh")
@@ -271,7 +271,7 @@ def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
 
 @pytest.mark.usefixtures("fresh")
 def test_a_compiler_with_options(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = next(name for name in ("cc", "gcc", "clang") if build._probe((name,), os.environ["PATH"]))
+    name = next(name for name in ("cc", "gcc", "clang") if build.probe((name,), os.environ["PATH"]))
     monkeypatch.setenv("CC", f"{name} -DUNUSED=1")
     compiled(RigidBodyPlant(ARM), GPI(ARM, DT), MOVE, 0.01)
 
