@@ -88,7 +88,7 @@ def _contender(
     """Return a prepared run, and the bytes per rollout of its result."""
     robot = _chain(joints)
     rest, law = np.full(joints, 0.1), armgpi.GPI(robot, DT)
-    goals = rest + 0.02 * np.random.default_rng(0).standard_normal((rollouts, joints))
+    goals = rest + 0.002 * np.random.default_rng(0).standard_normal((rollouts, joints))
     duration = 0.9 * samples * DT
     reference: Any = armgpi.Bezier(np.broadcast_to(rest, goals.shape), goals, duration)
     if references > 1:
