@@ -17,6 +17,7 @@ from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
 from armgpi.realtime.ends import UPRIGHT
 from armgpi.realtime.stages import CAPS, Folder, Stage, moving_torque
+from armgpi.robot.kinematics import random_configurations
 
 #: What a bring-up has to answer, in the order in which it can: key -> question.
 QUESTIONS = {
@@ -53,6 +54,8 @@ _SCALE = 0.3
 _ANSWERED, _QUIET = 0.5, 0.3
 #: Lag beyond the file's [s], and torque over what the file expects either way, rotors being known to 2.5.
 _LAG, _MODEL = 0.004, 3.0
+#: Configurations over which inertia is averaged, as armgpi.identification does.
+_POSES = 50
 #: Time over which an arm is at rest at the end of a stage, and in which a fault shows [s].
 _REST, _AROUND = 0.2, 0.1
 
@@ -404,13 +407,20 @@ def _of_identification(
         remedy = "say so (plant: delay), or find what is late"
         yield Finding("lag", robot.joint_names[j], said, remedy)
     tested["lag"] = tuple(name for name, is_late in zip(robot.joint_names, late, strict=True) if not is_late)
-    for row in found.sums():
-        ratio = row.value / max(row.expected, 1e-12)
-        if not 1.0 / _MODEL < ratio < _MODEL:
-            said = f"its inertia is {ratio:.2g} times the file's"
+    poses = random_configurations(robot, _POSES, seed=0)
+    bare = np.diagonal(robot.mass_matrix(poses), axis1=1, axis2=2).mean(axis=0)
+    known = []
+    for row, least in zip(found.sums(), bare, strict=True):
+        # Where the file names no rotor there may be none, or the one that is believed.
+        low, high = least / _MODEL, _MODEL * row.expected
+        if row.upper < low or row.lower > high:
+            ratio = row.value / (least if row.upper < low else row.expected)
+            said = f"its inertia is {ratio:.2g} times what the file lets expect"
             yield Finding(
                 "model", row.joint, said, "take what `armgpi identify` writes, or look at the torque's unit"
             )
+        elif low <= row.lower and row.upper <= high:
+            known.append(row.joint)
     q = log.samples["q_measured"][:: max(1, len(log.samples) // 50)]
     if weighs:
         own, file = found.robot.gravity(q), robot.gravity(q)
@@ -421,4 +431,4 @@ def _of_identification(
             yield Finding(
                 "model", robot.joint_names[j], said, "take what `armgpi identify` writes, or name the load"
             )
-    tested["model"] = tuple(robot.joint_names)
+    tested["model"] = tuple(known)

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from armgpi import GPI, ElasticPlant, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config
+from armgpi import GPI, ElasticPlant, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config, simulate
 from armgpi.cli import app
 from armgpi.errors import ConfigError
 from armgpi.export.code import generate
@@ -99,6 +99,30 @@ def test_a_hand_holds_the_links_of_an_arm_whose_gears_twist(tmp_path: Path) -> N
     assert log.fault is None
     away = log.samples["q_measured"] - first.reference.at(log.t).q
     assert np.abs(away).max() < 2.0 * np.pi / 2**18
+
+
+def test_an_arm_without_rotors_is_no_wrong_arm(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(ARM.replace(", rotor_inertia: 0.02", ""))
+    loaded = config.read(tmp_path / "arm.yaml")
+    folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
+    (stage,) = kinds(folder, "excite")
+    experiment = folder.experiment(stage)
+    ((plant, controller),) = experiment.runs.values()
+    given: Any = {"supervisor": experiment.supervisor, "progress": False}
+    rollout = simulate(plant, controller, experiment.reference, experiment.t_final, **given)
+    t, names = rollout["time"].values[:-1], folder.stages[0].joints
+    at = experiment.reference.at(t)
+    rows = {"q_measured": rollout["q_measured"].values[:-1], "q_ref": at.q, "v_ref": at.v, "a_ref": at.a}
+    log = logs.of_samples(names, controller.dt, rows, rollout["tau_command"].values[:-1])
+    path = logs.write(log, folder.path / f"{stage.name}.armlog")
+    verdict = judge(folder, [path])
+    assert not verdict.findings
+    assert verdict.passed["model"] == names
+    file = path.with_suffix(".yaml")  # that names rotors which are not there
+    file.write_text(file.read_text().replace("anthropomorphic3", "anthropomorphic3\n  rotor_inertia: 0.2"))
+    verdict = judge(folder, [path])
+    assert {(each.question, each.joint) for each in verdict.findings} == {("model", name) for name in names}
+    assert not verdict.passed["model"]
 
 
 def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> None:
