@@ -6,8 +6,8 @@
     python tools/fuzz.py tune --count 1000
 
 Files that are read back are damaged at random places: rollouts, weights, trajectories, logs, certificates,
-tasks, and what a study keeps (tune, contend, sweep, rare), whose commands then end with exit code 2 and one
-line, or with what an unbroken study leaves.
+tasks, what was identified, and what a study keeps (tune, contend, sweep, rare), whose commands then end with
+exit code 2 and one line, or with what an unbroken study leaves.
 
 A case may take 60 s of processor time, and all of them 2 GB of memory; the most that was taken is printed.
 
@@ -53,7 +53,12 @@ from armgpi.certification.certificate import Certificate, certify
 from armgpi.cli import main as command
 from armgpi.control.weights import Weights
 from armgpi.errors import ArmgpiError
-from armgpi.identification.logs import read_log
+from armgpi.identification.arm import identify
+from armgpi.identification.excitation import excite
+from armgpi.identification.logs import Log, read_log
+from armgpi.identification.posterior import read_posterior
+from armgpi.identification.writing import write_identified
+from armgpi.robot import identified
 from armgpi.studies import contend
 
 #: A case: given random numbers and a folder.
@@ -227,6 +232,20 @@ def write_rollout(path: Path) -> None:
     save(simulate(plant, GPI(plant.robot, 1e-3), hold, 0.02), path)
 
 
+def write_identification(path: Path) -> None:
+    """Write what was identified from a short log, with the files that it names beside it."""
+    t = np.arange(0.0, 6.0, 4e-3)
+    motion, between = (excite(arm(), 6.0).reference.at(t + late) for late in (0.0, 2e-3))
+    tau = arm().inverse_dynamics(between.q, between.v, between.a)
+    write_identified(identify(Log(t, motion.q, tau), arm(), check_first=False), path.parent)
+    path.write_bytes((path.parent / identified.NAME).read_bytes())
+
+
+def read_identification(path: Path) -> None:
+    """Read it, and draw an arm."""
+    read_posterior(identified.read(path), arm()).sample(arm(), 1)
+
+
 def write_table(path: Path, *columns: str) -> None:
     """Write a table with a time and three numbers for each of some columns."""
     names = [f"{column}{joint}" for column in columns for joint in arm().joint_names]
@@ -340,6 +359,7 @@ CASES: dict[str, Case] = {
     "log": read_again(
         ".log.csv", lambda path: write_table(path, "q_", "tau_"), lambda path: read_log(path, arm())
     ),
+    "identification": read_again(".identified.json", write_identification, read_identification),
     "task": read_again(
         ".yaml",
         lambda path: path.write_text("around: {q1: 0.1, q2: 0.2, q3: -0.3}\nby: [0.1, 0.2, 0.3]\n"),

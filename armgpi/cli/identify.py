@@ -77,7 +77,7 @@ def identify(
 
     \b
     armgpi identify log.csv --robot my_arm.urdf --validate other.csv
-    armgpi run identified/my_arm.urdf --drives identified/drives.yaml
+    armgpi run identified/
     """  # noqa: D301 (\b keeps the lines apart)
     from rich.table import Table
 

@@ -39,8 +39,9 @@ from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, classes_of, subclasses
-from armgpi.robot import chains, rotors
+from armgpi.robot import chains, robots, rotors
 from armgpi.robot.changes import change
+from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
 
@@ -255,7 +256,8 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     what is simulated has the same drives: the plant is elastic where gears twist, unless another one is
     asked for. A reality says itself what drives there are.
     """
-    section = config.robot
+    section = expand(config.robot, top.at("robot"))
+    config = config.model_copy(update={"robot": section})
     robot = _robot(section, top.at("robot"))
     word = section.drives if isinstance(section.drives, str) else None
     if word is None and (config.reality is not None or not has_rule(config)):
@@ -296,6 +298,25 @@ def verdicts(experiment: Experiment) -> dict[str, Verdict]:
                 law = experiment.controllers[section.label]
                 found[section.label] = verdict(law, experiment.robot, assume(context.bits))
     return found
+
+
+def expand(section: RobotSection, place: _Place | None = None) -> RobotSection:
+    """Return a section in which the folder of an identified arm is its URDF, its drives and what is locked.
+
+    Raises:
+        ConfigError: when a file in the folder is damaged, or what is believed of drives is asked for as well.
+    """
+    place = place or _Place(Origin()).at("robot")
+    with place.at("name").error_context():
+        if (found := robots.find_identified(section.name)) is None:
+            return section
+        if isinstance(section.drives, str):
+            said = f"{section.name} has its own; name the URDF in it to believe others"
+            raise place.at("drives").error(said)
+        drives = Drives.read(found.drives).plain()
+    for joint, own in (section.drives or {}).items():
+        drives[joint] = {**drives.get(joint, {}), **own} if isinstance(own, Mapping) else own
+    return section.model_copy(update={**found.section(section.lock, section.repair), "drives": drives})
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:

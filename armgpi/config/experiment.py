@@ -13,6 +13,7 @@ import numpy as np
 
 from armgpi import files
 from armgpi.config import Experiment, ExperimentConfig, dump
+from armgpi.config.building import expand
 from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
@@ -236,6 +237,7 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
         RolloutError: when one of them cannot be read any more.
     """
     copied: dict[str, bytes] = {}
+    config = config.model_copy(update={"robot": expand(config.robot)})
     if config.robot.name not in robots.names():
         name, content = _file_copy(robots.locate(config.robot.name)[0])
         copied[name] = content

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
 from armgpi.errors import ConfigError, NameNotFound
 from armgpi.escape import in_si, quote
+from armgpi.robot import identified
 
 #: Largest size of an experiment file [bytes].
 _MAX_BYTES = 1_000_000
@@ -72,7 +73,8 @@ def read_data(path: Path) -> tuple[dict[str, Any], Origin]:
 def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
     """Return a configuration whose robot and trajectory are found beside the file that it was read from."""
     name = Path(config.robot.name)
-    if (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file():
+    folder = (path.parent / name / identified.NAME).is_file()
+    if folder or ((name.suffix or len(name.parts) > 1) and (path.parent / name).is_file()):
         robot = config.robot.model_copy(update={"name": str(path.parent / name)})
         config = config.model_copy(update={"robot": robot})
     file = config.reference.file

@@ -130,7 +130,7 @@ def inspect(
         # Whatever is wrong beside what can be repaired is raised here: no set of repairs would do.
         needed = repairs.made_in(load([repairs.ALL]).provenance)
         raise error.suggesting(Remedy("repair", (), ",".join(needed))) from None
-    document = urdf.parse(urdf.read_file(path), str(path), asked)
+    document = urdf.parse(urdf.read_file(path), str(path), {*asked, *repairs.made_in(robot.provenance)})
     if effort is not None:
         robot = robot.with_limits(effort=effort)
     if drives is not None and not isinstance(drives, str):

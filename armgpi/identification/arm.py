@@ -9,18 +9,18 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from armgpi.arrays import Array, check_type, check_whole, frozen
+from armgpi.arrays import Array, check_type, frozen
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
 from armgpi.identification.check import Finding, check, refuse
 from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample
+from armgpi.identification.posterior import Posterior, with_parameters
 from armgpi.identification.weak_form import (
     BODY,
     COLUMNS,
     COULOMB,
     OFFSET,
-    ROTOR,
     VISCOUS,
     WeakForm,
     inverse_rows,
@@ -28,7 +28,6 @@ from armgpi.identification.weak_form import (
 from armgpi.plants.reality import scales
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
-from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -144,6 +143,12 @@ class Identified:
         self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
 
     @property
+    def posterior(self) -> Posterior:
+        """What the logs leave open, as a normal distribution of the unknowns of the joints."""
+        own = slice(0, len(COLUMNS) * self.file.n)
+        return Posterior.of(self.theta[own], self._prior.std[own], self._fit.covariance[own, own])
+
+    @property
     def drives(self) -> Drives:
         """Rotor inertia and friction with their intervals: "measured" where the log decided them."""
         drives = self.file.drives
@@ -191,14 +196,7 @@ class Identified:
             count: how many.
             seed: the same seed gives the same arms.
         """
-        count, seed = check_whole(count, "count", 1), check_whole(seed, "seed", 0)
-        values, vectors = np.linalg.eigh(self._fit.covariance)
-        noise = np.random.default_rng(seed).normal(size=(count, len(values)))
-        draws = self._fit.physical + (noise * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-        joints = len(COLUMNS) * self.robot.n
-        physical = [estimate.project(draw, self._fit.information, self._prior) for draw in draws]
-        thetas = [(self._prior.mean + self._prior.std * draw)[:joints] for draw in physical]
-        return RobotBatch([with_parameters(self.file, theta) for theta in thetas])
+        return self.posterior.sample(self.file, count, seed)
 
     def delta(self, box: tuple[Array, Array] | None = None, count: int = 32) -> tuple[float, float]:
         """Return the interval of the eigenvalues of D_true^-1 D of arms drawn, over configurations.
@@ -406,14 +404,6 @@ class _Data:
             valid = form.moving(_STILL)
             found.append(Block(whole, torque - slope * lag, valid, phase))
         return found
-
-
-def with_parameters(robot: Robot, theta: Array) -> Robot:
-    """Return a robot with other bodies, rotors and friction; unknowns as COLUMNS has them, (14 n,)."""
-    table = theta.reshape(robot.n, len(COLUMNS))
-    made = robot.with_bodies(table[:, : len(BODY)]).with_armature(np.maximum(table[:, ROTOR], 0.0))
-    friction = Friction(np.maximum(table[:, VISCOUS], 0.0), np.maximum(table[:, COULOMB], 0.0))
-    return made.with_friction(*friction)
 
 
 def _settle(data: _Data, lag: Array) -> Array:

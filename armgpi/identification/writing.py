@@ -22,14 +22,13 @@ from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation
 from armgpi.identification.text import say_findings, say_lag, say_residuals, tabulate
 from armgpi.identification.weak_form import COLUMNS, ROTOR
+from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
 from armgpi.robot.urdf_model import join
 from armgpi.viz import page
 
 #: A pseudo-inertia whose least eigenvalue is below this share of its largest one is none.
 _POSSIBLE = 1e-12
-#: Version of identification.json.
-FORMAT = 1
 
 
 class Edited(NamedTuple):
@@ -47,7 +46,9 @@ class Edited(NamedTuple):
 def write_identified(
     found: Identified, folder: str | PathLike[str], validation: Validation | None = None
 ) -> list[Path]:
-    """Write what was identified: the URDF, ``drives.yaml``, ``identification.json`` and ``report.html``.
+    """Write what was identified: a folder that :meth:`armgpi.Robot.load` and every command take.
+
+    It has the URDF, and as it was before, ``drives.yaml``, ``identification.json`` and ``report.html``.
 
     Args:
         found: what was identified.
@@ -65,12 +66,20 @@ def write_identified(
 
     target = files.make_folder(check_path(folder, "folder"))
     edited = edit_urdf(found.robot)
+    stem, drives = (
+        _stem(found.robot),
+        yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True),
+    )
+    arm = {
+        "urdf": (f"{stem}.urdf", edited.content),
+        "before": (f"{stem}.before.urdf", _source(found.robot)),
+        "drives": ("drives.yaml", drives.encode()),
+    }
     data = plain(found, edited.emptied, validation)
-    drives = yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True)
+    data["arm"] = {key: _named(*each) for key, each in arm.items()} | _loading(found.robot)
     contents: Mapping[str, str | bytes] = {
-        f"{_stem(found.robot)}.urdf": edited.content,
-        "drives.yaml": drives,
-        "identification.json": json.dumps(data, indent=1, allow_nan=False) + "\n",
+        **dict(arm.values()),
+        NAME: json.dumps(data, indent=1, allow_nan=False) + "\n",
         "report.html": write_page(found, edited.emptied, validation),
     }
     return files.write_set(target, contents)
@@ -99,6 +108,18 @@ def edit_urdf(robot: Robot) -> Edited:
             emptied += list(others)
         bodies[link] = rest
     return Edited(_with_inertials(content, bodies, emptied), tuple(emptied))
+
+
+def _named(name: str, content: bytes) -> dict[str, str]:
+    """Return the name of a file and its hash."""
+    return {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _loading(robot: Robot) -> dict[str, Any]:
+    """Return what else it takes to load a robot's URDF again."""
+    provenance = robot.provenance
+    repairs = [each["name"] for each in provenance.get("repairs", ())]
+    return {"lock": provenance["locked"], "repair": [*dict.fromkeys(repairs)]}
 
 
 def _stem(robot: Robot) -> str:
@@ -277,6 +298,7 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
             }
             for row in (*found.table(bodies=True), *found.sums())
         ],
+        "posterior": {"joints": list(names), **found.posterior.plain()},
         "emptied_links": list(emptied),
         "findings": [str(each) for each in found.findings],
     }

@@ -15,7 +15,16 @@ import pinocchio as pin
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.escape import html_table
-from armgpi.robot import chains, from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
+from armgpi.robot import (
+    chains,
+    from_mujoco,
+    from_pinocchio,
+    grippers,
+    robots,
+    tree,
+    urdf,
+    urdf_model,
+)
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of
@@ -98,9 +107,10 @@ class Robot(Edits):
         """Load a robot from a URDF file, or by the name of one that armgpi knows.
 
         Args:
-            path_or_name: path of a URDF, or of an MJCF (:meth:`from_mjcf`); a name from
-                :func:`armgpi.robot.robots.names`, or a module of robot_descriptions. A `pin.Model` or its
-                wrapper is taken by :meth:`from_pinocchio`, and the text of a URDF by :meth:`from_xml`.
+            path_or_name: path of a URDF, of an MJCF (:meth:`from_mjcf`), or of a folder that
+                ``armgpi identify`` wrote; a name from :func:`armgpi.robot.robots.names`, or a module of
+                robot_descriptions. A `pin.Model` or its wrapper is taken by :meth:`from_pinocchio`, and the
+                text of a URDF by :meth:`from_xml`.
             lock: joints to hold fixed: names (held at zero, or at the limit nearest to it) or
                 name -> value [rad or m].
             keep: when given, every joint that is not named here is locked; the name of a chain of a whole
@@ -119,6 +129,10 @@ class Robot(Edits):
             return cls.from_pinocchio(path_or_name, lock, keep)
         if isinstance(path_or_name, str) and path_or_name.lstrip("\ufeff \t\r\n").startswith("<"):
             return cls.from_xml(path_or_name, lock, keep, mimic, repair)
+        if (found := robots.find_identified(path_or_name)) is not None:
+            given = found.section(lock, repair)
+            robot = cls.load(given["name"], given["lock"], keep, mimic, given["repair"])
+            return robot.with_drives(Drives.read(found.drives, robot.joint_names))
         path, name = robots.locate(path_or_name)
         text = urdf.read_file(path)
         if from_mujoco.is_mjcf(text):

@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from armgpi.errors import NameNotFound, UrdfError
+from armgpi.robot import identified
 
 
 class Example(NamedTuple):
@@ -135,8 +136,26 @@ def description_names() -> tuple[str, ...]:
     return ()
 
 
+def find_identified(name: object) -> identified.Identification | None:
+    """Return what the folder of an identified arm says; None for what is none, and for a known robot's name.
+
+    Raises:
+        UrdfError: when a file in it is damaged, or was changed.
+    """
+    if not isinstance(name, str | PathLike):
+        return None
+    path = os.path.join(os.fsdecode(name), identified.NAME)
+    try:
+        folder = os.path.isfile(path) and name not in names()
+    except ValueError:  # a name that no file can have
+        return None
+    return identified.read(Path(path)) if folder else None
+
+
 def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | None]:
     """Return the URDF file that a path, a robot's name or a module means, and the name if it was one.
+
+    A folder of an identified arm counts as a name.
 
     Raises:
         NameNotFound: when it is neither a known name nor an existing file.
@@ -151,6 +170,8 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
         text = os.fsdecode(path_or_name)
     except TypeError:
         raise NameNotFound("robot", path_or_name, names()) from None
+    if (arm := find_identified(text)) is not None:
+        return arm.urdf, text
     path = Path(text)
     if path.suffix or len(path.parts) != 1 or path.is_absolute():
         return _existing(path, text), None

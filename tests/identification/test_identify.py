@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -10,14 +13,17 @@ import numpy as np
 import pytest
 
 import armgpi
+from armgpi import config
+from armgpi.config.experiment import portable
 from armgpi.errors import ArmgpiError, UnfitLog
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, resample
+from armgpi.identification.posterior import read_posterior
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
-from armgpi.robot import robots, rotors
+from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
 
 LATE = 2
@@ -126,6 +132,79 @@ def test_written_and_loaded_again_it_is_the_same_arm(tmp_path: Path) -> None:
     assert data["validation"]["identified"]["q1"] < 0.02 < data["validation"]["file"]["q1"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "The model leaves" in page
+
+
+@cache
+def folder() -> Path:
+    """Return where it was written; the caller leaves it as it is."""
+    path = Path(tempfile.mkdtemp())
+    write_identified(found(), path)
+    return path
+
+
+def test_a_folder_is_the_robot_that_was_identified(tmp_path: Path) -> None:
+    again = armgpi.Robot.load(folder())
+    q = file().random_positions(20)
+    assert again.mass_matrix(q) == pytest.approx(found().robot.mass_matrix(q), abs=1e-12)
+    assert again.drives.plain() == found().drives.plain()
+    section = {"name": str(folder()), "drives": {"q1": {"viscous": 9.0}}}
+    experiment = config.build(config.check({"robot": section}, config.Origin()))
+    assert experiment.robot.mass_matrix(q) == pytest.approx(again.mass_matrix(q), abs=0.0)
+    assert experiment.robot.friction.viscous == pytest.approx([9.0, *again.friction.viscous[1:]])
+    text, copies = portable(config.check({"robot": section}, config.Origin()))
+    for name, content in {**copies, "experiment.yaml": text.encode()}.items():
+        (tmp_path / name).write_bytes(content)
+    alone = config.build(*config.read(tmp_path / "experiment.yaml"))
+    assert alone.robot.mass_matrix(q) == pytest.approx(again.mass_matrix(q), abs=0.0)
+    assert alone.robot.friction.viscous == pytest.approx(experiment.robot.friction.viscous)
+
+
+def test_draws_from_the_file_alone_are_those_of_the_fit() -> None:
+    posterior = read_posterior(robots.find_identified(folder()), armgpi.Robot.load(folder()))
+    covariance = found()._fit.covariance[: len(posterior.mean), : len(posterior.mean)]
+    # In units of the prior; the inverse in the covariance is symmetric to its rounding alone.
+    assert posterior.root @ posterior.root.T == pytest.approx(covariance, abs=1e-8)
+    q = file().random_positions(5)
+    own, read = (each.robots for each in (found().sample(4), posterior.sample(file(), 4)))
+    for one, other in zip(own, read, strict=True):
+        assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-9)
+
+
+NANS = base64.b64encode(np.full(42, np.nan).tobytes()).decode()
+#: What is done to identification.json -> what is said of it.
+DAMAGED = {
+    "no JSON": (lambda text: text[:100], "cannot be read"),
+    "a list": (lambda text: "[1]", "of format None, expected 2"),
+    "another version": (lambda text: text.replace('"format": 2', '"format": 3'), "of format 3, expected 2"),
+    "another arm": (lambda text: text.replace('"q1"', '"q9"'), "expected q1, q2, q3"),
+    "another hash": (lambda text: text.replace('"sha256": "', '"sha256": "0'), "was changed since"),
+    "a path": (lambda text: text.replace('"drives.yaml"', '"../drives.yaml"'), "the name of a file"),
+    "NaN": (
+        lambda text: re.sub(r'"mean": "[^"]*"', f'"mean": "{NANS}"', text),
+        "posterior.mean: expected 42",
+    ),
+    "text": (lambda text: re.sub(r'"root": "[^"]*"', '"root": "?"', text), "posterior.root: expected 903"),
+    "negative": (
+        lambda text: re.sub(r'"scale": "[^"]*"', f'"scale": "{"AAAAAAAA" * 56}"', text),
+        "posterior.scale: expected positive",
+    ),
+    "locked": (lambda text: text.replace('"lock": {}', '"lock": {"q1": NaN}'), "arm.lock: expected"),
+    "repairs": (lambda text: text.replace('"repair": []', '"repair": [3]'), "arm.repair: expected"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_damaged_folder_ends_in_one_line(name: str, tmp_path: Path) -> None:
+    damage, said = DAMAGED[name]
+    for each in folder().iterdir():
+        (tmp_path / each.name).write_bytes(each.read_bytes())
+    path = tmp_path / identified.NAME
+    text = path.read_text(encoding="utf-8")
+    path.write_text(damage(text), encoding="utf-8")
+    assert path.read_text(encoding="utf-8") != text
+    with pytest.raises(ArmgpiError, match=said) as caught:
+        read_posterior(identified.read(path), file())
+    assert "\n" not in str(caught.value)
 
 
 def test_all_but_the_inertials_is_byte_for_byte_the_same() -> None:
