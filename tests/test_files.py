@@ -349,4 +349,4 @@ def test_nothing_in_the_package_writes_files_by_itself() -> None:
         for path in root.rglob("*.py")
         if any(way in path.read_text(encoding="utf-8") for way in ways)
     }
-    assert found == {"files.py", "codegen/build.py", "export/files.py", "play/module.py"}
+    assert found == {"files.py", "codegen/build.py", "export/files.py"}
