@@ -28,7 +28,7 @@ from armgpi.control.two_mass import (
 from armgpi.control.two_mass import law as law_at
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe_gears
+from armgpi.robot.rotors import SCATTER, believe_gears
 
 #: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the
 #: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken.
@@ -114,7 +114,9 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
     current = float(np.min(drives.value("current_bandwidth", CURRENT)))
     told = drives.value("damping")
     least = drives.interval("rotor_inertia")[0]
-    lighter = np.where(least < rotor, np.sqrt(np.maximum(least, 0.0) * rotor), rotor)
+    # An interval down to zero tells no lightest rotor: then that of a believed one.
+    least = np.where(least > 0.0, least, (1.0 / SCATTER) * rotor)
+    lighter = np.where(least < rotor, np.sqrt(least * rotor), rotor)
     weights = [rotor, lighter] if (lighter < rotor).any() else [rotor]
     found = []
     for q, (i, own), stiffness in itertools.product(_configurations(robot), enumerate(weights), ends):

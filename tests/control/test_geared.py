@@ -226,3 +226,16 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
 def test_coarse_encoders_make_no_joint_slower_than_an_arm_bears() -> None:
     law = GPI.untuned(UR5, DT, delay=DT, bits=10)
     assert law.gains.nominal().omega_c.min() >= geared.SLOWEST
+
+
+def test_a_rotor_whose_interval_reaches_zero_is_as_light_as_a_believed_one() -> None:
+    rotor = dict(zip(UR5.joint_names, ROTORS[UR5], strict=True))
+    lowest = (dict.fromkeys(rotor, 0.0), {name: x / rotors.SCATTER for name, x in rotor.items()})
+    arms = [told(UR5, 1.0, "motor") for _ in lowest]
+    arms = [
+        arm.with_drives(arm.drives.with_value("rotor_inertia", rotor, low, rotor, "measured"))
+        for arm, low in zip(arms, lowest, strict=True)
+    ]
+    assert rule(arms[0]).gains.nominal().omega_c == pytest.approx(
+        rule(arms[1]).gains.nominal().omega_c, rel=1e-6
+    )
