@@ -12,6 +12,7 @@ import numpy as np
 
 from armgpi import config
 from armgpi.config import Experiment, Origin
+from armgpi.config.building import expand
 from armgpi.config.reading import beside, check_section, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
 from armgpi.parameter import parameters
@@ -69,6 +70,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
         raise origin.error(("tune",), "expected a mapping")
     tune = check_section(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
     given = beside(config.check(data, origin), path)
+    given = given.model_copy(update={"robot": expand(given.robot)})
     data = {**given.model_dump(exclude_unset=True)}
     data.setdefault("controllers", [{"type": "gpi"}])
     silent = given.robot.drives is None and given.reality is None

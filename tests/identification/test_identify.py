@@ -25,6 +25,7 @@ from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
 from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
+from armgpi.studies import setup
 
 LATE = 2
 
@@ -157,6 +158,12 @@ def test_a_folder_is_the_robot_that_was_identified(tmp_path: Path) -> None:
     alone = config.build(*config.read(tmp_path / "experiment.yaml"))
     assert alone.robot.mass_matrix(q) == pytest.approx(again.mass_matrix(q), abs=0.0)
     assert alone.robot.friction.viscous == pytest.approx(experiment.robot.friction.viscous)
+
+
+def test_a_search_takes_the_drives_of_the_folder(tmp_path: Path) -> None:
+    path = tmp_path / "tune.yaml"
+    path.write_text(f"robot: {{name: {folder()}}}\ntune: {{scenarios: 1, held_out: 1}}\n", encoding="utf-8")
+    assert setup.read(path).experiment.robot.drives.plain() == found().drives.plain()
 
 
 def test_draws_from_the_file_alone_are_those_of_the_fit() -> None:
