@@ -26,28 +26,26 @@ if TYPE_CHECKING:
     from armgpi.control.controller import FullState as FullState
     from armgpi.control.controller import Measurement as Measurement
     from armgpi.control.ctdob import ComputedTorqueDOB as ComputedTorqueDOB
-    from armgpi.control.gains import FixedGains as FixedGains
-    from armgpi.control.gains import Gains as Gains
-    from armgpi.control.gains import Tuning as Tuning
-    from armgpi.control.gpi import GPI as GPI
-    from armgpi.control.margins import default_omega as default_omega
-    from armgpi.control.network import BSplineNetwork as BSplineNetwork
-    from armgpi.control.payload import LargestPayload as LargestPayload
-    from armgpi.control.payload import PayloadRange as PayloadRange
-    from armgpi.control.payload import largest_payload as largest_payload
-    from armgpi.control.payload import payload_range as payload_range
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.control.pid_positions import PIDPositions as PIDPositions
-    from armgpi.control.schedule import GainSchedule as GainSchedule
     from armgpi.control.slotineli import SlotineLi as SlotineLi
     from armgpi.control.supertwisting import SuperTwisting as SuperTwisting
-    from armgpi.control.supervisor import Supervised as Supervised
-    from armgpi.control.supervisor import Supervisor as Supervisor
-    from armgpi.control.weights import Weights as Weights
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
-    from armgpi.export.controller import ExportedController as ExportedController
-    from armgpi.export.files import export_controller as export_controller
+    from armgpi.gpi.gains import FixedGains as FixedGains
+    from armgpi.gpi.gains import Gains as Gains
+    from armgpi.gpi.gains import Tuning as Tuning
+    from armgpi.gpi.law import GPI as GPI
+    from armgpi.gpi.margins import default_omega as default_omega
+    from armgpi.gpi.network import BSplineNetwork as BSplineNetwork
+    from armgpi.gpi.payload import LargestPayload as LargestPayload
+    from armgpi.gpi.payload import PayloadRange as PayloadRange
+    from armgpi.gpi.payload import largest_payload as largest_payload
+    from armgpi.gpi.payload import payload_range as payload_range
+    from armgpi.gpi.schedule import GainSchedule as GainSchedule
+    from armgpi.gpi.weights import Weights as Weights
+    from armgpi.hardware.export.controller import ExportedController as ExportedController
+    from armgpi.hardware.export.files import export_controller as export_controller
     from armgpi.identification.arm import identify as identify
     from armgpi.loop import metrics as metrics
     from armgpi.loop.closed_loop import ClosedLoop as ClosedLoop
@@ -99,18 +97,20 @@ if TYPE_CHECKING:
     from armgpi.robot.kinematics import inverse_kinematics as inverse_kinematics
     from armgpi.robot.robot import Robot as Robot
     from armgpi.robot.rotors import believe_drives as believe_drives
+    from armgpi.supervisor import Supervised as Supervised
+    from armgpi.supervisor import Supervisor as Supervisor
     from armgpi.validation.check import validate as validate
     from armgpi.validation.derivation import Derivation as Derivation
     from armgpi.validation.derivation import derive as derive
     from armgpi.validation.report import DynamicsReport as DynamicsReport
     from armgpi.validation.skeleton import suggest_urdf as suggest_urdf
-    from armgpi.viz import plots as plots
+    from armgpi.view import plots as plots
 
 _MODULES = {
     "errors": "errors",
     "health": "health",
     "metrics": "loop.metrics",
-    "plots": "viz.plots",
+    "plots": "view.plots",
     "robots": "robot.robots",
 }
 _NAMES = {
@@ -119,21 +119,21 @@ _NAMES = {
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),
     "control.pid_positions": ("PIDPositions",),
-    "control.schedule": ("GainSchedule",),
+    "gpi.schedule": ("GainSchedule",),
     "control.slotineli": ("SlotineLi",),
     "control.supertwisting": ("SuperTwisting",),
-    "control.supervisor": ("Supervised", "Supervisor"),
+    "supervisor": ("Supervised", "Supervisor"),
     "control.controller": ("Controller", "ControlStep", "FullState", "Measurement"),
-    "control.gains": ("FixedGains", "Gains", "Tuning"),
-    "control.margins": ("default_omega",),
-    "control.gpi": ("GPI",),
-    "control.network": ("BSplineNetwork",),
-    "control.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
+    "gpi.gains": ("FixedGains", "Gains", "Tuning"),
+    "gpi.margins": ("default_omega",),
+    "gpi.law": ("GPI",),
+    "gpi.network": ("BSplineNetwork",),
+    "gpi.payload": ("LargestPayload", "PayloadRange", "largest_payload", "payload_range"),
     "control.pid": ("PIDInversion",),
-    "control.weights": ("Weights",),
+    "gpi.weights": ("Weights",),
     "errors": ("ArmgpiError", "ArmgpiWarning"),
-    "export.controller": ("ExportedController",),
-    "export.files": ("export_controller",),
+    "hardware.export.controller": ("ExportedController",),
+    "hardware.export.files": ("export_controller",),
     "identification.arm": ("identify",),
     "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),

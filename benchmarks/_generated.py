@@ -63,7 +63,7 @@ class Kernels:
         self._kernels = {name: arm.kernel(name) for name in names}
         codes = {name: kernel.code(Dialect()) for name, kernel in self._kernels.items()}
         self.operations = {name: code.operations for name, code in codes.items()}
-        parts = [f"#define LANES {lanes}", (files("armgpi.compiled") / "lanes.h").read_text()]
+        parts = [f"#define LANES {lanes}", (files("armgpi.codegen") / "lanes.h").read_text()]
         for name, kernel in self._kernels.items():
             parts.append(
                 f"static __attribute__((noinline)) void {kernel.name}(\n"

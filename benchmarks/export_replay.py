@@ -25,7 +25,7 @@ from armgpi import (
     export_controller,
     simulate,
 )
-from armgpi.export.files import record
+from armgpi.hardware.export.files import record
 
 DT, SECONDS, BITS, PAYLOAD = 1e-3, 40.0, 18, 0.3
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")

@@ -9,8 +9,6 @@ from pathlib import Path as _FilePath
 
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
-from armgpi.control.supervisor import Supervisor as _Supervisor
-from armgpi.control.supervisor import reasons as _reasons
 from armgpi.health import findings as _findings
 from armgpi.health import report as _report  # noqa: F401  # registers the checks
 from armgpi.loop import metrics as _metrics
@@ -21,6 +19,8 @@ from armgpi.plants.plant import Wrapper as _Wrapper
 from armgpi.plants.reality import Reality as _Reality
 from armgpi.references.paths import Path as _Path
 from armgpi.registry import classes_of as _all_registered
+from armgpi.supervisor import Supervisor as _Supervisor
+from armgpi.supervisor import reasons as _reasons
 
 project = "armgpi"
 author = "The armgpi developers"
@@ -117,6 +117,21 @@ def modules_list():
     return "\n".join(lines)
 
 
+def rooms_table():
+    """Return what each package says of itself: what it is, takes and gives, as the layers are ordered."""
+    root = _FilePath(__file__).parents[1]
+    text = (root / "pyproject.toml").read_text(encoding="utf-8")
+    layers = _ast.literal_eval(text.partition("\nlayers = ")[2].partition("]\n")[0] + "]")
+    rows = ["| room | what it is | takes | gives |", "|---|---|---|---|"]
+    for name in (name for layer in reversed(layers) for name in layer.split(" : ")):
+        if (place := root / "armgpi" / name / "__init__.py").is_file():
+            said = _ast.get_docstring(_ast.parse(place.read_text(encoding="utf-8")))
+            first, takes, gives = _re.match(r"(.*)\n\nTakes (.*)\nGives ((?:.+\n?)*)", said).groups()
+            cells = (" ".join(each.split()).rstrip(".") for each in (first, takes, gives))
+            rows.append(_re.sub(r":[a-z]+:`~?|``", "`", f"| `{name}` | {' | '.join(cells)} |"))
+    return "\n".join(rows)
+
+
 def _line(path, root):
     """Return a module's name with the first line of its docstring."""
     said = _ast.get_docstring(_ast.parse(path.read_text(encoding="utf-8"))).partition("\n")[0]
@@ -183,6 +198,7 @@ def options_table():
 myst_substitutions = {
     "findings_table": _findings.table(),
     "modules_list": modules_list(),
+    "rooms_table": rooms_table(),
     "playground_list": playground_list(),
     "metrics_table": metrics_table(),
     "options_table": options_table(),

@@ -27,7 +27,7 @@ from armgpi import (
     Waypoints,
     export_controller,
 )
-from armgpi.export.files import record
+from armgpi.hardware.export.files import record
 
 robot = Robot.load("anthropomorphic3")
 controller = GPI(robot, dt=1e-3)

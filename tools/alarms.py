@@ -27,12 +27,12 @@ import xarray as xr
 import yaml
 
 from armgpi import Reality, Supervisor
-from armgpi.control.supervisor import Reason
 from armgpi.errors import ArmgpiError
 from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw
+from armgpi.supervisor import Reason
 
 sys.path.append(str(Path(__file__).resolve().parent))
 from reality import arms as arms_of

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi import GPI, Robot
-from armgpi.export.code import generate
+from armgpi.hardware.export.code import generate
 
 HERE = Path(__file__).parent / "arm"
 #: Robot -> its locked joints.

@@ -31,11 +31,11 @@ from armgpi import (
     simulate,
 )
 from armgpi.codegen import build
+from armgpi.codegen.source import source, trace_used
 from armgpi.codegen.trace import tracing
-from armgpi.compiled.source import source, trace_used
 from armgpi.errors import ArmgpiError
+from armgpi.hardware.realtime import Injected, run
 from armgpi.health import zoo
-from armgpi.realtime import Injected, run
 
 DT = 1e-3
 ARMS = arm.ROBOTS

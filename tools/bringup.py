@@ -22,11 +22,11 @@ import numpy as np
 import targets
 
 from armgpi import ExportedController, RigidBodyPlant, Saturated, Supervised, config
-from armgpi.export.targets import compensates_gravity
+from armgpi.hardware.export.targets import compensates_gravity
+from armgpi.hardware.realtime import judge, stages
+from armgpi.hardware.realtime.datagram import Datagram
+from armgpi.hardware.realtime.ends import UPRIGHT, ArmEnd, ControllerEnd, Watchdog
 from armgpi.loop import log as logs
-from armgpi.realtime import judge, stages
-from armgpi.realtime.datagram import Datagram
-from armgpi.realtime.ends import UPRIGHT, ArmEnd, ControllerEnd, Watchdog
 
 FRICTION, BRAKES, BITS = 0.02, 0.05, 18
 TARGETS = ("fci", "ur", "ros2_control")

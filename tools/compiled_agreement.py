@@ -4,7 +4,7 @@ Each arm is under GPI with networks, measured 1 ms late, through a 16-bit encode
 saturation and a load of its own for each rollout. The table says how far the positions of the two backends
 are apart at most while every measured count is the same, in how many rollouts an edge between two counts is
 crossed at different samples, by how many counts they differ there, and how far apart they are from then on
-(in counts); then, without the encoder, over all samples. See tests/compiled/loops.py for why.
+(in counts); then, without the encoder, over all samples. See tests/codegen/loops.py for why.
 
 Usage: python tools/compiled_agreement.py [--lanes 1 4 8] [--time 2] [ROBOT ...]
 
@@ -20,7 +20,7 @@ import sys
 import warnings
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "compiled"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "codegen"))
 
 import numpy as np
 from arms import arm, experiment

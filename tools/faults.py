@@ -46,10 +46,10 @@ from armgpi import (
     config,
     simulate,
 )
-from armgpi.control.supervisor import Reason, State, Supervisor
+from armgpi.hardware.realtime.datagram import TORQUE, Datagram
+from armgpi.hardware.realtime.ends import ArmEnd, Watchdog
 from armgpi.parameter import parameters
-from armgpi.realtime.datagram import TORQUE, Datagram
-from armgpi.realtime.ends import ArmEnd, Watchdog
+from armgpi.supervisor import Reason, State, Supervisor
 
 DOCS = Path(__file__).parents[1] / "docs"
 SECONDS, SPEED, BITS = 1.0, 0.75, 18

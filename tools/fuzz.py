@@ -51,8 +51,8 @@ from armgpi.certification import check_certificate
 from armgpi.certification.box import box_of, read_box
 from armgpi.certification.certificate import Certificate, certify
 from armgpi.cli import main as command
-from armgpi.control.weights import Weights
 from armgpi.errors import ArmgpiError
+from armgpi.gpi.weights import Weights
 from armgpi.identification.arm import identify
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log

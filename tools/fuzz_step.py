@@ -15,9 +15,9 @@ import tempfile
 from pathlib import Path
 
 from armgpi import GPI, Robot, Supervisor
-from armgpi.export.code import generate
+from armgpi.hardware.export.code import generate
 
-SOURCE = Path(__file__).parents[1] / "tests" / "export" / "fuzz.c"
+SOURCE = Path(__file__).parents[1] / "tests" / "hardware" / "fuzz.c"
 #: Robot -> its locked joints.
 ROBOTS = {"anthropomorphic3": (), "ur5": (), "panda": ("panda_finger_joint1", "panda_finger_joint2")}
 SANITIZERS = ("-g", "-O1", "-std=gnu99", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

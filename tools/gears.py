@@ -1,4 +1,4 @@
-"""What laws bear of gears that twist, in the linear sampled loop (armgpi.control.two_mass).
+"""What laws bear of gears that twist, in the linear sampled loop (armgpi.gpi.two_mass).
 
 Usage:
     python tools/gears.py                 # Panda and UR5 with gears of which the law is told nothing
@@ -40,11 +40,11 @@ from armgpi import (
     simulate,
 )
 from armgpi.arrays import Array
-from armgpi.control import geared, two_mass
-from armgpi.control.supervisor import Reason
 from armgpi.errors import ArmgpiWarning
+from armgpi.gpi import geared, two_mass
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
+from armgpi.supervisor import Reason
 
 DT, BITS, LATE = 1e-3, 16, 1
 #: Rotors [kg m^2] and stiffness [N m/rad] of typical size: assumed, not identified.

@@ -20,7 +20,7 @@ from armgpi.arrays import Array
 from armgpi.certification.channels import sampled_loops
 from armgpi.certification.path import PathBound, Wish, bound_path
 from armgpi.certification.quantities import slopes
-from armgpi.control.gains import FixedGains
+from armgpi.gpi.gains import FixedGains
 from armgpi.references.bezier import PEAK_VELOCITY
 from armgpi.robot.robot import Robot
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 import armgpi
-from armgpi import config, play
-from armgpi.viz import meshcat
+from armgpi import config
+from armgpi.view import meshcat, play
 
 #: Robot -> what its experiment is, beside the default move.
 PAGES = {

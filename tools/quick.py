@@ -2,8 +2,8 @@
 
 Usage: python tools/quick.py [options for pytest]
 
-A change is what differs from `main`, committed or not. `armgpi/X/Y.py` has its tests in `tests/X/`,
-`tests/test_X*.py` and `tests/test_Y*.py`. Tests marked `slow` are for `make test` alone.
+A change is what differs from `main`, committed or not. `armgpi/ROOM/` has its tests in `tests/ROOM/`, the
+modules beside the rooms in `tests/base/`. Tests marked `slow` are for `make test` alone.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ ROOT = Path(__file__).resolve().parent.parent
 
 #: They look at much in some seconds.
 FAST = """
-    arrays public_names robot robots urdf crosscheck meshes grippers locking mimic health scenario experiment
-    control/gains control/gpi control/realisation control/network control/splines references/bezier
-    references/waypoints references/reference plants/loads plants/actuators plants/sensors plants/turns
-    paper/scenarios compiled/lanes compiled/refusals
+    base/arrays base/public_names robot/robot robot/robots robot/urdf robot/crosscheck robot/meshes
+    robot/grippers robot/locking robot/mimic health/health config/scenario config/experiment gpi/gains gpi/gpi
+    gpi/realisation gpi/network gpi/splines references/bezier references/waypoints references/reference
+    plants/loads plants/actuators plants/sensors plants/turns paper/scenarios codegen/lanes codegen/refusals
 """
 
 
@@ -31,21 +31,17 @@ def git(*arguments: str) -> list[str]:
 
 
 def file_of(name: str) -> Path:
-    """Return the tests in `tests/` that go by a name: control/gains -> tests/control/test_gains.py."""
+    """Return the tests in `tests/` that go by a name: gpi/gains -> tests/gpi/test_gains.py."""
     return (ROOT / "tests" / name).with_name(f"test_{Path(name).name}.py")
 
 
 def tests_of(path: Path) -> list[Path]:
-    """Return the tests of a file of the project: itself, those of its package and module, or none."""
+    """Return the tests of a file of the project: itself, those of its room, or none."""
     if path.parts[0] == "tests" and path.name.startswith("test_"):
         return [ROOT / path]
     if path.parts[0] != "armgpi":
         return []
-    names = {Path(part).stem for part in path.parts[1:]}
-    return [
-        ROOT / "tests" / path.parts[1],
-        *(one for name in names for one in ROOT.glob(f"tests/test_{name}*.py")),
-    ]
+    return [ROOT / "tests" / (path.parts[1] if len(path.parts) > 2 else "base")]
 
 
 def main() -> None:

@@ -26,8 +26,8 @@ import numpy as np
 
 from armgpi import Reality, files
 from armgpi.arrays import Array
-from armgpi.control import payload, untuned
 from armgpi.errors import ArmgpiError
+from armgpi.gpi import payload, untuned
 from armgpi.health import reality as health
 from armgpi.plants.reality import Draw
 from armgpi.studies.evaluation import Evaluated

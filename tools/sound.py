@@ -36,14 +36,14 @@ from armgpi import (
     config,
     simulate,
 )
-from armgpi.control.supervisor import Reason
-from armgpi.export.targets import compensates_gravity
+from armgpi.hardware.export.targets import compensates_gravity
+from armgpi.hardware.realtime import judge, stages
+from armgpi.hardware.realtime.ends import UPRIGHT
 from armgpi.intervals import clopper_pearson
 from armgpi.loop import log as logs
 from armgpi.parameter import with_parameters
 from armgpi.plants.plant import Wrapper
-from armgpi.realtime import judge, stages
-from armgpi.realtime.ends import UPRIGHT
+from armgpi.supervisor import Reason
 
 #: Target -> arm, as somebody would take it from the catalogue.
 ROBOTS = {"fci": "panda", "ur": "ur5", "ros2_control": "z1"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from armgpi.export.interfaces import INTERFACES
+from armgpi.hardware.export.interfaces import INTERFACES
 
 #: Target -> arm -> joints that are locked.
 ARMS: dict[str, dict[str, list[str]]] = {

@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 from armgpi import GPI, Robot
-from armgpi.export.code import generate
+from armgpi.hardware.export.code import generate
 
 HERE = Path(__file__).parent / "arm"
 #: Others by name, as they take minutes.

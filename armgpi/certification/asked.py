@@ -12,11 +12,11 @@ import numpy as np
 from armgpi.arrays import Array, check_choice, check_whole, not_negative, positive, quantity
 from armgpi.certification.box import Box, box_of
 from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
-from armgpi.control.family import Member
-from armgpi.control.gains import FixedGains
-from armgpi.control.gpi import GPI
-from armgpi.control.network import BSplineNetwork
 from armgpi.errors import ParameterError
+from armgpi.gpi.family import Member
+from armgpi.gpi.gains import FixedGains
+from armgpi.gpi.law import GPI
+from armgpi.gpi.network import BSplineNetwork
 from armgpi.robot.robot import Robot
 
 #: Nothing disturbs.

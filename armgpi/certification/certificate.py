@@ -25,10 +25,10 @@ from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, search
 from armgpi.certification.reasons import beyond, explain_unsolved
 from armgpi.certification.solve import Solution, merge_facts, solvable, solve
 from armgpi.certification.words import table
-from armgpi.control.gains import FixedGains
-from armgpi.control.network import BSplineNetwork
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.escape import html_text
+from armgpi.gpi.gains import FixedGains
+from armgpi.gpi.network import BSplineNetwork
 from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations

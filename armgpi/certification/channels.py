@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.gains import Tuning
-from armgpi.control.gpi import GPI
-from armgpi.control.realisation import Bumpless, Resting
 from armgpi.errors import ParameterError
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.law import GPI
+from armgpi.gpi.realisation import Bumpless, Resting
 
 #: Samples of a response at most, and norm of the loop's power at which its tail is a geometric series.
 _LONGEST, _SMALL = 200_000, 1e-6

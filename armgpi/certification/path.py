@@ -18,9 +18,9 @@ from armgpi.arrays import Array, check_choice, check_number, check_type, check_w
 from armgpi.certification.channels import channel
 from armgpi.certification.quantities import MARGIN, christoffel, slopes
 from armgpi.control.controller import Measurement
-from armgpi.control.gains import FixedGains
-from armgpi.control.gpi import GPI
 from armgpi.errors import ParameterError
+from armgpi.gpi.gains import FixedGains
+from armgpi.gpi.law import GPI
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.batch import RobotBatch

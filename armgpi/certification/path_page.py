@@ -8,8 +8,8 @@ import numpy as np
 
 from armgpi.certification.path import PathBound, describe
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.viz import page, style
-from armgpi.viz.drawing import Drawing, figure
+from armgpi.view import page, style
+from armgpi.view.drawing import Drawing, figure
 
 _BLUE, _QUIET, _RED = style.PALETTE[0], "#aeb8c2", style.ALARM
 #: Points of a curve.

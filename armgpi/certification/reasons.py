@@ -9,8 +9,8 @@ import numpy as np
 
 from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.solve import solvable
-from armgpi.control.gains import Tuning
-from armgpi.control.margins import open_loop, sector
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.margins import open_loop, sector
 
 #: What each number comes from.
 _NUMBERS = {

@@ -13,8 +13,8 @@ from armgpi.certification.asked import Asked, ask, law_of
 from armgpi.certification.certificate import Certificate, limits_of
 from armgpi.certification.quantities import PER_JOINT, TINY, Progress, functions, points, ranges
 from armgpi.certification.solve import checker
-from armgpi.control.payload import LoadRange
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
+from armgpi.gpi.payload import LoadRange
 from armgpi.robot.robot import Robot
 
 #: Configurations that are looked at together, and the share that rounding may add to a value.

@@ -9,12 +9,12 @@ from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
 from armgpi.certification.words import NUMBERS, OTHERS, claims, shares, table, verdict
-from armgpi.control.advice import COUNT_SHARE
-from armgpi.control.gains import Tuning
-from armgpi.control.margins import open_loop
+from armgpi.gpi.advice import COUNT_SHARE
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.margins import open_loop
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.viz import page, style
-from armgpi.viz.drawing import LINE, Drawing, figure
+from armgpi.view import page, style
+from armgpi.view.drawing import LINE, Drawing, figure
 
 #: What of the plane Nyquist's curve is drawn in.
 _REACH = 2.2

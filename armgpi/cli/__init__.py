@@ -1,5 +1,8 @@
 """The command line: parse, call one function, print a table, exit with a code.
 
+Takes the words of a command.
+Gives what rooms return, as tables, files and pages; what joins two leaves is here.
+
 Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run, a model that
 differs), 2 bad input, 130 interrupted, 143 terminated.
 """

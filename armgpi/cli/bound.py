@@ -116,7 +116,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
         ConfigError: when something in it is not as it should be.
     """
     from armgpi import config
-    from armgpi.control.gpi import GPI
+    from armgpi.gpi.law import GPI
     from armgpi.plants.actuators import Saturated
     from armgpi.plants.rigid_body import RigidBodyPlant
     from armgpi.plants.sensors import Delayed, Encoder
@@ -175,7 +175,7 @@ def _page(found: Any, experiment: Any) -> str:
 
 def _gears(found: Any) -> str:
     """Return below which resonance of the gears a bound says nothing, or that the law is slow for them."""
-    from armgpi.control import geared
+    from armgpi.gpi import geared
 
     law = found.wish.controller
     if not found.holds and geared.is_believed(law.bias_robot):

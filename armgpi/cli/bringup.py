@@ -14,8 +14,8 @@ from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
-    from armgpi.realtime.judge import Verdict
-    from armgpi.realtime.stages import Folder, Stage
+    from armgpi.hardware.realtime.judge import Verdict
+    from armgpi.hardware.realtime.stages import Folder, Stage
 
 _What = Annotated[
     list[str],
@@ -43,7 +43,7 @@ def bringup(
     armgpi loop bringup/10-dry.yaml --dry-run --clock simulated --log bringup/10-dry.armlog
     armgpi bringup check bringup/*.armlog
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.realtime import judge, stages
+    from armgpi.hardware.realtime import judge, stages
 
     if what[0] == "check":
         logs = [Path(each) for each in what[1:]]
@@ -101,7 +101,7 @@ def _plain(verdict: Verdict) -> dict[str, object]:
 
 def _print(verdict: Verdict, folder: Folder) -> None:
     """Print a verdict: what is wrong or fine, what was tested, what was not, and what comes next."""
-    from armgpi.realtime.judge import QUESTIONS
+    from armgpi.hardware.realtime.judge import QUESTIONS
 
     if verdict.findings:
         say("STOP: go no further before this is mended", fg="red")

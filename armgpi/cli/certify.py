@@ -192,7 +192,7 @@ def note_believed(arm: Any) -> None:
     """Refuse an arm with believed rotors, and say of a file without them what a certificate is worth."""
     import math
 
-    from armgpi.control.payload import certified_sector
+    from armgpi.gpi.payload import certified_sector
     from armgpi.robot import rotors
 
     ratio = math.sqrt(certified_sector().upper)
@@ -298,8 +298,8 @@ def _chosen_parts(law: dict[str, Any]) -> dict[str, Any]:
 
 def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None) -> Any:
     """Return the gains, None for the default ones."""
-    from armgpi.control.gains import FixedGains
-    from armgpi.control.network import BSplineNetwork
+    from armgpi.gpi.gains import FixedGains
+    from armgpi.gpi.network import BSplineNetwork
 
     ends = [] if omega is None else [_number(part, "--omega") for part in omega.split(":")]
     if len(ends) > 2:

@@ -148,8 +148,8 @@ def _run(options: dict[str, Any], compare: bool) -> int:
 def note_drives(experiment: Experiment) -> None:
     """Say what is believed of an arm's drives, and what limits the laws made by the rule for untuned arms."""
     from armgpi.config.building import verdicts
-    from armgpi.control.geared import is_known
-    from armgpi.control.untuned import BITS
+    from armgpi.gpi.geared import is_known
+    from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
     from armgpi.robot.rotors import describe, describe_gears

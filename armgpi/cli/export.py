@@ -16,7 +16,7 @@ from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
-    from armgpi.export.files import Export
+    from armgpi.hardware.export.files import Export
     from armgpi.loop.log import ArmLog
 
 Folder = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to put it.")]
@@ -123,10 +123,10 @@ def _export(options: dict[str, Any]) -> int:
     if options["real"] not in ("double", "float"):
         raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
     try:
-        from armgpi.export.code import generate, supervise
-        from armgpi.export.files import export_controller, record
-        from armgpi.export.names import check_name
-        from armgpi.export.targets import check_target
+        from armgpi.hardware.export.code import generate, supervise
+        from armgpi.hardware.export.files import export_controller, record
+        from armgpi.hardware.export.names import check_name
+        from armgpi.hardware.export.targets import check_target
     except ModuleNotFoundError as error:
         raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
     target = _target(options)
@@ -171,8 +171,8 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
     """Return what the options describe, without a gripper where the interface has the arm alone."""
     from armgpi import config as configuration
     from armgpi.cli.settings import settings
-    from armgpi.export.interfaces import COMPENSATING
-    from armgpi.export.targets import moving_gripper
+    from armgpi.hardware.export.interfaces import COMPENSATING
+    from armgpi.hardware.export.targets import moving_gripper
 
     experiment = configuration.build(*settings(options, compare=False))
     fingers = moving_gripper(experiment.robot)
@@ -190,8 +190,8 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
 def _target(options: dict[str, Any]) -> str:
     """Return the target, and put what its interface asks for into the options."""
     from armgpi.cli.settings import with_file
-    from armgpi.export.interfaces import COMPENSATING
-    from armgpi.export.targets import TARGETS
+    from armgpi.hardware.export.interfaces import COMPENSATING
+    from armgpi.hardware.export.targets import TARGETS
 
     options.update(with_file(options))
     target: str = options["target"]
@@ -217,7 +217,7 @@ def _target(options: dict[str, Any]) -> str:
 
 def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
     """Print what the exported code takes."""
-    from armgpi.export.targets import compensates_gravity
+    from armgpi.hardware.export.targets import compensates_gravity
 
     measured, typical, worst_case = done.measured, done.code.typical, done.code.worst_case
     facts: dict[str, Any] = {

@@ -97,7 +97,7 @@ def inspect(
     else:
         _show(report)
     if page is not None:
-        from armgpi.viz import meshcat
+        from armgpi.view import meshcat
 
         say(f"wrote {meshcat.write(_page(report), page)}", err=True)
     if report.has_errors:
@@ -187,7 +187,7 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
 
 def _page(report: HealthReport) -> str:
     """Return the report as a page: the verdict, what was found, the joints, what a controller will do."""
-    from armgpi.viz import page
+    from armgpi.view import page
 
     facts = report.facts
     joints = [[joint["name"], *(column.text(joint) for column in _COLUMNS)] for joint in facts["joints"]]

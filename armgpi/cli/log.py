@@ -59,7 +59,7 @@ def log(file: _File, replay: _Replay = None, csv: _Csv = None, as_json: opt.Json
 def _law(path: Path) -> Any:
     """Return the supervised law of an experiment file, or of the one in a folder."""
     from armgpi import config
-    from armgpi.control.supervisor import Supervised
+    from armgpi.supervisor import Supervised
 
     file = path / "experiment.yaml" if path.is_dir() else path
     loaded = config.read(file)
@@ -108,7 +108,7 @@ def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
 
 def _print(file: Path, facts: dict[str, Any]) -> None:
     """Print what is said of a log."""
-    from armgpi.control.supervisor.reasons import remedy
+    from armgpi.supervisor.reasons import remedy
 
     of = f" of {facts['robot']}" if facts["robot"] else ""
     say(

@@ -18,7 +18,7 @@ from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
-    from armgpi.realtime import Outcome
+    from armgpi.hardware.realtime import Outcome
 
 Clock = Annotated[
     str,
@@ -116,7 +116,7 @@ def loop(
     from armgpi.cli.experiment import check_out, note_differences, note_drives
     from armgpi.cli.settings import settings
     from armgpi.config import experiment as experiments
-    from armgpi.realtime import Injected, Watchdog, run
+    from armgpi.hardware.realtime import Injected, Watchdog, run
 
     as_json = options.pop("as_json")
     options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
@@ -173,7 +173,7 @@ def _write_files(
             files["loop.armlog"] = pack(outcome.log)
         paths += experiments.save(outcome.rollout, experiment, out, files)
     if report is not None:
-        from armgpi.viz import report as reports
+        from armgpi.view import report as reports
 
         page = reports.build(outcome.rollout, experiment.robot, configuration=dump(experiment.config))
         paths.append(reports.write(page, report))
@@ -193,8 +193,8 @@ def _code(outcome: Outcome) -> int:
 
 def _watcher(experiment: Experiment, stack: ExitStack) -> Callable[[dict[str, Any]], None]:
     """Serve a page on which the arm moves as it does, with how late it wakes, and return what moves it."""
-    from armgpi.realtime.outcome import EDGES
-    from armgpi.viz import meshcat
+    from armgpi.hardware.realtime.outcome import EDGES
+    from armgpi.view import meshcat
 
     robot = experiment.robot
     server = stack.enter_context(meshcat.Server(meshcat.robot_page(robot, live=True)))
@@ -226,7 +226,7 @@ def _stretch(text: str | None, option: str) -> tuple[float, float] | None:
 
 def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
     """Print how the two kept up."""
-    from armgpi.control.supervisor.reasons import remedy
+    from armgpi.supervisor.reasons import remedy
 
     say(
         f"{label}: {found['samples']} samples, {found['missed']} without a torque in time, "

@@ -87,7 +87,7 @@ def new(
     armgpi new humanoid.urdf --keep left_arm --payload 2 --target ros2_control
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config
-    from armgpi.export.targets import TARGETS
+    from armgpi.hardware.export.targets import TARGETS
     from armgpi.robot import robots
 
     if target is not None and target not in TARGETS:
@@ -127,8 +127,8 @@ def _file(
     arm: Any, section: dict[str, Any], hands: list[str], answers: _Answers, typed: dict[str, Any], path: Path
 ) -> list[str]:
     """Return the lines of the file, from the section of its robot and what was typed, asked or believed."""
-    from armgpi.export.interfaces import COMPENSATING
-    from armgpi.export.targets import TARGETS
+    from armgpi.hardware.export.interfaces import COMPENSATING
+    from armgpi.hardware.export.targets import TARGETS
     from armgpi.robot import rotors
 
     target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
@@ -192,7 +192,7 @@ def _arm(
 
 def _load(arm: Any) -> float:
     """Return the load that an arm is believed to be for, to two digits [kg]."""
-    from armgpi.control.payload import largest_payload
+    from armgpi.gpi.payload import largest_payload
 
     held = largest_payload(arm, dt=1e-3).effort
     return max(_LEAST_LOAD, float(f"{min(_LOAD_SHARE * arm.moving_mass, _HELD_SHARE * held):.2g}"))

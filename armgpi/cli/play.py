@@ -55,7 +55,7 @@ def _play(options: dict[str, Any], out: Path | None, open_: bool, frame: str | N
     from armgpi import config as configuration
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
-    from armgpi.viz import meshcat
+    from armgpi.view import meshcat
 
     experiment = configuration.build(*settings(options, compare=False))
     path = Path(f"{experiment.robot.name}.html") if out is None else out

@@ -121,7 +121,7 @@ def _run_sweep(
         _print(sweep, said, results.sentences(said))
     if report is not None:
         from armgpi.studies import page
-        from armgpi.viz.report import write
+        from armgpi.view.report import write
 
         written.append(write(page.html(sweep, found, said), report))
     say(f"wrote {len(written)} files to {study.folder}", err=True)

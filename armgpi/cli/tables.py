@@ -20,16 +20,16 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width
 from armgpi.config import Experiment
-from armgpi.control.advice import COUNT_SHARE
-from armgpi.control.geared import is_known
-from armgpi.control.gpi import GPI
-from armgpi.control.supervisor.reasons import remedy
 from armgpi.escape import printable
+from armgpi.gpi.advice import COUNT_SHARE
+from armgpi.gpi.geared import is_known
+from armgpi.gpi.law import GPI
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
 from armgpi.parameter import parameters
 from armgpi.plants.sensors import Encoder
+from armgpi.supervisor.reasons import remedy
 
 #: Length to which names of joints and controllers may be folded in tables.
 _FOLDED = 10

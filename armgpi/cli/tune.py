@@ -101,7 +101,7 @@ def show(
         say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
     say(text if data is None else json.dumps(data), lines=True)
     if report is not None:
-        from armgpi.viz import page
+        from armgpi.view import page
 
         sections = {"Result": page.from_markdown(text, "what was found")}
         if picture:

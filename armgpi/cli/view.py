@@ -69,7 +69,7 @@ def view(
     armgpi view results/rollout.nc --html arm.html
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
-    from armgpi.viz import meshcat
+    from armgpi.view import meshcat
 
     pictures.check(view=html is None, html=html)
     page = _page(targets, lock, keep, mimic, repair, robot, frame)
@@ -101,7 +101,7 @@ def report(
     if not is_log:
         pictures.check_packages("report", "--out")
     pictures.check_file(output, "--out")
-    from armgpi.viz import report as reports
+    from armgpi.view import report as reports
 
     loaded = {}
     files = [path / "rollout.nc" if path.is_dir() else path for path in files]
@@ -138,7 +138,7 @@ def _page(
 ) -> str:
     """Return the page of what shall be shown."""
     from armgpi.loop import rollout as rollouts
-    from armgpi.viz import meshcat, scene
+    from armgpi.view import meshcat, scene
 
     given = {"--lock": lock, "--keep": keep, "--mimic": mimic, "--repair": repair}
     target = targets[0]

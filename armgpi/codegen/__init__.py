@@ -1,4 +1,8 @@
-"""From laws and robots to straight-line C.
+"""From laws and robots to C: traced, generated, compiled and run.
+
+Takes a closed loop.
+Gives the same loop as C, for several rollouts at once (``simulate(..., backend="compiled")``), in a page
+(``armgpi.view.play``) or for hardware (``armgpi.hardware.export``).
 
 Read in this order:
 
@@ -10,7 +14,10 @@ Read in this order:
 - `trace`: one sample of a closed loop as expressions, and the numbers that a run puts in.
 - `emit`: from expressions to lines of C.
 - `build`: from C to a loaded library; the compiler and the cache.
+- `source`: one sample of the loop, with the dynamics and all around it, as C. `lanes.h`: arithmetic on
+  several numbers at once, one rollout in each. `loop.h`: random numbers, divergence, recording.
+- `run`: runs it, as a :class:`armgpi.loop.runner.Runner`.
 
-Two kinds of C are made of this: :mod:`armgpi.compiled` (many rollouts, vectors) and ``armgpi.export``
-(one controller, C99 for hardware).
+All numbers of a run (gains, payloads, loads, seeds, the start) are inputs of the code, so that another run
+compiles nothing.
 """

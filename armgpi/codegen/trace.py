@@ -28,9 +28,8 @@ from armgpi.codegen.kernels import Arm, Call, TracedDynamics, TracedFriction, ar
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.controller import ControlStep
-from armgpi.control.splines import BSplineBasis
-from armgpi.control.supervisor import Supervised
-from armgpi.control.weights import Weights
+from armgpi.gpi.splines import BSplineBasis
+from armgpi.gpi.weights import Weights
 from armgpi.loop.running import TOTALS, Running
 from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
@@ -40,6 +39,7 @@ from armgpi.references.reference import Reference, Target
 from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.dynamics import Dynamics, ScaledDynamics
 from armgpi.robot.robot import Robot
+from armgpi.supervisor import Supervised
 
 #: What is taken as it is: it does not change.
 _PLAIN = (
@@ -50,7 +50,7 @@ _PLAIN = (
 _AS_IT_IS = (BSplineBasis, Weights, Arm, *_PLAIN)
 #: Folders of what generates code: no place in a user's law.
 _GENERATORS = tuple(
-    str(Path(__file__).parents[1] / name) for name in ("codegen", "compiled", "export", "play")
+    str(Path(__file__).parents[1] / name) for name in ("codegen", "hardware/export", "view/play")
 )
 #: References of more operations than this are worked out by NumPy, as a table: compilers take long over them,
 #: and where rollouts share a reference every lane would work out the same.

@@ -1,5 +1,8 @@
 """The experiment file: robot, plant, controllers, reference and horizon as YAML, checked, and as objects.
 
+Takes YAML.
+Gives an :class:`Experiment`, or an error that names file, line and key.
+
 ``schema.py`` says what it may contain, ``reading.py`` reads and checks it, ``building.py`` makes the
 objects.
 """

@@ -23,9 +23,8 @@ from armgpi.config.schema import (
     RobotSection,
 )
 from armgpi.control.controller import Controller
-from armgpi.control.supervisor import Supervised, Supervisor, complete_settings
-from armgpi.control.untuned import Untuned, Verdict, assume, verdict
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
+from armgpi.gpi.untuned import Untuned, Verdict, assume, verdict
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
@@ -44,6 +43,7 @@ from armgpi.robot.changes import change
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.robot import Robot
+from armgpi.supervisor import Supervised, Supervisor, complete_settings
 
 #: Simulators, in the order in which both are run.
 ENGINES = ("armgpi", "mujoco")

@@ -14,9 +14,9 @@ import numpy as np
 from armgpi import files
 from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.config.building import expand
-from armgpi.control.gpi import GPI
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
+from armgpi.gpi.law import GPI
 from armgpi.loop import metrics, rollout
 from armgpi.loop.prepared import prepare as prepare_loop
 from armgpi.loop.provenance import Provenance

@@ -31,7 +31,6 @@ from pydantic import (
 from pydantic_core import PydanticKnownError, PydanticSerializationError
 
 from armgpi.control.controller import Controller
-from armgpi.control.supervisor import Supervisor
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
@@ -39,6 +38,7 @@ from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import Reality
 from armgpi.references.paths import Path
 from armgpi.registry import classes_of, subclasses
+from armgpi.supervisor import Supervisor
 
 
 def _number(value: Any) -> Any:

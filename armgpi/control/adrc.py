@@ -13,7 +13,7 @@ class ADRC(ObserverController):
     """tau = D^(q) v with v = -(omega_c^2 e + 2 omega_c e' + zeta), all three from an extended state observer.
 
     It measures positions and knows the inertia matrix, as GPI. As dt goes to zero it is a member of the
-    family (:mod:`armgpi.control.family`): with an observer of order 3 that of one integrator, of order 4
+    family (:mod:`armgpi.gpi.family`): with an observer of order 3 that of one integrator, of order 4
     that of two, and one roll-off pole in both. The poles are (s + omega_c)^2 (s + omega_o)^order.
 
     Attributes:

@@ -1,4 +1,8 @@
-"""What is known of a robot before it is used: findings, a second reading, the zoo of arms."""
+"""What is known of a robot before it is used: findings, a second reading, the zoo of arms.
+
+Takes a robot and the experiment that it is for.
+Gives findings and a report.
+"""
 
 from armgpi.health.findings import LEVELS, Finding, check
 from armgpi.health.report import HealthReport, inspect, with_payload

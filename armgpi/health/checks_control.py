@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.advice import COUNT_SHARE, slow_default
-from armgpi.control.gains import Tuning, betas
 from armgpi.errors import Remedy
+from armgpi.gpi.advice import COUNT_SHARE, slow_default
+from armgpi.gpi.gains import Tuning, betas
 from armgpi.health.findings import Finding, Level, Subject, check
 from armgpi.robot import rotors
 

@@ -22,9 +22,9 @@ import numpy as np
 
 from armgpi import registry
 from armgpi.arrays import Array
-from armgpi.control.margins import default_omega
 from armgpi.errors import Finding as Finding
 from armgpi.errors import Level as Level
+from armgpi.gpi.margins import default_omega
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 from armgpi.robot.tree import Joint

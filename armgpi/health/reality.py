@@ -25,13 +25,12 @@ import xarray as xr
 from armgpi import config
 from armgpi.arrays import Array, check_whole
 from armgpi.config.schema import KINDS, PlantSection
-from armgpi.control import geared, two_mass
 from armgpi.control.controller import Controller
-from armgpi.control.family import Member
-from armgpi.control.gpi import KNOWS
-from armgpi.control.supervisor import Supervisor, complete_settings
 from armgpi.errors import ArmgpiWarning
 from armgpi.escape import markdown_table
+from armgpi.gpi import geared, two_mass
+from armgpi.gpi.family import Member
+from armgpi.gpi.law import KNOWS
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
@@ -41,6 +40,7 @@ from armgpi.plants.reality import Draw, Reality, batches, together
 from armgpi.robot import rotors
 from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.robot import Robot
+from armgpi.supervisor import Supervisor, complete_settings
 
 #: Errors that lose an arm, at any time and at the end [rad or m]; what the end is [s].
 LOST_PEAK, LOST_END, END = 0.5, 0.1, 1.2

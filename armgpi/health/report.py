@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import check_number, check_path, check_type, check_whole
-from armgpi.control import untuned
-from armgpi.control.advice import light_model
-from armgpi.control.gpi import GPI
-from armgpi.control.payload import largest_payload
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.escape import html_table, json_data
+from armgpi.gpi import untuned
+from armgpi.gpi.advice import light_model
+from armgpi.gpi.law import GPI
+from armgpi.gpi.payload import largest_payload
 from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject

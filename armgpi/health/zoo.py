@@ -9,11 +9,11 @@ from typing import NamedTuple
 import xarray as xr
 
 from armgpi import config
-from armgpi.control.gains import FixedGains
-from armgpi.control.gpi import GPI
-from armgpi.control.payload import largest_payload, payload_range
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.escape import markdown_table
+from armgpi.gpi.gains import FixedGains
+from armgpi.gpi.law import GPI
+from armgpi.gpi.payload import largest_payload, payload_range
 from armgpi.loop import metrics
 from armgpi.loop.rollout import describe_end
 from armgpi.loop.simulation import simulate

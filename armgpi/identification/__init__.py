@@ -1,1 +1,5 @@
-"""From a log of measured positions and commanded torques to the arm that made it."""
+"""From a log of measured positions and commanded torques to the arm that made it.
+
+Takes logs and the URDF.
+Gives the URDF with its inertias, drives with intervals, draws of the posterior; a motion that excites.
+"""

@@ -25,7 +25,7 @@ from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
 from armgpi.robot.urdf_model import join
-from armgpi.viz import page
+from armgpi.view import page
 
 #: A pseudo-inertia whose least eigenvalue is below this share of its largest one is none.
 _POSSIBLE = 1e-12

@@ -1,4 +1,7 @@
-"""The closed loop: simulation, rollouts and what is measured of them.
+"""The closed loop: simulation, rollouts, logs, and what is measured of them.
+
+Takes a plant, a controller and a reference.
+Gives a rollout, an ``xarray.Dataset``, and its metrics.
 
 - `closed_loop`: plant, controller and reference together; one sample.
 - `runner`: the protocol of what takes samples, what drives it, and the loop by NumPy.

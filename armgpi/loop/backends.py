@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 #: Name of a backend -> its module and class, and what tells whether it is worth its while.
-_LOADED = {"compiled": ("armgpi.compiled.run", "CompiledRun", "armgpi.codegen.build")}
+_LOADED = {"compiled": ("armgpi.codegen.run", "CompiledRun", "armgpi.codegen.build")}
 #: Names that a run may ask for; "auto" is the faster one.
 BACKENDS = ("numpy", *_LOADED, "auto")
 

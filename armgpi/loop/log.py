@@ -36,9 +36,9 @@ import numpy.typing as npt
 from armgpi import files
 from armgpi.arrays import Array, check_path, check_type
 from armgpi.control.controller import FullState, Measurement
-from armgpi.control.supervisor import Reason, State
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.references.reference import Target
+from armgpi.supervisor import Reason, State
 from armgpi.version import VERSION
 
 if TYPE_CHECKING:

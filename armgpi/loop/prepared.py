@@ -14,7 +14,6 @@ import numpy as np
 
 from armgpi.arrays import Array, ArrayLike, check_choice, check_number, check_type, check_whole
 from armgpi.control.controller import Controller
-from armgpi.control.supervisor import Supervised, Supervisor
 from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, MissingPackage, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.backends import BACKENDS, runner
@@ -27,6 +26,7 @@ from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import unlike
+from armgpi.supervisor import Supervised, Supervisor
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,7 +77,7 @@ def prepare(
         signals: record the controller's inner signals as well.
         divergence: a rollout has diverged when a joint is farther than this from its reference
             [rad or m], or when a velocity or torque is not finite.
-        backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
+        backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.codegen`), with a warning and NumPy
             where there can be none; "auto" for generated code where it saves more time than it takes to be
             there: little where it was compiled before, some tenths of a second otherwise. What the loop's
             runs before took NumPy counts as well.

@@ -35,11 +35,11 @@ import numpy.typing as npt
 
 from armgpi import files
 from armgpi.arrays import Array, check_path, check_type
-from armgpi.control.supervisor import SIGNALS, Reason
 from armgpi.errors import RolloutError
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
+from armgpi.supervisor import SIGNALS, Reason
 
 if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twice as long as Pinocchio
     import xarray as xr

@@ -1,7 +1,7 @@
 """What takes the samples of a closed loop: the protocol, what drives it, and the loop by NumPy.
 
 Every run of a loop goes this way: :func:`armgpi.simulate`'s, by NumPy or by generated code
-(:mod:`armgpi.compiled.run`), and the log of an exported controller (:mod:`armgpi.export.files`).
+(:mod:`armgpi.codegen.run`), and the log of an exported controller (:mod:`armgpi.hardware.export.files`).
 """
 
 from __future__ import annotations

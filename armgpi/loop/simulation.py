@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from armgpi.arrays import ArrayLike
 from armgpi.control.controller import Controller
-from armgpi.control.supervisor import Supervisor
 from armgpi.loop.prepared import prepare
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference
+from armgpi.supervisor import Supervisor
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,10 +46,10 @@ def simulate(
         divergence: a rollout has diverged when a joint is farther than this from its reference
             [rad or m], or when a velocity or torque is not finite.
         progress: show a progress bar; when not given, on a terminal and for long runs.
-        backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.compiled`), with a warning and NumPy
+        backend: "numpy"; "compiled" for generated code (see :mod:`armgpi.codegen`), with a warning and NumPy
             where there can be none; "auto" for generated code where it saves more time than it takes to be
             there: little where it was compiled before, some tenths of a second otherwise.
-        supervisor: puts the controller under a supervisor, see :mod:`armgpi.control.supervisor`. A rollout
+        supervisor: puts the controller under a supervisor, see :mod:`armgpi.supervisor`. A rollout
             with a fault has the status "stopped", the time of its fault, and what the arm did afterwards.
         partial: on Ctrl-C return what is there, with the status "interrupted", in place of the exception.
 

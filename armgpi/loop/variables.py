@@ -15,9 +15,8 @@ import numpy as np
 
 from armgpi.arrays import as_sized_array, is_listing
 from armgpi.control.controller import Controller
-from armgpi.control.supervisor import Supervised, Supervisor
-from armgpi.control.weights import Weights
 from armgpi.errors import ArmgpiWarning, ArrayError, NameNotFound, ParameterError
+from armgpi.gpi.weights import Weights
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.parameter import Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
@@ -27,6 +26,7 @@ from armgpi.robot.batch import AnyRobot, VariedRobots
 from armgpi.robot.changes import CHANGES
 from armgpi.robot.equations import Friction
 from armgpi.robot.robot import Robot
+from armgpi.supervisor import Supervised, Supervisor
 
 
 @dataclass(frozen=True)

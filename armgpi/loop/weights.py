@@ -9,9 +9,9 @@ import xarray as xr
 
 from armgpi import files
 from armgpi.arrays import check_path, check_type
-from armgpi.control.gains import Tuning
-from armgpi.control.weights import Weights
 from armgpi.errors import ArrayError, RolloutError
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.weights import Weights
 from armgpi.loop.rollout import netcdf, read_netcdf
 from armgpi.parameter import parameters
 from armgpi.robot.batch import AnyRobot, check_robot

@@ -18,7 +18,6 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import ExperimentConfig
 from armgpi.config import experiment as experiments
-from armgpi.control.supervisor import Reason
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
 from armgpi.intervals import clopper_pearson, quantile, wilson
@@ -26,6 +25,7 @@ from armgpi.loop import metrics
 from armgpi.loop.rollout import FAULTS, Status
 from armgpi.studies.sample import Sweep, chunk_name
 from armgpi.studies.study import Study
+from armgpi.supervisor import Reason
 
 #: The file of all rollouts.
 RESULTS = "results.nc"

@@ -183,7 +183,7 @@ class DynamicsReport:
 
     def html(self) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
-        from armgpi.viz import page  # it imports what draws, which text needs not
+        from armgpi.view import page  # it imports what draws, which text needs not
 
         sections = {}
         if self.functions:
@@ -288,7 +288,7 @@ def _formulas(cause: Cause, form: Callable[[str], str | None]) -> list[tuple[str
 
 def _html_cause(cause: Cause) -> str:
     """Return a cause as HTML, its formulas set."""
-    from armgpi.viz import page
+    from armgpi.view import page
 
     first, *rest = _lines_of(cause)
     parts = [f"<p>{page.text(first.removeprefix('- '))}</p>"]
@@ -312,7 +312,7 @@ def _is_code(line: str) -> bool:
 
 def _mark_change(before: str, line: str) -> str:
     """Return a line of source as HTML; what the line before has otherwise is marked."""
-    from armgpi.viz import page
+    from armgpi.view import page
 
     if before.split(":")[0] != line.split(":")[0]:
         return str(page.text(line))
@@ -375,7 +375,7 @@ def _html_table(
     label: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], words: tuple[int, ...]
 ) -> str:
     """Return a table whose rows are marked where the second cell says that something is wrong."""
-    from armgpi.viz import page
+    from armgpi.view import page
 
     classes = ["bad" if row[1] in ("differs", "fails") else "" for row in rows]
     return page.table(head, rows, label=label, classes=classes, words=words)

@@ -25,9 +25,9 @@ from armgpi.certification.report import html
 from armgpi.certification.solve import merge_facts, solve
 from armgpi.cli import main
 from armgpi.cli.certify import _chosen_parts, _gains
-from armgpi.control.family import Member
-from armgpi.control.gains import Tuning
-from armgpi.control.realisation import Bumpless
+from armgpi.gpi.family import Member
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.realisation import Bumpless
 
 checker: Any = check_certificate
 FILE = Path(check_certificate.__file__)

@@ -18,8 +18,8 @@ from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
 from armgpi.certification.channels import channel, sampled_loops
 from armgpi.certification.path import PathBound
 from armgpi.certification.path_page import write_page
-from armgpi.control.gains import Tuning, betas
 from armgpi.errors import ParameterError
+from armgpi.gpi.gains import Tuning, betas
 
 ARM = Robot.load("anthropomorphic3").with_armature(0.1)
 GOAL = np.array([0.4, 0.6, -0.1])

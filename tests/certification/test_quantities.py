@@ -22,8 +22,8 @@ from armgpi.certification.quantities import (
     search_numbers,
     slopes,
 )
-from armgpi.control.family import Member
-from armgpi.control.payload import certified_sector, largest_payload, payload_range
+from armgpi.gpi.family import Member
+from armgpi.gpi.payload import certified_sector, largest_payload, payload_range
 
 
 def setting(speed: float = 0.5) -> Setting:

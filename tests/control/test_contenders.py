@@ -34,14 +34,14 @@ from armgpi import (
 )
 from armgpi.control.adrc import ADRC
 from armgpi.control.ctdob import ComputedTorqueDOB
-from armgpi.control.family import Member, transfer_function
 from armgpi.control.observer import Estimate, correct_estimate, expected_next, observer_gains
 from armgpi.control.pid_positions import PIDPositions
-from armgpi.control.realisation import Bumpless
-from armgpi.control.schedule import GainSchedule
 from armgpi.control.slotineli import SlotineLi
 from armgpi.control.supertwisting import SuperTwisting
 from armgpi.errors import ArmgpiError, ArrayError, ParameterError
+from armgpi.gpi.family import Member, transfer_function
+from armgpi.gpi.realisation import Bumpless
+from armgpi.gpi.schedule import GainSchedule
 from armgpi.registry import Context
 
 Array = npt.NDArray[np.float64]

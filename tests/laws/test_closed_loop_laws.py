@@ -26,7 +26,7 @@ from armgpi import (
     Step,
     simulate,
 )
-from armgpi.control.realisation import Bumpless
+from armgpi.gpi.realisation import Bumpless
 
 Array = npt.NDArray[np.float64]
 

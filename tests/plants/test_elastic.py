@@ -28,8 +28,8 @@ from armgpi import (
     prepare,
     simulate,
 )
-from armgpi.control import two_mass
 from armgpi.errors import ArrayError, ConfigError
+from armgpi.gpi import two_mass
 from armgpi.plants.elastic import ElasticState, sag
 from armgpi.robot.kinematics import random_configurations
 

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from armgpi.control.gains import Betas, Tuning, betas
+from armgpi.gpi.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
 from armgpi.robot.robot import Robot
-from armgpi.viz import plots, style
-from armgpi.viz.plots import Axes, Figure, ticker
+from armgpi.view import plots, style
+from armgpi.view.plots import Axes, Figure, ticker
 
 #: Which panel is which, as the paper letters them.
 _LETTERS = "abcdefghij"

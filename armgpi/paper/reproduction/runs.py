@@ -15,10 +15,10 @@ import xarray as xr
 
 from armgpi import config
 from armgpi.arrays import Array, PerJointInput
-from armgpi.control.gpi import GPI
-from armgpi.control.network import BSplineNetwork
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiWarning
+from armgpi.gpi.law import GPI
+from armgpi.gpi.network import BSplineNetwork
 from armgpi.loop import metrics
 from armgpi.loop.simulation import simulate
 from armgpi.paper import scenarios

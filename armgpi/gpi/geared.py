@@ -1,0 +1,255 @@
+"""How fast a law may be on an arm whose gears twist: two-mass loops at the ends of what is known of them."""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.gpi.family import Member
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.realisation import Bumpless
+from armgpi.gpi.two_mass import (
+    ArmLoop,
+    Gears,
+    Law,
+    around,
+    damping_at_one,
+    free_modes,
+    gravity_stiffness,
+    joint_laws,
+)
+from armgpi.gpi.two_mass import law as law_at
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import SCATTER, believe_gears
+
+#: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the
+#: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken.
+SENSITIVITIES, STABLE_SHARE = (2.5, 4.0, 6.3), 0.85
+#: Largest sensitivity peak at which gears are as good as rigid ones.
+RIGID_SENSITIVITY = 3.0
+#: How far a told stiffness may be off either way. Damping ratios and current loop [Hz] of which nothing is
+#: known, 1 to 5 % and 300 to 1000 Hz being usual: loops are judged at the first, and stable at the second.
+STIFFNESS_OFF, DAMPINGS, CURRENT = 0.3, (0.03, 0.01), 500.0
+#: Where that leaves a loop less than this [rad/s], it has to be stable at the damping at which it is judged:
+#: slower ones lose more arms to gravity and friction than light damping does (tools/reality.py, fit arms).
+LATE = 5.0
+#: And no loop with believed gears and encoders at motors is slower [rad/s]: at 2 to 3 the arm falls under a
+#: load (tools/reality.py, fit arms), while gears as stiff as may be behind rotors as light are rare. Nor does
+#: the noise of coarse encoders make a joint slower.
+SLOWEST = 4.5
+#: Lowest resonance of believed gears behind encoders at the link, whose loops soft gears lose [Hz].
+SOFTEST = 5.0
+#: Bandwidths that are tried end here [rad/s]; one is below the one before by a factor, and the last interval
+#: is halved so many times.
+_SLOWEST, _STEP, _HALVINGS = 2.0, 1.25, 3
+#: Stiffness over rotor inertia of a joint without a rotor, which has no gear [1/s^2]: 500 Hz.
+_RIGID = (1000.0 * math.pi) ** 2
+#: Configurations, the middle the first, and a rotor at least, as a share of the joint's own link inertia.
+CONFIGURATIONS, _LEAST_ROTOR = 4, 0.01
+
+
+class Case(NamedTuple):
+    """An arm at a configuration, with its gears as they may be.
+
+    Attributes:
+        q: configuration [rad or m], (n,).
+        arm: the plant, sampled and late.
+        judged: whether its sensitivity counts; else it has to be stable.
+    """
+
+    q: Array
+    arm: ArmLoop
+    judged: bool
+
+
+def is_known(robot: Robot) -> bool:
+    """Tell whether something is known of the stiffness of an arm's gears, or believed."""
+    return bool(robot.drives.data.get("stiffness"))
+
+
+def is_believed(robot: Robot) -> bool:
+    """Tell whether the stiffness of some gear is believed."""
+    return "believed" in robot.drives.sources("stiffness")
+
+
+def at_link(robot: Robot) -> bool:
+    """Tell whether all encoders are told to be at the link; at the motor is usual."""
+    return bool((robot.drives.value("encoder_side") == "link").all())
+
+
+@lru_cache(maxsize=16)
+def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> tuple[Case, ...]:
+    """Return an arm at some configurations with its gears at the ends of what is known of them.
+
+    Args:
+        robot: with some stiffness in its drives; that of the other gears is believed.
+        dt: sample time [s].
+        late: samples by which measurements are late.
+        damping: ratio at which loops have to be stable where nothing is known of it.
+    """
+    robot = believe_gears(robot)
+    drives = robot.drives
+    rotor = _rotor(robot)
+    value, (low, high) = drives.value("stiffness"), drives.interval("stiffness")
+    exact = low == high
+    ends = [
+        np.where(exact, (1.0 - STIFFNESS_OFF) * value, low),
+        np.where(exact, (1.0 + STIFFNESS_OFF) * value, high),
+    ]
+    if is_believed(robot):
+        softer = min(1.0, (SOFTEST / resonance(robot)) ** 2) if at_link(robot) else 1.0
+        ends = [np.minimum(ends[0], softer * value), value, ends[1]]
+    side = drives.value("encoder_side")
+    sides = [
+        np.where(side == "", other, side) for other in ("motor", "link")[: 2 if (side == "").any() else 1]
+    ]
+    current = float(np.min(drives.value("current_bandwidth", CURRENT)))
+    told = drives.value("damping")
+    least = drives.interval("rotor_inertia")[0]
+    # An interval down to zero tells no lightest rotor: then that of a believed one.
+    least = np.where(least > 0.0, least, (1.0 / SCATTER) * rotor)
+    lighter = np.where(least < rotor, np.sqrt(least * rotor), rotor)
+    weights = [rotor, lighter] if (lighter < rotor).any() else [rotor]
+    found = []
+    for q, (i, own), stiffness in itertools.product(_configurations(robot), enumerate(weights), ends):
+        gears = Gears(own, _fill_unknown(stiffness, own), current=current)
+        ratio = told / damping_at_one(robot.mass_matrix(q) - np.diag(robot.armature), gears)
+        usual = (DAMPINGS[0], damping) if np.isnan(told).any() else DAMPINGS[:1]
+        for where, (k, each) in itertools.product(sides, enumerate(usual)):
+            gears = gears._replace(damping=np.where(np.isnan(told), each, ratio), side=where)
+            found.append(Case(q, ArmLoop(robot, q, gears, dt, late), i == k == 0))
+    return tuple(found)
+
+
+def resonance(robot: Robot) -> float:
+    """Return the lowest resonance of an arm with free motors in the middle [Hz]; gears may be believed."""
+    soft = believe_gears(robot)
+    rotor = _rotor(soft)
+    gears = Gears(rotor, _fill_unknown(soft.drives.value("stiffness"), rotor))
+    return float(free_modes(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), gears)[0])
+
+
+def _configurations(robot: Robot) -> tuple[Array, ...]:
+    """Return the configurations that are looked at."""
+    return (robot.middle(), *random_configurations(robot, CONFIGURATIONS - 1, seed=1))
+
+
+def _rotor(robot: Robot) -> Array:
+    """Return the rotors of an arm, none so light that nothing twists [kg m^2 or kg], (n,)."""
+    links = np.diag(robot.mass_matrix(robot.middle())) - robot.armature
+    return np.maximum(robot.armature, _LEAST_ROTOR * links)
+
+
+def _fill_unknown(stiffness: Array, rotor: Array) -> Array:
+    """Return stiffness, that of a gear that hardly twists where none is known [N m/rad or N/m], (n,)."""
+    return np.where(np.isnan(stiffness), _RIGID * rotor, stiffness)
+
+
+def rigid_cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
+    """Return an arm at the same configurations with rigid gears; arguments as :func:`cases`."""
+    gears = Gears(robot.armature, current=CURRENT)
+    return tuple(Case(q, ArmLoop(robot, q, gears, dt, late), True) for q in _configurations(robot))
+
+
+def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
+    """Return the lowest resonance that a law bears with Ms of at most 3, and that of believed gears [Hz].
+
+    Encoders are at the motors, all gears of the believed stiffness times one factor, at the damping at which
+    loops are judged; resonances are those in the middle.
+
+    Args:
+        law: a GPI with fixed gains.
+        robot: the arm, without a word of its gears.
+        late: samples by which measurements are late.
+    """
+    soft = believe_gears(robot)
+    rotor = _rotor(soft)
+    stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
+    linear = [(q, law_at(law, q)) for q in _configurations(robot)]
+
+    def gears(factor: float) -> Gears:
+        return Gears(rotor, factor * stiffness, DAMPINGS[0], CURRENT)
+
+    def bears(factor: float) -> bool:
+        arms = ((ArmLoop(robot, q, gears(factor), law.dt, late), own) for q, own in linear)
+        return all(arm.sensitivity(own) <= RIGID_SENSITIVITY for arm, own in arms)
+
+    exponents = np.linspace(-1.0, 4.0, 21)
+    low = bisect.bisect_left(exponents.tolist(), True, key=lambda x: bears(10.0**x))
+    usual = resonance(robot)
+    return (usual * 10.0 ** (0.5 * exponents[low]) if low < len(exponents) else math.inf), usual
+
+
+class Loops:
+    """The loops of an arm's cases under the laws of one nominal model, as fast as one wants."""
+
+    def __init__(
+        self, cases: Sequence[Case], nominal: Robot, bias: Robot | None, member: Member, dt: float
+    ) -> None:
+        """Work out what the laws have in common.
+
+        Args:
+            cases: of the arm.
+            nominal: model of the feedback.
+            bias: model of a feedforward that is taken at the measured position; None for another one.
+            member: of the family.
+            dt: sample time [s].
+        """
+        self._realisation, self._dt, self._n = Bumpless(member), dt, nominal.n
+        steep = {id(case.q): None if bias is None else gravity_stiffness(bias, case.q) for case in cases}
+        self._each = [(case, nominal.mass_matrix(case.q), steep[id(case.q)]) for case in cases]
+
+    def holds(self, omega: float | Array, most: float = math.inf) -> bool:
+        """Tell whether all loops are stable, with a sensitivity peak of at most `most`."""
+        own = self._own(omega)
+        for i, (case, inertia, steep) in enumerate(self._each):
+            law, judged = around(own, inertia, steep), case.judged and most < math.inf
+            if case.arm.growth(law) >= 1.0 or (judged and case.arm.sensitivity(law) > most):
+                self._each.insert(0, self._each.pop(i))  # most likely the one that the next bandwidth loses
+                return False
+        return True
+
+    def _own(self, omega: float | Array) -> Law:
+        tuning = Tuning(omega * np.ones(self._n), np.ones(self._n), omega * np.ones(self._n))
+        return joint_laws(self._realisation, self._realisation.coefficients(tuning, self._dt), self._n)
+
+    def fastest(self, highest: float, most: float = math.inf) -> float:
+        """Return the largest bandwidth up to `highest` that all loops bear [rad/s]; zero for none."""
+        return _largest(lambda omega: self.holds(omega, most), highest)
+
+
+def _largest(holds: Callable[[float], bool], highest: float) -> float:
+    """Return about the largest number for which something holds, from above; zero for none."""
+    omega = highest
+    if holds(omega):
+        return omega
+    while omega > _SLOWEST:
+        above, omega = omega, omega / _STEP
+        if holds(omega):
+            for _ in range(_HALVINGS):
+                middle = math.sqrt(above * omega)
+                above, omega = (above, middle) if holds(middle) else (middle, omega)
+            return omega
+    return 0.0
+
+
+def bandwidth(loops: Loops, highest: float, believed: bool) -> float:
+    """Return how fast a law may be [rad/s].
+
+    Args:
+        loops: of the arm under the law.
+        highest: what else allows [rad/s].
+        believed: whether the stiffness is: then a share of the fastest stable bandwidth is taken.
+    """
+    for most in () if believed else SENSITIVITIES:
+        if omega := loops.fastest(highest, most):
+            return omega
+    return STABLE_SHARE * loops.fastest(highest / STABLE_SHARE) or _SLOWEST

@@ -1,0 +1,427 @@
+"""The output-feedback GPI controller (eqs. 12-25): torque from measured positions alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, ArrayLike, as_float_array, new
+from armgpi.control.controller import Controller, ControlStep, Measurement
+from armgpi.errors import ParameterError
+from armgpi.gpi import advice, untuned
+from armgpi.gpi.family import Member
+from armgpi.gpi.gains import FixedGains, Gains
+from armgpi.gpi.margins import Margins, default_omega, worst_margins
+from armgpi.gpi.payload import LoadRange, load_range, served_omega
+from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
+from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
+from armgpi.references.reference import Target
+from armgpi.registry import Context
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, with_heavier_rotors
+from armgpi.robot.robot import Robot
+
+#: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
+_SMOOTH = 1e-2
+#: Feedforward -> what it needs of the nominal model.
+KNOWS = {"none": "inertia", "gravity": "gravity", "model": "model", "computed": "model"}
+
+
+class GPIState(NamedTuple):
+    """State of a GPI controller.
+
+    Attributes:
+        law: state of the realisation.
+        gains: state of the gains.
+        learn: 1 where the last torque was applied as asked, 0 where it was cut; shape as the errors.
+    """
+
+    law: Any
+    gains: Any
+    learn: Array
+
+
+@with_parameters
+class GPI(Controller):
+    """Generalised proportional-integral control, tau = D(q) v with v = -C(s) (q - q*).
+
+    It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
+    loads are the disturbance that its two integrators reject (constant and ramp without error). Other
+    members of the family (:mod:`armgpi.gpi.family`) have more or fewer integrators, and a roll-off.
+    What the nominal model knows of the way ahead can be added: ``tau = D(q) v + feedforward(q*, v*, a*)``.
+    ``GPI(robot, dt)`` is the law as printed; for an arm that nobody tuned there is :meth:`untuned`.
+
+    Attributes:
+        robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
+            `payload`, the one with the heaviest load.
+        gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
+        realisation: "bumpless" (three bounded states) or "paper" (as printed).
+        start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero" with
+            the integrators at zero.
+        feedforward: torque of the nominal model that is added: "none" (the paper); at the reference "gravity"
+            G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*); or "computed", at the measured position
+            D(q) a* + C(q, v*) v* + G(q).
+        delay: transport delay in the loop [s], besides the sample and hold.
+        payload: lightest and heaviest load [kg] that `robot` may carry, or a :class:`LoadRange`: the nominal
+            model then has the heaviest, and the default gains suit the lightest
+            (:func:`armgpi.payload_range`). Of a controller, the :class:`armgpi.PayloadRange` found; None for
+            none.
+        frame: frame that carries the load; the robot's tip when not given.
+        com: centre of mass of the load in that frame [m], shape (3,).
+        friction_feedforward: whether the nominal model's joint friction at the reference velocity is added.
+        integrators: 1 to 3; the paper has 2.
+        rolloff: poles beyond those that C(s) needs, 0 to 2; the paper has 0.
+        rolloff_ratio: those poles over omega_c [-].
+        second_ratio: natural frequency of the second quadratic factor over omega_c [-]; 1 when not given.
+        second_zeta: its damping ratio [-]; zeta_c when not given.
+        rest_dead_zone: error below which nothing is integrated while the reference rests [rad or m]; with
+            `rest_leak` it keeps friction and encoder counts from making the arm hunt.
+        rest_leak: rate at which every integrator but the first empties while the reference rests [1/s]; some
+            50 end hunting, 0 is the paper.
+        rotor_factor: factor of the rotors' inertia in the nominal model of the feedback, the feedforward's
+            has the robot's own; 1 is the paper, more serves gears that twist.
+        bias_robot: the robot that the feedforward is of; `robot` when not given.
+    """
+
+    measurement_type: ClassVar[type[Measurement]] = Measurement
+    knows: ClassVar[str] = "inertia"
+    derived: ClassVar[Mapping[str, str]] = {
+        "_viscous": "viscous friction of the nominal model [N m s/rad or N s/m]",
+        "_coulomb": "Coulomb friction of the nominal model [N m or N]",
+        "_emptied": "share of an integrator that leaks out in a sample at rest [-]",
+    }
+
+    gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
+    realisation: str = parameter(
+        "discrete form of the law; paper is as printed",
+        kind="choice",
+        default="bumpless",
+        choices=("bumpless", "paper"),
+        structural=True,
+    )
+    start: str = parameter(
+        "start with the torque that holds the arm, or with the integrators at zero",
+        kind="choice",
+        default="hold",
+        choices=("hold", "zero"),
+        structural=True,
+    )
+    delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
+    payload: Any = parameter(
+        "loads that it must tolerate; its nominal model has the heaviest",
+        kind="group",
+        group=LoadRange,
+        default=None,
+        none="none",
+        key="payload_range",
+    )
+    frame: str | None = parameter(
+        "frame that carries the load", kind="text", default=None, none="the tip", in_file=False
+    )
+    com: Vector = parameter(
+        "centre of mass of the load in that frame",
+        unit="m",
+        kind="vector",
+        default=(0.0, 0.0, 0.0),
+        in_file=False,
+    )
+    integrators: int = parameter(
+        "number of integrators", kind="integer", default=2, least=1, most=3, structural=True
+    )
+    rolloff: int = parameter(
+        "poles that roll off the noise", kind="integer", default=0, least=0, most=2, structural=True
+    )
+    rolloff_ratio: PerJoint = parameter(
+        "roll-off poles over omega",
+        default=4.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(1.0, 20.0),
+        slider=(1.0, 20.0),
+    )
+    second_ratio: PerJoint = parameter(
+        "natural frequency of the second quadratic factor over omega",
+        default=None,
+        none="1",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(0.2, 5.0),
+        slider=(0.2, 5.0),
+    )
+    second_zeta: PerJoint = parameter(
+        "damping ratio of the second quadratic factor",
+        default=None,
+        none="zeta",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        search=(0.3, 3.0),
+        slider=(0.3, 2.0),
+    )
+
+    feedforward: str = parameter(
+        "torque of the nominal model at the reference that is added; none is the paper",
+        kind="choice",
+        default="none",
+        choices=("none", "gravity", "model", "computed"),
+        structural=True,
+        short="torque of the nominal model at the reference that is added",
+    )
+    friction_feedforward: bool = parameter(
+        "add the nominal model's joint friction at the reference velocity",
+        kind="flag",
+        default=False,
+        structural=True,
+    )
+    rest_dead_zone: PerJoint = parameter(
+        "error below which nothing is integrated while the reference rests",
+        unit="rad or m",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        slider=(0.0, 0.01),
+    )
+    rest_leak: PerJoint = parameter(
+        "rate at which every integrator but the first empties while the reference rests",
+        unit="1/s",
+        default=0.0,
+        least=0.0,
+        per_joint=True,
+        slider=(0.0, 100.0),
+    )
+    rotor_factor: float = parameter(
+        "factor of the rotors' inertia in the nominal model of the feedback",
+        default=1.0,
+        least=0.0,
+        above=True,
+        structural=True,
+    )
+    bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Check the parameters and work out what `step` needs of them.
+
+        Raises:
+            PayloadError: when no bandwidth serves the loads.
+            ParameterError: for a bad sample time, realisation, start or delay.
+            ArrayError: for gains that are not positive or do not fit the joints.
+            EffortError: when a joint has no torque.
+        """
+        check_robot(self.robot)
+        self.check_parameters(self.robot.joint_names)
+        member = self.member
+        gains: Any = self.gains
+        self._choose_models(gains, member)
+        if gains is None:
+            gains = FixedGains(served_omega(self.payload, self.dt, self.delay, member))
+            if self.payload is None and not self.remade:
+                advice.warn(advice.slow_default(self.dt, self.delay, member), 2)
+        if not isinstance(gains, Gains):
+            raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
+        self.keep("gains", gains.prepare(self.robot.joint_names, self.dt))
+        super().__post_init__()
+        self.knows = KNOWS[self.feedforward]  # type: ignore[misc]  # of this one, not of the class
+        # What differs by rollout was declared to vary, whatever it is.
+        resting = (self.rest_dead_zone, self.rest_leak)
+        self._rests = any(x.ndim == 2 or x.any() for x in resting)
+        self._law = REALISATIONS[self.realisation]
+        if self.realisation == "bumpless":
+            self._law = Bumpless(member)
+        elif not member.printed:
+            expected = "bumpless for what is not the law of the paper"
+            raise ParameterError("realisation", self.realisation, expected)
+        elif self._rests:
+            raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
+        self._emptied = -np.expm1(-self.rest_leak * self.dt)
+        self._viscous, self._coulomb = self.bias_robot.friction
+        self._dynamics, self._bias = self.robot.dynamics, self.bias_robot.dynamics
+        with np.errstate(all="ignore"):
+            self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
+        if not all(np.isfinite(x).all() for x in self._nominal):
+            raise ParameterError("gains", self.gains, "a tuning whose derived gains are finite")
+        if not self.remade:
+            advice.warn(advice.late_loop(self), 2)
+
+    def _choose_models(self, gains: Gains | None, member: Member) -> None:
+        """Put the heaviest load and heavier rotors into the nominal model of the feedback."""
+        if self.payload is not None:
+            loads = load_range(self.payload, self.frame, self.com)
+            if gains is None:
+                payload = loads.choose(self.robot, self.dt, self.delay, member=member)
+            else:  # who brings gains chooses how slow they are
+                payload = loads.choose(self.robot, self.dt, self.delay, 1e-9)
+            self.keep("payload", payload)
+            self.keep("robot", payload.nominal)
+        elif self.frame is not None:
+            raise ParameterError("frame", self.frame, "left out where there is no payload")
+        self.fill("bias_robot", self.robot)
+        check_same_joints(self.bias_robot, "bias_robot", self.robot)
+        if self.rotor_factor != 1.0:
+            self.keep("robot", with_heavier_rotors(self.robot, self.rotor_factor))
+
+    @classmethod
+    def untuned(
+        cls,
+        robot: AnyRobot,
+        dt: float,
+        *,
+        delay: float = 0.0,
+        bits: Any = untuned.BITS,
+        drives: str | None = None,
+        **given: Any,
+    ) -> GPI:
+        """Return a controller for an arm that nobody tuned, by the rule of `armgpi.gpi.untuned`.
+
+        Args:
+            robot: nominal model.
+            dt: sample time [s].
+            delay: transport delay in the loop [s].
+            bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); 16 is
+                assumed where nothing is said, None is for exact positions.
+            drives: what is believed of drives that nothing tells: "soft", rotors and gears that twist;
+                "believed", rotors of stiff gears; "rigid", no rotors; see :func:`armgpi.believe_drives`.
+            **given: parameters of the controller that are not to be chosen.
+
+        Raises:
+            ArmgpiError: as the constructor, and for encoders that cannot be.
+        """
+        made = cls(**untuned.arguments(robot, dt, delay, bits, drives, given))
+        advice.warn(advice.coarse_counts(made, bits), 1)
+        return made
+
+    @classmethod
+    def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
+        """Return the context with the bandwidth that sample time, delay and loads allow."""
+        payload, member = given.get("payload"), untuned.member(given)
+        omega_c = default_omega(context.dt, context.delay, member=member)
+        if payload is not None:
+            with context.error_context("payload"):
+                omega_c = payload.choose(context.robot, context.dt, context.delay, member=member).omega_c
+        return context._replace(omega_c=omega_c)
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> GPI:
+        """Return the controller; see :meth:`Controller.configured`."""
+        # A scaled inertia varies D alone, as in the paper: the feedforward is of the robot as it is known.
+        known: Any = None if given.get("feedforward", "none") == "none" else context.robot
+        made = cls(context.nominal, context.dt, delay=context.delay, bias_robot=known, **given)
+        advice.warn(advice.coarse_counts(made, context.bits), 1)
+        return made
+
+    def init(self, measurement: Measurement, target: Target) -> GPIState:
+        """Return the state before the first sample; see :meth:`Controller.init`."""
+        q = measurement.q
+        e = q - target.q
+        hold = np.zeros_like(e)
+        if self.start == "hold":
+            held = self.limited(self._bias.gravity(q))
+            if self.feedforward != "none":
+                # All that it gives at rest: what it gives to accelerate is no part of holding.
+                held = held - self._bias.gravity(self._where(q, target.q + np.zeros_like(q)))
+            hold = self._dynamics.inertia_solve(q, held)
+        learn = np.ones_like(e)
+        return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
+
+    def step(self, measurement: Measurement, target: Target, state: GPIState) -> ControlStep:
+        """Return torque and next state; what is NaN goes through: nothing is checked here.
+
+        A check would cost 4 % of a step (1.3 of 30 us, UR5); :class:`armgpi.Supervised` has it, and
+        :func:`armgpi.simulate` ends a run. See :meth:`Controller.step`.
+        """
+        q = measurement.q
+        e = q - target.q
+        coefficients, learn, gains_state = self._nominal, state.learn, None
+        if self.gains.adaptive:
+            tuning, gains_state = self.gains.step(e, learn, state.gains)
+            coefficients = self._law.coefficients(tuning, self.dt)
+        v = self._law.output(e, state.law, coefficients)
+        asked = self._dynamics.inertia_times(q, v)  # eq. 19
+        if self.feedforward != "none" or self.friction_feedforward:
+            asked = asked + self.ahead(q, target)
+        tau = self.limited(asked)
+        cut = tau - asked
+        missing = self._dynamics.inertia_solve(q, cut)
+        # The solver hands a zero torque back as it is: then nothing was cut.
+        applied = None if missing is cut else missing
+        law = self._law.update(e, v, applied, state.law, coefficients, *self._resting(e, target))
+        if self.gains.adaptive:
+            learn = np.where(cut == 0.0, 1.0, 0.0)
+        return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
+
+    def _where(self, measured: Array, wanted: Array) -> Array:
+        """Return the position that the feedforward is taken at."""
+        return measured if self.feedforward == "computed" else wanted
+
+    def ahead(self, measured: Array, target: Target) -> Array:
+        """Return the torque that is fed forward, in the shape of the measured position."""
+        ahead = np.zeros_like(measured)
+        wanted, v, a = (part + ahead for part in target)  # one reference may be for a whole batch
+        if self.feedforward != "none":
+            known, q = self._bias, self._where(measured, wanted)
+            ahead = known.gravity(q) if self.feedforward == "gravity" else known.inverse(q, v, a)
+        return self.add_friction(ahead, v) if self.friction_feedforward else ahead
+
+    def add_friction(self, torque: Array, v: Array) -> Array:
+        """Return a torque with the nominal model's friction at a reference velocity [N m or N]."""
+        # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
+        return torque + self._viscous * v + self._coulomb * (v / np.sqrt(v * v + _SMOOTH * _SMOOTH))
+
+    def _resting(self, e: Array, target: Target) -> tuple[Resting, ...]:
+        """Return what the integrators are given where the reference rests; nothing for the error."""
+        if not self._rests:
+            return ()
+        rests = np.where((target.v == 0.0) & (target.a == 0.0), 1.0, 0.0)
+        zone = rests * self.rest_dead_zone
+        beyond = e - np.minimum(np.maximum(e, -zone), zone)
+        return (new(Resting, (beyond, 1.0 - rests * self._emptied)),)
+
+    @property
+    def member(self) -> Member:
+        """Which member of the family it is."""
+        return untuned.member(vars(self))
+
+    def margins(self) -> Margins:
+        """Return what the loops of all joints tolerate, in continuous time and with the gains at rest."""
+        return worst_margins(self.gains.nominal(), self.member)
+
+    def count_torque(self, bits: ArrayLike) -> Array:
+        """Return by how much one count of an encoder moves a joint's torque at once [N m or N], (n,).
+
+        Args:
+            bits: resolution [bits], a number or an array that broadcasts against (n,).
+
+        Raises:
+            ParameterError: when the nominal model is a batch.
+        """
+        if not isinstance(self.robot, Robot):
+            raise ParameterError("robot", self.robot, "a single Robot")
+        law = Bumpless(self.member)
+        c, zero = law.coefficients(self.gains.nominal(), self.dt), np.zeros(self.robot.n)
+        at_once = np.abs(law.output(zero + 1.0, law.init(zero, c), c))
+        counts = self.robot.encoder_count(as_float_array(bits, "bits"))
+        return np.asarray((untuned.most_inertia(self.robot) * (at_once * counts)).max(axis=1))
+
+    def signals(self, state: GPIState) -> Mapping[str, Array]:
+        """Return the states of the law under their names."""
+        return {**state.law._asdict(), **self.gains.signals(state.gains)}
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parameters as plain data."""
+        told = super().describe()
+        for name in ("payload", "frame", "com"):
+            del told[name]
+        told["gains"] = {"type": type(self.gains).__name__, **self.gains.describe()}
+        if self.payload is not None:  # its nominal model is the robot
+            told["payload"] = {
+                key: plain(value)
+                for key, value in self.payload._asdict().items()
+                if key not in ("nominal", "member")
+            }
+        return told

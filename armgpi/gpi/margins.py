@@ -1,0 +1,362 @@
+"""What one joint's loop tolerates: margins of L(s) = N(s) / (s^(m + 2) D(s)), from roots of polynomials.
+
+The plant is the double integrator e'' = delta v; delta is by how much the nominal inertia is too large.
+Continuous time, but for :func:`count_noise`. One joint at a time: numbers, not arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.control.bandwidth import PHASE, default_bandwidth
+from armgpi.gpi.family import PRINTED, Member, transfer_function
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.realisation import Bumpless
+
+#: What the printed law tolerates of omega_c (1.5 dt + delay); see :func:`tolerated_phase`.
+PRINTED_PHASE = 0.3564136508074215
+#: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
+SLOWEST_DEFAULT = 15.0
+#: Real numbers; NumPy makes no difference between its floats in what it does to polynomials.
+Array = npt.NDArray[Any]
+
+
+class Loop(NamedTuple):
+    """An open loop L(s) = numerator / denominator that is stable when closed.
+
+    Attributes:
+        numerator: coefficients over s / omega, from the highest power down.
+        denominator: coefficients over s / omega, from the highest power down.
+        omega: the unit of frequency [rad/s].
+    """
+
+    numerator: Array
+    denominator: Array
+    omega: float
+
+
+class Interval(NamedTuple):
+    """An interval of delta, the factor by which the nominal inertia is too large [-].
+
+    Attributes:
+        lower: lower end.
+        upper: upper end, infinite where nothing bounds it.
+    """
+
+    lower: float
+    upper: float
+
+
+class Margins(NamedTuple):
+    """What the loops of all joints tolerate.
+
+    Attributes:
+        phase: least phase margin [rad].
+        delay: least delay margin [s].
+        delta: by which constant factors the nominal inertia may be too large.
+    """
+
+    phase: float
+    delay: float
+    delta: Interval
+
+
+class Noise(NamedTuple):
+    """What the counts of an encoder make of v, for white noise of 1 rad on each position.
+
+    Attributes:
+        at_once: the step of v after a step of the position by 1 rad [1/s^2].
+        deviation: standard deviation of v [1/s^2].
+        step: standard deviation of the difference between two samples of v [1/s^2].
+    """
+
+    at_once: float
+    deviation: float
+    step: float
+
+
+def open_loop(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> Loop:
+    """Return L(s) = delta C(s) / s^2 of one joint.
+
+    Args:
+        tuning: of the joint, numbers.
+        member: of the family.
+        delta: factor by which the nominal inertia is too large [-]; the other functions count from it.
+    """
+    return _loop(_coefficients(tuning, member).ravel(), member.integrators, delta)
+
+
+def loops(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> list[Loop]:
+    """Return the open loops of all joints, each of those that are alike once.
+
+    Args:
+        tuning: arrays that broadcast.
+        member: of the family.
+        delta: factor by which the nominal inertia is too large [-].
+    """
+    rows = _coefficients(tuning, member)
+    # Not np.unique: it imports masked arrays, which takes as long as Pinocchio.
+    distinct = sorted(set(map(tuple, rows.reshape(-1, rows.shape[-1]).tolist())))
+    return [_loop(np.array(row), member.integrators, delta) for row in distinct]
+
+
+def crossovers(loop: Loop) -> Array:
+    """Return the frequencies where ``|L| = 1`` [rad/s]."""
+    return loop.omega * np.sqrt(_positive(np.polysub(_square(loop.denominator), _square(loop.numerator))))
+
+
+def phase_margin(loop: Loop) -> float:
+    """Return the least phase lag that makes the loop oscillate [rad]."""
+    w = crossovers(loop) / loop.omega
+    return float(np.min(_phase(loop, w)))
+
+
+def delay_margin(loop: Loop) -> float:
+    """Return the least delay that makes the loop oscillate [s]."""
+    w = crossovers(loop) / loop.omega
+    return float(np.min(_phase(loop, w) / w)) / loop.omega
+
+
+def delay_margins(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> Array:
+    """Return :func:`delay_margin` of every joint [s]; zero where the loop is not stable.
+
+    NaN where the poles are so far apart that floats do not tell.
+
+    Args:
+        tuning: arrays that broadcast.
+        member: of the family.
+        delta: factor by which the nominal inertia is too large.
+    """
+    with np.errstate(all="ignore"):
+        return _delay_margins(_coefficients(tuning, member), member, delta)
+
+
+def _delay_margins(rows: Array, member: Member, delta: float) -> Array:
+    """Return the delay margins [s] for coefficients (..., k)."""
+    flat = rows.reshape(-1, rows.shape[-1]).tolist()
+    margins = [_delay_margin(tuple(row), member.integrators, delta) for row in flat]
+    return np.array(margins).reshape(rows.shape[:-1])
+
+
+@lru_cache(maxsize=1024)  # joints and rollouts are often alike, and arms are asked for more than once
+def _delay_margin(row: tuple[float, ...], integrators: int, delta: float) -> float:
+    """Return the delay margin of one joint [s] from its coefficients."""
+    loop = _loop(np.array(row), integrators, delta)
+    try:
+        return delay_margin(loop) if _stable(loop.denominator, loop.numerator) else 0.0
+    except ValueError:  # no crossover is found, or roots of polynomials that are not finite
+        return math.nan
+
+
+def tolerated_phase(member: Member = PRINTED, delta: float = 1.0) -> float:
+    """Return omega_c times delay [-] that the slowest joint of a member tolerates; zero where it is unstable.
+
+    Args:
+        member: of the family, with zeta_c = 1 and p_c = omega_c.
+        delta: factor by which the nominal inertia is too large.
+    """
+    one = np.ones(1)
+    return float(np.min(delay_margins(Tuning(one, one, one), member, delta)))
+
+
+def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0, member: Member = PRINTED) -> float:
+    """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
+
+    A hold of dt and the computation take 1.5 dt, transport takes `delay`; the printed law tolerates 0.356 /
+    omega_c of them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. Of what another
+    member tolerates it uses the same share. The cap keeps encoder steps from becoming torque noise.
+
+    Args:
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        highest: cap [rad/s]; infinite for none.
+        member: of the family.
+
+    Raises:
+        ParameterError: when a number is out of its range.
+    """
+    share = 1.0 if member.printed else tolerated_phase(member) / PRINTED_PHASE
+    return default_bandwidth(dt, delay, highest, share * PHASE)
+
+
+def worst_margins(tuning: Tuning, member: Member = PRINTED) -> Margins:
+    """Return the least margins of all joints.
+
+    Args:
+        tuning: arrays that broadcast.
+        member: of the family.
+    """
+    every = loops(tuning, member)
+    intervals = [gain_interval(loop) for loop in every]
+    delta = Interval(max(each.lower for each in intervals), min(each.upper for each in intervals))
+    return Margins(min(map(phase_margin, every)), min(map(delay_margin, every)), delta)
+
+
+def peak_sensitivity(loop: Loop) -> float:
+    """Return the largest ``|1 / (1 + L)|``."""
+    closed = np.polyadd(loop.denominator, loop.numerator)
+    above, below = _square(loop.denominator), _square(closed)
+    u = _stationary(above, below)
+    return math.sqrt(np.max(np.polyval(above, u) / np.polyval(below, u)))
+
+
+def gain_interval(loop: Loop, sigma: float = 0.0) -> Interval:
+    """Return the constant delta around 1 that keep the loop stable.
+
+    Args:
+        loop: from :func:`open_loop`.
+        sigma: rate [1/s] at which a quadratic Lyapunov function has to fall at least.
+
+    Returns:
+        The interval; an empty one (`upper` = `lower`) when the loop is not that fast at 1.
+    """
+    numerator, denominator = _shift_polynomials(loop, sigma)
+    if not _stable(denominator, numerator):
+        return Interval(1.0, 1.0)
+    # A pole crosses the imaginary axis where L(j w) is real, at delta = -1 / L.
+    squares = _positive(_cross(denominator, numerator)[1])
+    s = 1j * np.sqrt(np.append(squares, 0.0))
+    critical = -(np.polyval(denominator, s) / np.polyval(numerator, s)).real
+    return Interval(
+        float(max(critical[critical < 1.0], default=-math.inf)),
+        float(min(critical[critical > 1.0], default=math.inf)),
+    )
+
+
+def sector(loop: Loop, lowest: float = 1.0, sigma: float = 0.0) -> Interval:
+    """Return the delta that may change with time in any way, from `lowest` on (circle criterion).
+
+    With G(j w) = 1 / L = X + j Y one quadratic Lyapunov function serves all of them if and only if
+    (X + lower) (X + upper) + Y^2 > 0 at every frequency.
+
+    Args:
+        loop: from :func:`open_loop`.
+        lowest: lower end of the interval.
+        sigma: rate [1/s] at which the Lyapunov function has to fall at least.
+
+    Returns:
+        The interval; an empty one (`upper` = `lower`) when the loop is not that fast at its lower end.
+    """
+    numerator, denominator = _shift_polynomials(loop, sigma)
+    if not _stable(denominator, lowest * numerator):
+        return Interval(lowest, lowest)
+    real = _cross(denominator, numerator)[0]
+    above = -np.polyadd(_square(denominator), lowest * real)
+    below = np.polyadd(real, lowest * _square(numerator))
+    # upper < -(|G|^2 + lower X) / (X + lower) wherever X + lower < 0.
+    u = _stationary(above, below)
+    u = u[np.polyval(below, u) < 0.0]
+    bounds = np.polyval(above, u) / np.polyval(below, u)
+    return Interval(lowest, float(min(bounds, default=math.inf)))
+
+
+def count_noise(tuning: Tuning, dt: float, member: Member = PRINTED) -> Noise:
+    """Return what encoder counts make of v in the sampled loop at rest, exact for white noise.
+
+    Args:
+        tuning: of one joint.
+        dt: sample time [s].
+        member: of the family.
+    """
+    law = Bumpless(member)
+    c = law.coefficients(tuning, dt)
+    order = member.integrators + member.rolloff + 1
+    size = order + 2  # position, velocity, the law's state
+    # One sample from every unit state and from a unit of noise: columns of the loop's matrices.
+    q, speed, *states = np.eye(size, size + 1)
+    state = type(law.init(np.array(0.0), c))(*states)
+    e = q + np.eye(size + 1)[-1]
+    v = law.output(e, state, c)
+    rows = np.array([q + dt * speed + 0.5 * dt * dt * v, speed + dt * v, *law.update(e, v, None, state, c)])
+    A, B, C, D = rows[:, :-1], rows[:, -1:], v[:-1], float(v[-1])
+    if np.abs(np.linalg.eigvals(A)).max() >= 1.0:
+        return Noise(abs(D), math.inf, math.inf)
+    P, power = B @ B.T, A
+    while np.abs(power).max() > 1e-40:  # sum of A^k B B' A'^k, twice as many terms each time
+        P, power = P + power @ P @ power.T, power @ power
+    variance = float(C @ P @ C) + D * D
+    beside = float(C @ A @ P @ C) + D * float(C @ B[:, 0])  # covariance of neighbouring samples
+    return Noise(abs(D), math.sqrt(variance), math.sqrt(2.0 * (variance - beside)))
+
+
+def _coefficients(tuning: Tuning, member: Member) -> Array:
+    """Return omega_c and, in units of it, the coefficients of N and D from the lowest power up: (..., k)."""
+    omega = tuning.omega_c
+    # At 30 rad/s the coefficients would spread over ten decades.
+    unit = Tuning(np.ones_like(omega), tuning.zeta_c, tuning.p_c / omega)
+    numerator, denominator = transfer_function(unit, member)
+    return np.stack(np.broadcast_arrays(omega, *numerator, *denominator), axis=-1)
+
+
+def _loop(row: Array, integrators: int, delta: float) -> Loop:
+    """Return a loop from its coefficients."""
+    omega, *both = row
+    ends = integrators + 2
+    below = np.array([1.0, *both[: ends - 1 : -1], *[0.0] * ends])
+    return Loop(delta * np.array(both[ends - 1 :: -1]), below, float(omega))
+
+
+def _phase(loop: Loop, w: Array) -> Array:
+    """Return by how much L(j w) is ahead of -1, in [0, 2 pi)."""
+    value = np.polyval(loop.numerator, 1j * w) / np.polyval(loop.denominator, 1j * w)
+    return np.asarray((math.pi + np.angle(value)) % (2.0 * math.pi))
+
+
+def _parts(p: Array) -> tuple[Array, Array]:
+    """Return even and odd part: p(j w) = even(w^2) + j w odd(w^2)."""
+    low = np.append(p[::-1], 0.0)  # so that neither part is empty
+    even, odd = low[0::2], low[1::2]
+    signs = (-1.0) ** np.arange(len(low))
+    return (even * signs[: len(even)])[::-1], (odd * signs[: len(odd)])[::-1]
+
+
+def _cross(p: Array, q: Array) -> tuple[Array, Array]:
+    """Return p(j w) conj(q(j w)) as real part and imaginary part / w, polynomials in w^2."""
+    (a, b), (c, d) = _parts(p), _parts(q)
+    real = np.polyadd(np.convolve(a, c), np.append(np.convolve(b, d), 0.0))
+    return real, np.polysub(np.convolve(b, c), np.convolve(a, d))
+
+
+def _square(p: Array) -> Array:
+    """Return |p(j w)|^2 as a polynomial in w^2."""
+    return _cross(p, p)[0]
+
+
+def _product(p: Array, q: Array) -> Array:
+    """Return the product of two polynomials, in the type that NumPy's stubs lose."""
+    return np.asarray(np.polymul(p, q))
+
+
+def _slope(p: Array) -> Array:
+    """Return the derivative of a polynomial."""
+    return p[:-1] * np.arange(len(p) - 1, 0, -1)
+
+
+def _positive(p: Array) -> Array:
+    """Return the positive real roots of a polynomial."""
+    roots = np.roots(p)
+    return np.asarray(roots.real[(np.abs(roots.imag) < 1e-8 * np.abs(roots)) & (roots.real > 0.0)])
+
+
+def _stationary(above: Array, below: Array) -> Array:
+    """Return u = w^2 >= 0 among which above(u) / below(u) has its largest and smallest values."""
+    slope = _product(_slope(above), below) - _product(above, _slope(below))
+    # Real parts of all roots: what is no stationary point is just one frequency more.
+    u = np.roots(slope).real
+    return np.array([*u[u > 0.0], 0.0, 1e9])
+
+
+def _stable(denominator: Array, numerator: Array) -> bool:
+    """Tell whether the closed loop decays."""
+    return bool(np.roots(np.polyadd(denominator, numerator)).real.max() < 0.0)
+
+
+def _shift_polynomials(loop: Loop, sigma: float) -> tuple[Array, Array]:
+    """Return numerator and denominator at s - sigma / 2: what decays faster than that decays there."""
+    at = np.poly1d([1.0, -0.5 * sigma / loop.omega])
+    return np.poly1d(loop.numerator)(at).coeffs, np.poly1d(loop.denominator)(at).coeffs

@@ -1,0 +1,451 @@
+"""What GPI takes for an arm that nobody tuned: a member of the family and its numbers, by a rule.
+
+The rule looks at what is known before the first run: the nominal model with its efforts, the sample time, the
+delay and the encoders. A joint is as fast as the first of three things allows: the crossover frequency beyond
+which arms are not stiff, a share of the loop's delay margin, and what encoder counts make of the torque. Its
+numbers were chosen on half of the arms of example-robot-data and judged on the others (docs, zoo).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, as_float_array, check_number
+from armgpi.errors import ParameterError
+from armgpi.gpi import advice, geared, two_mass
+from armgpi.gpi.family import Member
+from armgpi.gpi.gains import FixedGains, Tuning
+from armgpi.gpi.margins import (
+    count_noise,
+    crossovers,
+    delay_margins,
+    loops,
+    tolerated_phase,
+)
+from armgpi.gpi.payload import (
+    DELAY_SHARE,
+    LoadRange,
+    balanced_load,
+    late,
+    load_range,
+    most_delta,
+    plausible_load,
+)
+from armgpi.parameter import with_parameters
+from armgpi.registry import Context
+from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot, with_heavier_rotors
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import believe_drives
+
+#: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
+#: lateness limits the loop, which then has no count noise to spare it.
+INTEGRATORS, ROLLOFF, RATIO, LATE_RATIO = 1, 1, 4.0, 8.0
+#: Where gears twist, all integral action starts from the measured position, and the side of the encoders says
+#: what bears the resonance: at the motor rotors three times as heavy as they are and no roll-off, which would
+#: make it late; at the link a roll-off. Chosen on Panda and UR5, judged on others (tools/gears.py). As the
+#: feedback's inertia is above the arm's, the slow poles of the loop come near the zeros of C(s): two poles of
+#: the usual damping of 0.7 bring those forward, and the arm recovers sooner (tools/reality.py, fit arms).
+_COMMON: Mapping[str, Any] = {"second_zeta": 0.7, "feedforward": "computed"}
+GEARED: Mapping[bool, Mapping[str, Any]] = {
+    False: {**_COMMON, "rolloff": 0, "rotor_factor": 3.0},
+    True: {**_COMMON, "rolloff": 1, "rolloff_ratio": RATIO},
+}
+#: The same at the link where the stiffness is believed, so may be low.
+BELIEVED_LINK = {**_COMMON, "rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0}
+#: How much faster than without a roll-off the law for a link has to be where stiffness is told, to reject as
+#: much: by peak errors after a step of torque, at 1 to 4 ms and 1 to 3 samples late.
+ROLLOFF_GAIN = 1.6
+#: Highest crossover frequency [rad/s]; that of the printed law at 30 rad/s is 56. Arms are not stiff beyond.
+CROSSOVER = 70.0
+#: Standard deviation of the torque's step between samples at rest, as a share of the effort: Panda with
+#: believed rotors and 16 bits stays below the 1 N m per ms that libfranka takes, with a tenth to spare.
+TORQUE_SHARE = 0.005
+#: Error that is not integrated while the reference rests [rad or m].
+REST_ZONE = 3e-4
+#: Resolution of encoders of which nothing is said [bits]: set by hand, arms have 12 to 20.
+BITS = 16
+#: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
+_MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
+#: Share of a limit from which on it is reached: numbers are found to within some percent.
+_REACHED = 0.95
+#: Configurations over which inertia and gravity are taken.
+_CONFIGURATIONS = 50
+#: What chooses the member of the family, in the order of :class:`armgpi.gpi.family.Member`.
+MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
+
+
+def assume(bits: Any) -> Any:
+    """Return the resolution of encoders [bits], :data:`BITS` where nothing is said of them."""
+    return BITS if bits is None else bits
+
+
+def member(given: Mapping[str, Any]) -> Member:
+    """Return the member of the family that parameters of a controller choose."""
+    return Member(**{name: given[name] for name in MEMBER if name in given})
+
+
+def apply_rule(
+    robot: AnyRobot,
+    dt: float,
+    delay: float = 0.0,
+    bits: Any = None,
+    given: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return parameters of :class:`armgpi.GPI` and `omega_c` [rad/s] for an arm that nobody tuned.
+
+    Args:
+        robot: nominal model; friction that it was given, besides the URDF's, is fed forward.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); None for
+            exact positions.
+        given: parameters that are chosen already; the others suit them.
+
+    Returns:
+        name -> value, without those given; `omega_c` of shape (n,) or (batch, n).
+
+    Raises:
+        EffortError: when an effort limit leaves a joint no torque, and there are encoders.
+        ParameterError: when a number is out of its range.
+        PayloadError: when no bandwidth serves the loads given.
+    """
+    given = given or {}
+    chosen = _rigid(robot, dt, delay, bits, given)
+    if soft := _twists(robot, dt, delay, {**chosen, **given}):
+        chosen = _choose_geared(robot, dt, delay, bits, given)
+    chosen = {name: value for name, value in chosen.items() if name not in given}
+    if isinstance(robot, Robot):
+        advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 2)
+    return chosen
+
+
+def arguments(
+    robot: AnyRobot, dt: float, delay: float, bits: Any, drives: str | None, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what the constructor of :class:`armgpi.GPI` takes for an arm that nobody tuned.
+
+    Args:
+        robot: nominal model.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        bits: resolution of the encoders; see :func:`apply_rule`.
+        drives: what is believed of drives that nothing tells; see :func:`armgpi.believe_drives`.
+        given: arguments that are not to be chosen.
+    """
+    check_robot(robot)
+    robot = believe_drives(robot, drives) if isinstance(robot, Robot) else robot
+    given = {name: value for name, value in given.items() if name != "gains" or value is not None}
+    loads = given.get("payload")
+    if loads is not None and not isinstance(loads, LoadRange):
+        given["payload"] = load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
+    chosen = apply_rule(robot, dt, delay, bits, given)
+    if "payload" in chosen:  # which the feedforward knows nothing of
+        chosen["bias_robot"] = robot
+    gains = FixedGains(chosen.pop("omega_c"))
+    return {"robot": robot, "dt": dt, "delay": delay, "gains": gains, **chosen, **given}
+
+
+def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears are rigid."""
+    chosen: dict[str, Any] = {
+        "integrators": INTEGRATORS,
+        "rolloff": ROLLOFF,
+        "rolloff_ratio": RATIO,
+        "feedforward": "model",
+        "friction_feedforward": _knows_friction(robot),
+        "rest_dead_zone": REST_ZONE,
+    }
+    law = member({**chosen, **given})
+    limits = _limits(law, dt, delay)
+    if limits.lateness < limits.stiffness:
+        chosen["rolloff_ratio"] = LATE_RATIO
+        law = member({**chosen, **given})
+        limits = _limits(law, dt, delay)
+    omega: Array = min(limits) * np.ones(robot.n)
+    loads = given.get("payload")
+    if isinstance(loads, LoadRange):
+        omega = np.minimum(omega, loads.choose(robot, dt, delay, member=law).omega_c)
+    elif "payload" not in given:
+        most = most_delta(law, float(omega[0]) * late(dt, delay))
+        chosen["payload"] = loads = _spare(robot, most)
+    if bits is not None:
+        nominal = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
+        omega = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits))
+    return {**chosen, "omega_c": omega}
+
+
+def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) -> bool:
+    """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
+    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+    known = [one for one in dict.fromkeys(robots) if geared.is_known(one)]
+    if not known or len(known) > 1 or "omega_c" not in law:
+        return bool(known)
+    (one,) = known
+    loads, bias = law.get("payload"), one if law["feedforward"] == "computed" else None
+    nominal = one if loads is None else loads.choose(one, dt, delay, 1e-9, member(law)).nominal
+    loops = geared.Loops(geared.cases(one, dt, _samples(dt, delay)), nominal, bias, member(law), dt)
+    return not loops.holds(np.ravel(law["omega_c"])[: one.n], geared.RIGID_SENSITIVITY)
+
+
+def _samples(dt: float, delay: float) -> int:
+    """Return by how many samples measurements are late."""
+    return math.ceil(round(delay / dt, 6))
+
+
+def _choose_geared(
+    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears twist."""
+    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
+    link, believed = geared.at_link(first), geared.is_believed(first)
+    chosen = _with_structure(
+        BELIEVED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
+    )
+    if link or believed:
+        return chosen
+    other = _with_structure(GEARED[True], robot, dt, delay, bits, given)
+    return other if _allowed_bandwidth(other) > ROLLOFF_GAIN * _allowed_bandwidth(chosen) else chosen
+
+
+def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
+    """Return the bandwidth that gears allow [rad/s], joints slowed by noise left out; a batch's median."""
+    return float(np.median(np.max(chosen["omega_c"], axis=-1)))
+
+
+def _with_structure(
+    structure: Mapping[str, Any],
+    robot: AnyRobot,
+    dt: float,
+    delay: float,
+    bits: Any,
+    given: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears twist, with some structure of the law."""
+    chosen: dict[str, Any] = {
+        "integrators": INTEGRATORS,
+        **structure,
+        "friction_feedforward": _knows_friction(robot),
+        "rest_dead_zone": REST_ZONE,
+    }
+    every = {**chosen, **given}
+    law, factor, loads = member(every), every.get("rotor_factor", 1.0), given.get("payload")
+    highest = min(_limits(law, dt, delay))
+
+    def nominal(one: AnyRobot) -> AnyRobot:
+        loaded = one if loads is None else loads.choose(one, dt, delay, 1e-9, law).nominal
+        return with_heavier_rotors(loaded, factor)
+
+    def fastest(one: Robot) -> Array:
+        own: Any = nominal(one)
+        bias = one if every["feedforward"] == "computed" else None
+        omega, believed = 0.0, geared.is_believed(one)
+        for damping in geared.DAMPINGS[::-1] if believed else geared.DAMPINGS[1:]:
+            if omega < geared.LATE:
+                arms = geared.cases(one, dt, _samples(dt, delay), damping)
+                loops = geared.Loops(arms, own, bias, law, dt)
+                omega = geared.bandwidth(loops, highest, believed)
+        if believed and not geared.at_link(one):
+            omega = max(omega, min(geared.SLOWEST, highest))
+        return omega * np.ones(one.n)
+
+    omega = _of_each(robot, fastest)
+    if bits is not None:
+        quiet = omega * np.minimum(1.0, _quietness(nominal(robot), dt, law, omega, bits, not law.rolloff))
+        omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))
+    return {**chosen, "omega_c": omega}
+
+
+def _spare(robot: AnyRobot, most: float) -> LoadRange:
+    """Return the nominal load that the loop has delay margin to spare for: empty, delta is `most` at most."""
+    heaviest: Any = _of_each(robot, lambda one: np.array([balanced_load(one, most)]))
+    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
+    com = plausible_load(first).com
+    return LoadRange(heaviest=heaviest if isinstance(robot, RobotBatch) else float(heaviest[0]), com=com)
+
+
+class _Limits(NamedTuple):
+    """Bandwidths that are allowed [rad/s]: by the stiffness of the arm, and by the lateness of the loop."""
+
+    stiffness: float
+    lateness: float
+
+
+def _limits(law: Member, dt: float, delay: float) -> _Limits:
+    """Return the bandwidths that a member of the family is allowed."""
+    dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
+    delay = check_number(delay, "delay", "zero or positive [s]")
+    one = np.ones(1)
+    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(one, one, one), law))
+    return _Limits(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / late(dt, delay))
+
+
+def _quietness(
+    robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False
+) -> Array:
+    """Return by what factor joints must be slower than `omega` to be quiet, (n,) or (batch, n).
+
+    The step of the torque grows with the third power of the bandwidth, to within a tenth; where there is no
+    roll-off, with the second.
+    """
+    bits = as_float_array(bits, "bits")
+    if not ((bits >= 1.0) & (bits <= 52.0)).all():
+        raise ParameterError("bits", bits, "1 to 52 bits")
+    slowest = float(np.min(omega))
+    fast = [None if x is None else float(np.max(x)) for x in law.ratios]
+    loudest = Member(law.integrators, law.rolloff, fast[0] or 1.0, fast[1], fast[2])
+    one = Tuning(*map(np.array, (slowest, 1.0, slowest)))
+    power, root = (2, np.sqrt) if direct else (3, np.cbrt)
+    step = count_noise(one, dt, loudest).step / math.sqrt(12.0) * (omega / slowest) ** power
+    noise = step * robot.encoder_count(bits)
+    return np.asarray(root(TORQUE_SHARE * _of_each(robot, _least_acceleration) / noise))
+
+
+def usual_effort(robot: Robot) -> Array:
+    """Return the effort that an arm is moved with [N m or N], (n,): its limit, or five times its gravity.
+
+    Motors of some arms could lift it many times: it would shake under what is little to them.
+
+    Raises:
+        EffortError: when a limit leaves no torque.
+    """
+    limit = robot.limits.effort
+    check_powered(robot, limit)
+    gravity = np.abs(robot.gravity(_configurations(robot))).max(axis=0)
+    floor = np.maximum(gravity, _LEAST_GRAVITY * gravity.max())
+    most = np.where(floor > 0.0, _MOST_EFFORT * floor, math.inf)
+    return np.where(np.isfinite(np.minimum(limit, most)), np.minimum(limit, most), 1.0)
+
+
+def _least_acceleration(robot: Robot) -> Array:
+    """Return the least acceleration of each joint that takes a joint's usual effort, (n,)."""
+    return np.asarray(1.0 / (most_inertia(robot) / usual_effort(robot)[:, np.newaxis]).max(axis=0))
+
+
+def most_inertia(robot: Robot) -> Array:
+    """Return the largest absolute entries of D(q) at random configurations, always the same, (n, n)."""
+    return np.asarray(np.abs(robot.mass_matrix(_configurations(robot))).max(axis=0))
+
+
+def _configurations(robot: Robot) -> Array:
+    return random_configurations(robot, _CONFIGURATIONS, seed=0)
+
+
+def _of_each(robot: AnyRobot, of: Callable[[Robot], Array]) -> Array:
+    """Return something of a robot, (n,), or of each of a batch, (batch, n)."""
+    if isinstance(robot, RobotBatch):
+        return np.stack(list(map(cache(of), robot.robots)))
+    return of(robot)
+
+
+def _knows_friction(robot: AnyRobot) -> bool:
+    """Tell whether friction was given: what URDFs state is not measured."""
+    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+    return all(any("friction" in change for change in each.provenance["changes"]) for each in robots)
+
+
+class Verdict(NamedTuple):
+    """What a law made by the rule bears, and why it is no faster.
+
+    Attributes:
+        limits: joint by joint what limits the bandwidth: "gears", "noise", "delay", "load" or "crossover".
+        sensitivity: largest peak Ms over configurations and what is known of the gears; infinite where a loop
+            is unstable.
+        spare: delay margin, beyond the delay that there is [s].
+        resonance: lowest one of gears as known or believed, in the middle [Hz]; NaN for rigid ones.
+        borne: of rigid ones, the lowest that the law would bear with Ms of at most 3 [Hz]; else NaN.
+        usual: of rigid ones, the lowest that gears of such motors have [Hz]; else NaN.
+    """
+
+    limits: tuple[str, ...]
+    sensitivity: float
+    spare: float
+    resonance: float
+    borne: float
+    usual: float
+
+    def describe(self) -> str:
+        """Return it in a line."""
+        said = "limited by " + " and ".join(dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1]))
+        if math.isfinite(self.sensitivity):
+            said += f"; Ms {self.sensitivity:.2f}, {1e3 * self.spare:.3g} ms of delay to spare"
+        else:
+            said += "; not stable at every end of what is known of the gears"
+        if math.isfinite(self.resonance):
+            said += f", lowest resonance {self.resonance:.3g} Hz"
+        if math.isfinite(self.borne) and self.borne > self.usual:
+            said += (
+                f"; gears are taken as rigid: below {self.borne:.3g} Hz of resonance they may lose the arm, "
+                f"and those of such motors have some {self.usual:.2g} Hz: --drives soft, or tell them by "
+                "--drives FILE"
+            )
+        return said
+
+
+def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
+    """Return what a law bears on an arm.
+
+    Args:
+        law: a GPI with fixed gains, for one arm.
+        robot: the arm as it is known.
+        bits: resolution of the encoders [bits], a number or (n,); None for exact positions.
+    """
+    soft, late = geared.is_known(robot), _samples(law.dt, law.delay)
+    every = geared.cases(robot, law.dt, late) if soft else geared.rigid_cases(robot, law.dt, late)
+    pairs = [(case, two_mass.law(law, case.q)) for case in every]
+    judged = [(case.arm, own) for case, own in pairs if case.judged]
+    sensitivity, spare = math.inf, 0.0
+    if all(case.arm.growth(own) < 1.0 for case, own in pairs):
+        sensitivity = max(arm.sensitivity(own) for arm, own in judged)
+        spare = min(arm.delay_margin(own) for arm, own in judged)
+    resonance, borne, usual = (math.nan,) * 3
+    if soft:
+        resonance = geared.resonance(robot)
+    elif robot.armature.any():
+        borne, usual = geared.borne(law, robot, late)
+    return Verdict(_what_limits(law, soft, bits), sensitivity, spare, resonance, borne, usual)
+
+
+def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
+    """Return joint by joint what limits the bandwidth of a law: of what it takes the largest share."""
+    tuning, own, n = law.gains.nominal(), law.member, law.robot.n
+    omega = tuning.omega_c * np.ones(n)
+    loaded = 1.0 if law.payload is None else law.payload.delta[1]
+    margin = delay_margins(tuning, own) * np.ones(n)
+    unit = np.ones(1)
+    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(unit, unit, unit), own))
+    shares = {
+        "crossover": omega * crossover / CROSSOVER,
+        "delay": late(law.dt, law.delay) / (DELAY_SHARE * margin),
+        "load": late(law.dt, law.delay) / (DELAY_SHARE * delay_margins(tuning, own, loaded) * np.ones(n)),
+        "noise": 0.0 * omega
+        if bits is None
+        else 1.0 / _quietness(law.robot, law.dt, own, omega, bits, not own.rolloff),
+    }
+    names, rows = list(shares), np.stack(list(shares.values()))
+    most = [names[i] for i in rows.argmax(axis=0)]
+    return tuple(
+        "gears" if soft and share < _REACHED else name
+        for name, share in zip(most, rows.max(axis=0), strict=True)
+    )
+
+
+@with_parameters
+class Untuned(FixedGains):
+    """Fixed gains that an experiment takes from the rule, as it does the member and the feedforward.
+
+    Where an experiment says nothing of the encoders they are assumed to have :data:`BITS` bits: no arm has
+    exact ones, and what is simulated is what is exported.
+    """
+
+    config_name: ClassVar[str | None] = "untuned"
+
+    @classmethod
+    def chosen(cls, context: Context) -> dict[str, Any]:
+        """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
+        return apply_rule(context.nominal, context.dt, context.delay, assume(context.bits), context.given)

@@ -1,0 +1,516 @@
+"""The folder of an exported controller: its C, a log to replay, a Makefile and what to know."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import files
+from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
+from armgpi.codegen import build
+from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.errors import BackendError, RolloutError
+from armgpi.hardware.export.code import MEANING, Code, Counts, generate, supervise, template
+from armgpi.hardware.export.names import check_name, plain, rename, source_of
+from armgpi.hardware.export.targets import TARGETS, check_target, compensates_gravity, moving_gripper, package
+from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
+from armgpi.loop.rollout import Recording
+from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
+from armgpi.plants.plant import Plant
+from armgpi.references.reference import Reference, Target
+from armgpi.supervisor import FARTHEST, SIGNALS, Supervised, Supervisor
+from armgpi.version import VERSION
+
+#: Samples of a log at most.
+MOST_SAMPLES = 100_000
+#: Largest difference from Python, as a share of the torque scale.
+_TOLERANCE = 1e-12
+#: The same where roundings add up: the states of the printed law grow without bound and cancel (docs,
+#: theory); where torque is saturated, D(q)^-1, which the two work out in different ways, is integrated.
+_LOOSE = 1e-9
+#: How far the replay moves the reference to time a step whose torque is at its limits, as a share of the
+#: distance that is a fault.
+_FAR = 0.8
+#: How long the replay times steps [s].
+_TIMING = 0.2
+#: How long it may take in all [s].
+_PATIENCE = 120.0
+#: As the Makefile has them.
+_STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-Wdouble-promotion")
+_BUILD = (*_STRICT, "-ffp-contract=off", "-fno-builtin-memset", "-fno-builtin-memcpy", "-O2")
+
+
+class Measured(NamedTuple):
+    """What the replay said.
+
+    Attributes:
+        compiler: which compiler.
+        difference: largest difference from Python, as a share of the torque scale.
+        agrees: whether it is as small as it should be, without a fault.
+        state_bytes: size of the state.
+        step: mean time of a step [ns]; None where it could not be timed.
+        saturated: the same where torque is saturated.
+        stack: bytes of stack of all functions together, None when the compiler does not say.
+        said: all that it printed.
+    """
+
+    compiler: str
+    difference: float
+    agrees: bool
+    state_bytes: int
+    step: float | None
+    saturated: float | None
+    stack: int | None
+    said: str
+
+
+class Export(NamedTuple):
+    """What was written.
+
+    Attributes:
+        folder: where.
+        files: what.
+        code: the C and its counts.
+        measured: what the replay said; None without a compiler.
+        state_bytes: size of the state.
+    """
+
+    folder: Path
+    files: list[Path]
+    code: Code
+    measured: Measured | None
+    state_bytes: int
+
+
+def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> ArmLog:
+    """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log.
+
+    Of an arm that was out of control the log ends before, and its header says when (`diverged` [s]).
+
+    Raises:
+        RolloutError: when the arm is out of control at the first sample.
+        ParameterError: when an argument is not as it should be.
+    """
+    loop = ClosedLoop(plant, controller, reference)
+    t_final = check_number(t_final, "t_final", "a positive time [s]", open_=True)
+    state = loop.init()
+    steps = max(1, min(round(t_final / loop.dt), MOST_SAMPLES))
+    recording = Recording.new(loop.true_state(state).q.shape, steps, loop.dt, every=1)
+    with np.errstate(all="ignore"):
+        drive(NumPyRun(loop, state, recording, inputs=True), steps)
+    found = {name: values[:steps] for name, values in recording.variables.items()}
+    # By what was asked for: actuators may make a finite torque of an infinite one, the exported code never.
+    error, tau = found["q"] - found["q_ref"], found["tau_command"]
+    good = in_control(error, found["v"], tau, DIVERGENCE)
+    count = steps if good.all() else int(np.argmin(good))
+    if not count:
+        raise RolloutError(
+            f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
+        )
+    known = {"diverged": count * loop.dt} if count < steps else {}
+    reports = None
+    if isinstance(controller, Supervised):
+        reports = np.stack([found[name][:count, 0] for name in SIGNALS[:3]], axis=1)
+    inputs = {name: found[name][:count] for name in INPUTS}
+    return of_samples(controller.robot.joint_names, loop.dt, inputs, tau[:count], reports, **known)
+
+
+def export_controller(
+    controller: Controller,
+    folder: str | Path,
+    log: ArmLog | None = None,
+    *,
+    real: str = "double",
+    supervisor: Supervisor | None = None,
+    name: str | None = None,
+    measure: bool = True,
+    target: str = "bare",
+    beside: Mapping[str, str | bytes] | None = None,
+) -> Export:
+    """Write a controller as freestanding C99 to a folder, with a README that says how to wire it.
+
+    Args:
+        controller: for a single rollout.
+        folder: made if needed; files of an earlier export in it are overwritten.
+        log: what to replay (:func:`armgpi.hardware.export.files.record`); when not given, 0.1 s at rest in
+            the middle of the joint ranges.
+        real: number type in C, "double" or "float".
+        supervisor: what is taken for a fault; :class:`armgpi.Supervisor` as it is when not given.
+        name: what files, functions, types and macros begin with in place of `armgpi`, as in `left_arm_step`;
+            with one each, several controllers go into one program.
+        measure: whether to compile and run the replay, where there is a compiler.
+        target: what is added: "bare" nothing, "fci" callbacks for libfranka and pylibfranka, "ur" a loop for
+            UR's RTDE, "ros2_control" a plugin. The robots of the first two add gravity themselves.
+        beside: further files of the folder, name -> content: `armgpi export` adds the experiment.
+
+    Raises:
+        ParameterError: when an argument is not as it should be, or a target would get gravity twice.
+        BackendError: when the controller does what has no C.
+        RolloutError: when the folder cannot be written to.
+    """
+    from armgpi.config.experiment import prepare
+
+    check_name(name)
+    folder = check_path(folder, "folder")
+    check_type(log, "log", ArmLog | None, "an ArmLog, as record returns it")
+    check_type(measure, "measure", bool, "True or False")
+    # Everything is generated, and refused if need be, before a file is written.
+    check_choice(target, "target", TARGETS)
+    controller = supervise(controller, supervisor)
+    code = generate(controller, real)
+    check_target(target, controller)
+    log = _at_rest(controller) if log is None else log
+    texts = _texts(code, log)
+    check_name(name, f"{code.source} {texts['main.c']}")
+    code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
+    texts = {rename(file, name): rename(text, name) for file, text in texts.items()}
+    prepare(folder)
+    measured, logged = None, {"log.armlog": pack(_for(code, log))}
+    if measure:
+        with suppress(BackendError):  # there is no compiler
+            measured = _run_replay(texts | logged, build.compiler())
+    state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
+    readme = _readme(code, len(log.samples), state_bytes, measured)
+    texts["README.md"] = rename(readme, name)
+    more = package(code, state_bytes, target)
+    texts |= {rename(file, name): rename(text, name) for file, text in more.items()}
+    return Export(
+        folder, files.write_set(folder, texts | logged | dict(beside or {})), code, measured, state_bytes
+    )
+
+
+def _at_rest(controller: Supervised) -> ArmLog:
+    """Return a short log of a controller whose arm does not move."""
+    robot: Any = controller.robot
+    middle, rest = np.ascontiguousarray(robot.middle()), np.zeros(robot.n)
+    # No plant: a replay compares torques, and an arm at rest needs none to be at rest.
+    seen: Any = FullState(middle, rest) if controller.measurement_type is FullState else Measurement(middle)
+    target = Target(middle, rest, rest)
+    state, taus = controller.init(seen, target), []
+    for _ in range(max(1, round(0.1 / controller.dt))):
+        tau, state = controller.step(seen, target, state)
+        taus.append(np.broadcast_to(tau, rest.shape))
+    values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
+    inputs = {name: np.tile(value, (len(taus), 1)) for name, value in values.items()}
+    return of_samples(robot.joint_names, controller.dt, inputs, np.array(taus))
+
+
+def _for(code: Code, log: ArmLog) -> ArmLog:
+    """Return a log with the inputs of a controller alone, as its own C writes them."""
+    rows = np.zeros(len(log.rows), row_type(tuple(code.law.inputs), code.law.n))
+    for name in rows.dtype.names or ():
+        rows[name] = log.rows[name]
+    return ArmLog({**log.header, **_log_header(code), "made_by": log.header["made_by"]}, rows, log.source)
+
+
+def _log_header(code: Code) -> dict[str, Any]:
+    """Return the header of the logs that exported C writes."""
+    robot: Any = code.law.controller.robot
+    return {
+        "joints": list(robot.joint_names),
+        "dt": float(code.law.controller.dt),
+        "inputs": list(code.law.inputs),
+        "robot": robot.name,
+        "real": code.real,
+        "layout": f"{code.layout:08X}",
+        "made_by": f"armgpi {VERSION}, C",
+    }
+
+
+def _log_writer(code: Code) -> dict[str, str]:
+    """Return the C that writes logs."""
+    inputs = code.law.inputs
+    start = [f"0x{byte:02X}U" for byte in preamble(_log_header(code))]
+    fill = {
+        "version": VERSION,
+        "inputs": str(len(inputs)),
+        "parameters": ",\n".join(f"    const armgpi_real_t {name}[ARMGPI_N]" for name in inputs),
+        "preamble": ",\n".join("    " + ", ".join(start[i : i + 16]) for i in range(0, len(start), 16)),
+        "kept": "\n".join(
+            f"            row->in[{i}U][i] = (double){name}[i];" for i, name in enumerate(inputs)
+        ),
+    }
+    return {name: Template(template(name)).substitute(fill) for name in ("armgpi_log.h", "armgpi_log.c")}
+
+
+def _texts(code: Code, log: ArmLog) -> dict[str, str]:
+    """Return the files that are compiled and replayed."""
+    names = list(code.law.inputs)
+    effort = np.broadcast_to(code.law.controller.effort, (code.law.n,))
+    # A joint without a limit is measured by its largest torque in the log.
+    largest = np.maximum(np.abs(log.tau).max(axis=0), 1e-300)
+    scale = np.where(np.isfinite(effort), effort, largest)
+    printed = getattr(code.law.controller.law, "realisation", "") == "paper"
+    adding = printed or (np.abs(log.tau) >= effort).any()
+    tolerance = 0.0 if code.real == "float" else _LOOSE if adding else _TOLERANCE
+    suffix = "F" if code.real == "float" else ""
+    q_ref = names.index("q_ref")
+    fill = {
+        "count": len(names),
+        "tolerance": repr(tolerance),
+        "seconds": repr(_TIMING),
+        "scale": ",\n".join(f"    {x!r}" for x in scale.tolist()),
+        "q_ref": f"{q_ref}U",
+        "step_call": ", ".join("q_ref" if i == q_ref else f"in[{i}U]" for i in range(len(names))),
+        "init_now": ", ".join("moved" if i == q_ref else f"timed[k][{i}U]" for i in range(len(names))),
+        "init_in": ", ".join(f"in[{i}U]" for i in range(len(names))),
+        "zero": f"0.0{suffix}",
+        "far": f"{_FAR * float(np.min(code.law.controller.bounds.following)):.6g}{suffix}",
+    }
+    return {
+        "armgpi_controller.h": code.header,
+        "armgpi_controller.c": code.source,
+        "main.c": Template(template("main.c")).substitute(fill),
+        "Makefile": Template(template("Makefile")).substitute(),
+        **_log_writer(code),
+    }
+
+
+def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measured:
+    """Compile and run the replay in a folder of its own.
+
+    Raises:
+        BackendError: when the compiler fails.
+    """
+    # Not in the user's folder, where objects and a program would be left behind.
+    with tempfile.TemporaryDirectory(prefix="armgpi-export-") as name:
+        folder = Path(name)
+        for file, text in texts.items():
+            (folder / file).write_bytes(text.encode() if isinstance(text, str) else text)
+        sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
+        stack = None
+        # Not every compiler knows this option, so it does not belong to the build itself.
+        _run([*found.command, *_BUILD, "-fstack-usage", "-c", sources[1]], folder)
+        with suppress(OSError, ValueError):
+            text = (folder / sources[1]).with_suffix(".su").read_text(encoding="utf-8")
+            stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
+        # As in the Makefile, so that what is refused here is refused there: warnings are errors.
+        built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
+        if built.returncode:
+            lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
+            raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it said nothing'])[0]}")
+        done = _run([str(folder / "replay")], folder)
+        said = done.stdout.decode(errors="replace")
+
+    def number(pattern: str) -> float:
+        match = re.search(pattern, said)
+        return float(match[1]) if match else math.nan
+
+    # A step that faults too often is not timed: the replay says -1.
+    def time(pattern: str) -> float | None:
+        value = number(pattern)
+        return value if value > 0.0 else None
+
+    return Measured(
+        compiler=found.version.splitlines()[0] if found.version else found.command[0],
+        difference=number(r"largest difference (\S+)"),
+        agrees=done.returncode == 0,
+        state_bytes=int(number(r"state (\d+)")),
+        step=time(r"(?m)^step (\S+) ns"),
+        saturated=time(r"step with torque saturated (\S+) ns"),
+        stack=stack,
+        said=said,
+    )
+
+
+def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]:
+    """Run a program, or say why that was not possible."""
+    try:
+        return build.run_program(command, _PATIENCE, folder)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise BackendError(f"{command[0]} cannot be run: {error}") from None
+
+
+def _state_bytes(code: Code) -> int:
+    """Return the size of the state: four integers of 32 bits, then numbers, aligned to their size."""
+    real = 4 if code.real == "float" else 8
+    numbers = sum(len(part.symbols) for part in code.law.state)
+    return -(-(16 + real * numbers) // real) * real
+
+
+def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | None) -> str:
+    """Return the README."""
+    law = code.law
+    controller = law.controller
+    robot: Any = controller.robot
+    lower, upper, velocity, _ = robot.limits
+    effort = np.broadcast_to(controller.effort, (law.n,))
+    units = ["m" if slides else "rad" for slides in robot.prismatic]
+    joints = [
+        f"| {j} | `{plain(name)}` | {kind} | {lower[j]:.6g} to {upper[j]:.6g} {unit} "
+        f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {'N' if unit == 'm' else 'N m'} |"
+        for j, (name, kind, unit) in enumerate(zip(robot.joint_names, robot.joint_types, units, strict=True))
+    ]
+    start = {
+        "hold": "The first torque of the law is the one that holds the arm: release the brakes under it.",
+        "zero": "The torque begins at zero, but for a feedforward (an arm that rests on something).",
+    }.get(getattr(controller.law, "start", ""), "")
+    return (
+        Template(template("README.md"))
+        .substitute(
+            title=f"{type(controller.law).__name__} controller of {plain(robot.name)}",
+            contains=_contains(robot) + (_STAGE if controller.supervisor.torque_cap is not None else ""),
+            version=VERSION,
+            source=source_of(robot),
+            samples=samples,
+            arrays=", ".join(f"{name}[ARMGPI_N]" for name in law.inputs),
+            arguments=", ".join(law.inputs),
+            dt=f"{controller.dt:g}",
+            argument_notes="\n".join(f"- `{name}`: {MEANING[name]}." for name in law.inputs),
+            joints="\n".join(joints),
+            start=f"{start} " if start else "",
+            **_faults(controller),
+            real=code.real,
+            state_bytes=state_bytes,
+            layout=f"{code.layout:08X}",
+            typical=_counts(code.typical),
+            worst_case=_counts(code.worst_case),
+            measured=_measured_rows(measured),
+            float_note=_FLOAT if code.real == "float" else "",
+        )
+        .rstrip()
+        + "\n"
+    )
+
+
+def _contains(robot: Any) -> str:
+    """Return what the torque contains, and whose joints it is for."""
+    text = (
+        "**The torque contains gravity**: it carries the arm. On a robot that compensates gravity itself "
+        "(Franka, UR) it would do so twice: export with `--gravity robot` for those."
+    )
+    if compensates_gravity(robot):
+        text = (
+            "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
+            "torque interfaces do. On a robot that does not, the arm falls. The weight of a load that the "
+            "robot was not told of is a disturbance."
+        )
+    if fingers := moving_gripper(robot):
+        listed = ", ".join(f"`{plain(joint)}`" for joint in fingers)
+        lock = " ".join(f"--lock {plain(joint)}" for joint in fingers)
+        text += (
+            f"\n\n**The gripper is controlled with the arm**: {listed} needs a position and a reference in "
+            f"every sample, and gets a torque. `{lock}` at export leaves a gripper to its own controller."
+        )
+    return text
+
+
+def _faults(controller: Supervised) -> dict[str, str]:
+    """Return what the README says of faults: name -> text."""
+    given, bounds, robot = controller.supervisor, controller.bounds, controller.robot
+    action = {
+        "brake": "the model's torque along the decelerating reference, then the arm's weight where it ends",
+        "hold": "the torque that carries the arm's weight at the last good position",
+        "zero": "zero torque",
+    }[given.on_fault]
+    rate = ""
+    if given.torque_rate is not None:
+        rate = f" It changes by at most {_few(bounds.rate)} N m or N from sample to sample, in every state."
+        rate += " The deceleration of a stop builds up and goes at half of that."
+    return {
+        "action": action,
+        "rate": rate,
+        "deceleration": _few(bounds.slowing / controller.dt**2),
+        "missed": str(given.missed),
+        "jump": _jump_text(bounds.jump if given.jump else None, robot),
+        "step": _jump_text(bounds.step if given.reference_jump else None, robot),
+        "frozen": _frozen_text(controller),
+        "margin": _few(np.broadcast_to(given.position_margin, (robot.n,))),
+        "following": _few(bounds.following),
+        "saturated": f"for {given.saturated:g} s" if given.saturated else "never: switched off at export",
+        "speed": (
+            f"a joint was faster than {_few(bounds.speed / controller.dt)} rad/s or m/s"
+            if given.speed is not None or given.speed_cap is not None
+            else "never: left out at export"
+        ),
+        "cap": (
+            f"the law asked for a torque that is {_few(bounds.cap)} N m or N from what holds the model; the "
+            "state is FAULT"
+            if given.torque_cap is not None
+            else "never: left out at export"
+        ),
+        "response": (
+            f"a joint ran away from its reference for {given.response:g} s while its torque pushed back"
+            if given.response
+            else "never: switched off at export"
+        ),
+    }
+
+
+_STAGE = """
+
+**This is a stage of a bring-up**, with its caps compiled in: no torque is beyond CAP below, and a joint
+beyond SPEED is a fault. Every stage is an export of its own. In the order of `stages.yaml`: run it between
+the points of its `reference`, save the log as STAGE.armlog beside its file, and `armgpi bringup check` all
+logs so far: it says what is wrong, what nothing has tested yet, and which stage is next. The last one has no
+caps."""
+_FLOAT = """\
+In single precision the integrators round at 6e-8 of what they hold. In a replay, where no loop is closed
+around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it
+out.
+"""
+
+
+def _jump_text(jump: Array | None, robot: Any) -> str:
+    """Return when a position has jumped."""
+    if jump is None:
+        return "never: switched off at export"
+    checked = jump < FARTHEST
+    if not checked.any():
+        return "never: no joint has a velocity limit"
+    listed = ", ".join(f"{x:.4g}" for x in jump[checked])
+    names = [plain(name) for name, known in zip(robot.joint_names, checked, strict=True) if not known]
+    rest = f"; not for {', '.join(names)}, without a velocity limit" if names else ""
+    return f"by more than {listed} rad or m in one sample{rest}"
+
+
+def _frozen_text(controller: Supervised) -> str:
+    """Return when a position is frozen."""
+    samples = controller.frozen_samples
+    if not samples:
+        return "never: switched off at export"
+    return (
+        f"a position did not change at all for {samples} samples in which it should have: since it last "
+        f"changed, its reference has moved by more than {_few(controller.bounds.travel)} rad or m, and its "
+        f"torque by more than {_few(controller.frozen.sticking)} N m or N, or the torque is at its limit; at "
+        "once where the joint was moving with its reference. An arm at rest is no fault"
+    )
+
+
+def _few(values: Array) -> str:
+    """Return numbers per joint as text, one where all are alike."""
+    texts = [f"{x:.4g}" for x in values]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+
+
+def _counts(counts: Counts) -> str:
+    """Return counts as text."""
+    return ", ".join(f"{x:,}" for x in counts)
+
+
+def _measured_rows(measured: Measured | None) -> str:
+    """Return the rows of the table that were measured."""
+    if measured is None:
+        return "| time of a step | not measured: no C compiler where this was exported; `make` measures it |"
+    rows = [("largest difference from Python, as a share of the torque limits", f"{measured.difference:.2g}")]
+    for what, value in (
+        ("time of a step", measured.step),
+        ("the same, torque saturated", measured.saturated),
+    ):
+        if value is not None:
+            rows.append(
+                (f"{what}, on the machine that exported ({plain(measured.compiler)})", f"{value:.0f} ns")
+            )
+    if measured.stack is not None:
+        rows.append(("stack, all functions together (-O2)", f"{measured.stack} bytes"))
+    return "\n".join(f"| {what} | {value} |" for what, value in rows)

@@ -1,0 +1,304 @@
+"""The stages of a bring-up: from a dry run to full speed, as experiment files that every command takes.
+
+Each file has caps in its `supervisor`: on the torque beside what holds the model, on speed, and on the
+distance from the reference. Whoever runs it, simulated, as two processes or as exported C, keeps to them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import files
+from armgpi.arrays import Array
+from armgpi.config import Experiment, build, check
+from armgpi.config.reading import Loaded, Origin, read_data
+from armgpi.errors import ConfigError
+from armgpi.gpi.law import GPI
+from armgpi.gpi.untuned import usual_effort
+from armgpi.hardware.realtime.ends import UPRIGHT
+from armgpi.identification.excitation import FIRST_SHARE, excite
+from armgpi.references.bezier import minimum_duration
+from armgpi.references.reference import Reference
+from armgpi.references.waypoints import Waypoints
+
+#: The list of stages in a folder, and the version of its form.
+INDEX, FORMAT = "stages.yaml", 1
+#: How far a joint is moved by hand in the dry run [rad or m], and how fast [rad/s or m/s].
+_BY_HAND, _HAND_SPEED = 0.15, 0.8
+#: Sampling of references that are written as tables [s], and acceleration of moves between them [rad/s^2].
+_SAMPLE, _ACCELERATION = 0.01, 0.5
+#: Acceleration of a joint alone that its motor is for [rad/s^2 or m/s^2]. Set by hand.
+_BRISK = 30.0
+#: How long the arm stands before and after a move [s].
+_STAND = 0.4
+#: Share of its cap at which a reference is fastest: the law overshoots.
+_OF_CAP = 0.6
+
+
+class Caps(NamedTuple):
+    """What a kind of stage allows. Torques are shares of :func:`moving_torque`, beside the file's friction.
+
+    Attributes:
+        torque: beside what holds the model, of a joint that moves.
+        held: the same of the others.
+        speed: [rad/s or m/s], at most the file's limit.
+        following: distance from the reference [rad or m].
+        bandwidth: of the law, at most [rad/s].
+        way: of the reference [rad or m]; 0 for motions that are given.
+    """
+
+    torque: float
+    held: float
+    speed: float
+    following: float
+    bandwidth: float
+    way: float = 0.0
+
+
+#: Kind -> its caps. Set by hand, so that each of tools/bringup.py's wrong robots travels 0.05 rad at most.
+CAPS = {
+    "pulse": Caps(torque=0.15, held=0.1, speed=0.1, following=0.035, bandwidth=8.0, way=0.03),
+    "joint": Caps(torque=0.3, held=0.2, speed=0.25, following=0.04, bandwidth=15.0, way=0.1),
+    "excite": Caps(torque=0.6, held=0.6, speed=1.0, following=0.1, bandwidth=math.inf),
+    "slow": Caps(torque=0.6, held=0.6, speed=1.0, following=0.1, bandwidth=math.inf),
+}
+#: How much slower than the file the whole arm moves first, and beyond its limits at full speed, as a share.
+_SLOWER, _OVERSPEED = 4.0, 0.2
+
+
+class Stage(NamedTuple):
+    """One step of a bring-up.
+
+    Attributes:
+        name: of its file and of its log.
+        kind: "dry", "pulse", "joint", "excite", "slow" or "full".
+        joints: that move.
+        way: how far each moves first [rad or m]; empty for motions that are given.
+    """
+
+    name: str
+    kind: str
+    joints: tuple[str, ...]
+    way: tuple[float, ...] = ()
+
+
+class Folder(NamedTuple):
+    """A bring-up that was written.
+
+    Attributes:
+        path: the folder.
+        stages: in their order.
+    """
+
+    path: Path
+    stages: tuple[Stage, ...]
+
+    def stage(self, log: Path) -> Stage:
+        """Return the stage that a log is of: it has its name.
+
+        Raises:
+            ConfigError: when there is none.
+        """
+        for stage in self.stages:
+            if stage.name == log.stem:
+                return stage
+        names = ", ".join(stage.name for stage in self.stages)
+        raise ConfigError(str(log), "", f"is a log of no stage; expected a name of {names}, .armlog behind")
+
+    def experiment(self, stage: Stage) -> Experiment:
+        """Return what the file of a stage describes."""
+        from armgpi.config import read
+
+        return build(*read(self.path / f"{stage.name}.yaml"))
+
+
+def write(loaded: Loaded, experiment: Experiment, path: Path, floor: float | None = None) -> Folder:
+    """Write the stages of an arm into a folder.
+
+    Args:
+        loaded: its experiment file.
+        experiment: what that describes.
+        path: the folder.
+        floor: height that the links stay above while the arm is excited [m].
+
+    Raises:
+        ConfigError: when the experiment has no arm of its own, or a joint has no room to move.
+        ParameterError: when there is no motion to excite it by.
+    """
+    import yaml
+
+    if loaded.config.reality is not None:
+        raise ConfigError(loaded.origin.source, "reality", "a bring-up needs an arm of its own: give `plant`")
+    contents: dict[str, str] = {}
+    stages = []
+    for stage, data, table in _plan(loaded, experiment, floor):
+        stages.append(stage)
+        check(data, Origin(f"{stage.name}.yaml"))
+        contents[f"{stage.name}.yaml"] = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+        if table:
+            contents[f"{stage.name}.csv"] = table
+    rows = [{**stage._asdict(), "joints": list(stage.joints), "way": list(stage.way)} for stage in stages]
+    index = {"format": FORMAT, "robot": experiment.robot.name, "stages": rows}
+    contents[INDEX] = yaml.safe_dump(index, sort_keys=False, allow_unicode=True)
+    files.write_set(files.make_folder(path), contents)
+    return Folder(path, tuple(stages))
+
+
+def read(path: Path) -> Folder:
+    """Return the bring-up in a folder.
+
+    Raises:
+        ConfigError: when there is none.
+    """
+    if not (path / INDEX).is_file():
+        raise ConfigError(str(path), "", f"has no {INDEX}: `armgpi bringup FILE -o {path}` writes the stages")
+    data, origin = read_data(path / INDEX)
+    try:
+        rows = [
+            Stage(str(x["name"]), str(x["kind"]), tuple(x["joints"]), tuple(map(float, x["way"])))
+            for x in data["stages"]
+        ]
+    except (KeyError, TypeError, ValueError):
+        raise ConfigError(origin.source, "stages", "is no list that `armgpi bringup` wrote") from None
+    return Folder(path, tuple(rows))
+
+
+def _plan(
+    loaded: Loaded, experiment: Experiment, floor: float | None
+) -> Iterator[tuple[Stage, dict[str, Any], str]]:
+    """Yield each stage, its file as plain data, and its reference as a table where it needs one."""
+    robot = experiment.robot
+    names, start = robot.joint_names, experiment.reference.at(0.0).q
+    ways = np.array([_way(robot, start, j, _BY_HAND) for j in range(robot.n)])
+    dry = Stage("10-dry", "dry", names, tuple(ways.tolist()))
+    yield dry, _file(loaded, experiment, None, names, _moves(start, np.diag(ways), _HAND_SPEED, 0.1)), ""
+    number = 20
+    for kind in ("pulse", "joint"):
+        for j, name in enumerate(names):
+            caps = CAPS[kind]
+            way = _way(robot, start, j, caps.way)
+            unit = np.eye(robot.n)[j] * way
+            speed = _OF_CAP * min(caps.speed, _fastest(robot)[j])
+            moves = _moves(start, [unit], speed)
+            stage = Stage(f"{number + j}-{kind}-{name}", kind, (name,), (way,))
+            yield stage, _file(loaded, experiment, caps, (name,), moves), ""
+        number += 10 * (1 + robot.n // 10)
+    first = excite(robot, share=FIRST_SHARE, floor=floor).reference
+    own = experiment.reference, experiment.t_final, 1.0 / _SLOWER
+    for kind, reference, end, rate in (("excite", first, first.t_end, 1.0), ("slow", *own)):
+        table, seconds = _table(robot, start, reference, end, rate)
+        name = f"{number}-{kind}"
+        motion = {"reference": {"file": f"{name}.csv"}, "t_final": round(seconds + _STAND, 3)}
+        yield Stage(name, kind, names), _file(loaded, experiment, CAPS[kind], names, motion), table
+        number += 10
+    data = _file(loaded, experiment, None, names, None)
+    given = data.get("supervisor") or {}
+    data["supervisor"] = {**given, "speed": given.get("speed") or _OVERSPEED}
+    yield Stage(f"{number}-full", "full", names), data, ""
+
+
+def _file(
+    loaded: Loaded,
+    experiment: Experiment,
+    caps: Caps | None,
+    moving: tuple[str, ...],
+    motion: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """Return an experiment file: the arm's own with caps and a motion."""
+    robot = experiment.robot
+    data = loaded.config.model_dump(exclude_unset=True)
+    if Path(data["robot"]["name"]).is_file():
+        data["robot"]["name"] = str(Path(data["robot"]["name"]).resolve())
+    own = data["reference"].get("file") if "reference" in data else None
+    if own is not None:
+        data["reference"]["file"] = str(Path(own).resolve())
+    filled = experiment.config.controllers[0].model_dump(exclude_none=True)
+    section = {**(data.get("controllers") or [{"type": filled["type"]}])[0]}
+    law = next(iter(experiment.controllers.values()))
+    data["controllers"], data["supervisor"] = [section], dict(data.get("supervisor") or {})
+    data.pop("vary", None)
+    if motion is None:
+        return data
+    data |= motion
+    if data.get("plant"):  # the load that the model does not know comes with the full speed
+        data["plant"] = {key: value for key, value in data["plant"].items() if key != "payload"}
+    if caps is None:
+        return data
+    if isinstance(law, GPI) and not law.gains.adaptive:
+        omega = np.minimum(np.broadcast_to(law.gains.nominal().omega_c, robot.n), caps.bandwidth)
+        section["omega"] = dict(zip(robot.joint_names, _round(omega), strict=True))
+    shares = np.array([caps.torque if name in moving else caps.held for name in robot.joint_names])
+    bounds = {
+        "torque_cap": shares * moving_torque(robot, experiment.reference.at(0.0).q) + robot.friction.coulomb,
+        "speed_cap": np.minimum(caps.speed, _fastest(robot)),
+    }
+    for key, values in bounds.items():
+        data["supervisor"][key] = dict(zip(robot.joint_names, _round(values), strict=True))
+    data["supervisor"]["following"] = caps.following
+    return data
+
+
+def moving_torque(robot: Any, q: Array) -> Array:
+    """Return the torque that a joint is moved with [N m or N], (n,): five times gravity, or 30 rad/s^2 alone.
+
+    Friction of gears is some percent of it; efforts of some files are far above it.
+    """
+    brisk = _BRISK * np.diagonal(robot.mass_matrix(q))
+    return np.asarray(
+        np.minimum(robot.limits.effort, np.maximum(usual_effort(robot.with_gravity(UPRIGHT)), brisk))
+    )
+
+
+def _round(values: Array) -> list[float]:
+    return [float(f"{x:.3g}") for x in values]
+
+
+def _fastest(robot: Any) -> Array:
+    """Return the speed limits, 1 where there is none [rad/s or m/s]."""
+    limit = robot.limits.velocity
+    return np.where(np.isfinite(limit) & (limit > 0.0), limit, 1.0)
+
+
+def _way(robot: Any, start: Array, joint: int, way: float) -> float:
+    """Return how far a joint moves: up where there is room, else down.
+
+    Raises:
+        ConfigError: when there is no room.
+    """
+    room = robot.limits.upper[joint] - start[joint], start[joint] - robot.limits.lower[joint]
+    for sign, left in zip((1.0, -1.0), room, strict=True):
+        if left >= way:
+            return sign * way
+    name = robot.joint_names[joint]
+    raise ConfigError("reference", name, f"has less than {way:g} to move to either side of where it starts")
+
+
+def _moves(start: Array, steps: Iterable[Array], speed: float, stand: float = _STAND) -> dict[str, Any]:
+    """Return moves out and back, one after another, and how long they take."""
+    points, durations = [start], []
+    for step in steps:
+        points += [start + step, start]
+        durations += [round(minimum_duration(step, speed), 3)] * 2
+    moves = {"points": [x.tolist() for x in points], "durations": durations, "holds": stand}
+    return {"reference": moves, "t_final": round(sum(durations) + stand * len(points), 3)}
+
+
+def _table(robot: Any, start: Array, reference: Reference, end: float, rate: float) -> tuple[str, float]:
+    """Return a reference at a rate of time, with moves from and to the start, as CSV; and its length [s]."""
+    first, last = reference.at(0.0).q, reference.at(end).q
+    speed = FIRST_SHARE * _fastest(robot)
+    there, back = (minimum_duration(x - start, speed, _ACCELERATION) for x in (first, last))
+    lengths = [max(there, 0.1), end / rate, max(back, 0.1)]
+    approach = Waypoints([start, first], [lengths[0]])
+    home = Waypoints([last, start], [lengths[2]])
+    t = np.arange(0.0, sum(lengths), _SAMPLE)
+    begin, after = lengths[0], lengths[0] + lengths[1]
+    q = np.where((t < begin)[:, None], approach.at(t).q, reference.at((t - begin).clip(0.0) * rate).q)
+    q = np.where((t > after)[:, None], home.at((t - after).clip(0.0)).q, q)
+    rows = [",".join(f"{x:.12g}" for x in (time, *row)) for time, row in zip(t, q, strict=True)]
+    return "\n".join([",".join(["time", *robot.joint_names]), *rows]) + "\n", float(t[-1])

@@ -1,0 +1,367 @@
+"""The checks of every sample, a class for each reason.
+
+`fails` tells which joints fail. `nominal` yields conditions, per joint, under which the check can neither
+fail nor begin to count: they are false of NaN, and little work, as most samples take no more. A check that
+counts keeps a state in :class:`Watch`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import LARGEST, Array
+from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.references.reference import Target
+from armgpi.supervisor.bounds import (
+    COUNTS,
+    FARTHEST,
+    SMOOTHING,
+    Bounds,
+    Supervisor,
+    frozen_samples,
+    own_inverse_inertia,
+    smoothing,
+    turning,
+)
+from armgpi.supervisor.joints import Mask, any_joint, beyond, largest, tightest
+from armgpi.supervisor.state import COUNTED, FrozenState, ResponseState, Sample, State, Watch
+
+#: Velocities and accelerations beyond this are none [rad/s, rad/s^2 or m]. Set by hand.
+_FASTEST = 1e6
+#: Share of the reference's velocity above which a joint was in motion, and cannot stand still at once. Set by
+#: hand, like the 0.1 beside it; tools/alarms.py counts what they stop.
+_IN_MOTION = 0.5
+#: Errors below this say nothing of how a joint answers its torque [rad or m]. Set by hand: a fiftieth of what
+#: FOLLOWING allows.
+ALERT = 0.01
+#: Samples in which a joint has to answer, at least: where there are few, laws are slow. Set by hand.
+_ANSWERS = 8
+#: Time in which torques and what answers them are forgotten [s]: what changes faster is looked at. Set by
+#: hand, as long as a push of half the motor's torque looks like a wrong sign (docs/supervisor.md).
+_FORGOTTEN = 0.01
+#: Changes of a torque that have to be answered, as a share of its limit. Set by hand: above what a count of a
+#: 16-bit encoder moves under GPI.untuned, 1 %.
+_ASKED = 0.02
+#: How much faster than when it was found a joint that answers the wrong way may be, and still get a torque.
+#: Set by hand: a motor that was wrongly accused stays below 2.5 times (tests/supervisor/test_supervisor.py).
+_FASTER = 1.5
+
+
+class NotFinite:
+    """NOT_FINITE: a measurement is no number, or farther or faster than any arm."""
+
+    def __init__(self, law: Controller) -> None:
+        self._velocities = law.measurement_type is FullState
+
+    def nominal(self, measurement: Any) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        if self._velocities:  # positions are within their limits
+            yield np.abs(measurement.v) <= _FASTEST
+
+    def fails(self, measurement: Any) -> Mask:
+        """Tell which joints fail."""
+        wrong = beyond(measurement.q, FARTHEST)
+        if self._velocities:
+            wrong = wrong | beyond(measurement.v, _FASTEST)
+        return wrong
+
+
+class Jump:
+    """JUMP: a measurement is not where its last change leads, or goes back all at once as fast as it came.
+
+    Attributes:
+        bounds: all bounds.
+        pushed: half of what a push by half its motor's torque does [rad or m].
+        driven: half of what all torques at their limits change of a motion in a sample [rad or m].
+        share: one over the torque limits [1/(N m) or 1/N].
+        apart: the smaller of both bounds, of the tightest joint [rad or m].
+    """
+
+    def __init__(self, law: Controller, bounds: Bounds) -> None:
+        self.bounds = bounds
+        self.pushed, self.driven = turning(law)
+        self.share = 1.0 / law.effort
+        self.apart = np.minimum(tightest(bounds.jump), tightest(bounds.turn))
+
+    def nominal(self, change: Array, watch: Watch) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        yield np.abs(change - watch.change) <= self.apart
+
+    def passes(self, change: Array, watch: Watch) -> Mask:
+        """Tell which joints do not fail; one of NaN does."""
+        # It went on for a while, and all at once goes back as fast: its encoder counts backwards.
+        turn = np.maximum(
+            self.bounds.turn, self.pushed + self.driven * largest(self.share * np.abs(watch.tau))
+        )
+        last, samples = np.abs(watch.change), 1.0 + watch.bad
+        back: Mask = (last > turn) & (watch.v * watch.change > turn * last) & (watch.late == 0.0)
+        # One that decelerates to turn round is slower by then than it was, and has every right to.
+        back = back & (last > 0.5 * np.abs(watch.v))
+        back = back & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
+        # From where it was, or where its last change leads, as what moves fast goes on doing so.
+        near: Mask = np.abs(change - watch.change) <= self.bounds.jump * samples
+        return ~back & near
+
+
+class Position:
+    """POSITION: a joint is beyond its limits and the margin."""
+
+    def __init__(self, bounds: Bounds) -> None:
+        self._lower, self._upper = bounds.lower, bounds.upper
+
+    def nominal(self, q: Array) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        yield q >= self._lower
+        yield q <= self._upper
+
+    def fails(self, q: Array) -> Mask:
+        """Tell which joints fail."""
+        return (q < self._lower) | (q > self._upper)
+
+
+class ReferenceJump:
+    """REFERENCE: the reference is no number, or is not where its velocity leads."""
+
+    def __init__(self, law: Controller, bounds: Bounds) -> None:
+        self._step, self._tightest = bounds.step, tightest(bounds.step)
+        self._used = _rates_used(law)  # what the law does not use need not be there
+
+    def nominal(self, target: Target, watch: Watch) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        yield np.abs((target.q - watch.r) - watch.rv) <= self._tightest
+        for rate in self._rates(target):
+            yield np.abs(rate) <= _FASTEST
+
+    def fails(self, target: Target, watch: Watch) -> Mask:
+        """Tell which joints fail."""
+        # From one sample to the next: what is smoothed lags, and takes an acceleration for a step.
+        samples = 1.0 + watch.bad
+        wrong = beyond((target.q - watch.r) - samples * watch.rv, self._step * samples)
+        for rate in self._rates(target):
+            wrong = wrong | beyond(rate, _FASTEST)
+        return wrong
+
+    def _rates(self, target: Target) -> Iterator[Array]:
+        return (rate for used, rate in zip(self._used, target[1:], strict=True) if used)
+
+
+class Following:
+    """FOLLOWING: a joint is too far from the reference."""
+
+    def __init__(self, bounds: Bounds, response: bool) -> None:
+        self._most = bounds.following
+        # From ALERT on RESPONSE looks: one comparison for both.
+        self._nearest = np.minimum(tightest(bounds.following), ALERT if response else LARGEST)
+
+    def nominal(self, e: Array) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        yield np.abs(e) <= self._nearest
+
+    def fails(self, e: Array) -> Mask:
+        """Tell which joints fail."""
+        return np.abs(e) > self._most
+
+
+class Speed:
+    """SPEED: a joint is faster than its limit allows, by its smoothed velocity up to the last sample."""
+
+    def __init__(self, bounds: Bounds, given: Supervisor) -> None:
+        self._most, self._tightest = bounds.speed, tightest(bounds.speed)
+        self._checked = given.speed is not None or given.speed_cap is not None
+
+    def nominal(self, watch: Watch) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        if self._checked:
+            yield np.abs(watch.v) <= self._tightest
+
+    def fails(self, watch: Watch) -> Iterator[Mask]:
+        """Yield which joints fail, where it is checked."""
+        if self._checked:
+            yield np.abs(watch.v) > self._most
+
+
+class Frozen:
+    """FROZEN: a measurement repeats itself that should change.
+
+    Attributes:
+        samples: for which it may; 0 for no check.
+        travel: of the reference, which asks a position to change [rad or m].
+        sticking: change of torque that friction may hold a joint against [N m or N].
+        braked: change in a sample of which friction may stop a joint at once [rad or m].
+    """
+
+    def __init__(self, law: Controller, given: Supervisor, bounds: Bounds, pushed: Array) -> None:
+        self.samples = frozen_samples(law.dt) if given.frozen_samples is None else given.frozen_samples
+        self.travel, self._tightest = bounds.travel, tightest(bounds.travel)
+        self._lost = max(given.jump - 1.0, 0.0)
+        # Where there is no torque limit, friction is no share of it.
+        self.sticking = np.where(law.effort < LARGEST, given.sticking * law.effort, 0.0)
+        self.braked = 2.0 * (bounds.travel / COUNTS) + 4.0 * given.sticking * pushed
+
+    def nominal(self, change: Array, r: Array, watch: Watch) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        reference_at_change = np.where(change != 0.0, r, watch.frozen.reference_at_change)
+        yield np.abs(r - reference_at_change) <= self._tightest
+
+    def count(self, unmoved: Mask, q: Array, r: Array, watch: Watch) -> tuple[Array, Array]:
+        """Return the samples for which a measurement should have changed, and how far the reference is ahead.
+
+        It should where, since it last did, the reference has moved on, or the torque has reached its limit. A
+        joint that is ahead of its reference waits for it.
+        """
+        mark = watch.frozen.reference_at_change
+        ahead = np.maximum(np.minimum(r - mark, r - q), np.minimum(mark - r, q - r))
+        asked = unmoved & ((ahead > self.travel) | (watch.saturated_samples > 0.0))
+        return np.where(asked, watch.frozen.unchanged_samples + 1.0, 0.0), ahead
+
+    def fails(self, unmoved: Mask, unchanged_samples: Array, ahead: Array, watch: Watch) -> Mask:
+        """Tell which joints fail."""
+        if not self.samples:
+            return unmoved & ~unmoved
+        # A joint that moved with its reference cannot stand still at once: there is no need to wait. One that
+        # starts, or turns round, has slow changes first, and may stick.
+        far = ahead > self.travel + self._lost * np.abs(watch.rv)
+        went = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
+        moving = went & (watch.v * watch.change > 0.1 * (watch.change * watch.change))
+        moving = moving & (np.abs(watch.change) > self.braked)
+        # Friction holds a joint at rest until its torque has changed by more.
+        pulled = np.abs(watch.tau - watch.frozen.torque_at_change) > self.sticking
+        pulled = pulled | (watch.saturated_samples > 0.0)
+        return ((unchanged_samples >= float(self.samples)) & pulled) | (unmoved & far & moving)
+
+    def after(self, untrusted: Mask, seen: Sample, r: Array, tau: Array, watch: Watch) -> FrozenState:
+        """Return what is kept, by the reference that is followed and the torque that is sent."""
+        kept, samples = watch.frozen, seen.unchanged_samples
+        return FrozenState(
+            np.where(untrusted, COUNTED, samples),
+            np.where(seen.q == watch.q, kept.reference_at_change, r),
+            np.where(samples > 0.0, kept.torque_at_change, tau),
+        )
+
+
+class Saturated:
+    """SATURATED: a torque is at its limit for too long."""
+
+    def __init__(self, law: Controller, given: Supervisor) -> None:
+        self._effort, self._most = law.effort, given.saturated / law.dt
+
+    def at_limit(self, tau: Array, otherwise: float) -> Array:
+        """Return 1 where a torque is at its limit."""
+        return np.where(np.abs(tau) >= self._effort, 1.0, otherwise)
+
+    def count(self, watch: Watch) -> Array:
+        """Return the samples at the limit; those below it count back."""
+        return np.maximum(watch.saturated_samples + self.at_limit(watch.tau, -1.0), 0.0)
+
+    def fails(self, samples: Array) -> Mask:
+        """Tell which joints fail."""
+        return samples > (self._most or LARGEST)
+
+
+class Response:
+    """RESPONSE: a joint answers its torque the wrong way, and runs away from its reference.
+
+    Torques and what answers them are compared by what is new in them: neither loads nor friction that stay
+    are, and a push only while it begins. A motor that turns the other way is at every change.
+
+    Attributes:
+        samples: for which a joint may; 0 for no check.
+        overpowered: what half of its motor's torque changes of a joint's motion in a sample [rad or m].
+    """
+
+    def __init__(self, law: Controller, given: Supervisor) -> None:
+        self.samples = 0
+        if given.response:
+            self.samples = max(_ANSWERS, math.ceil(given.response / law.dt - 1e-9))
+        self._effort, inverse = law.effort, own_inverse_inertia(law)
+        self._smoothing, self._forgotten = smoothing(law.dt, SMOOTHING), smoothing(law.dt, _FORGOTTEN)
+        self.overpowered = 0.5 * law.dt**2 * np.minimum(law.effort, LARGEST) * inverse
+
+    def fails(self, kept: ResponseState) -> Mask:
+        """Tell which joints fail."""
+        adverse = kept.adverse_samples
+        return adverse > float(self.samples) if self.samples else adverse < 0.0
+
+    def alert(self, opened: Mask, e: Array) -> Mask:
+        """Tell whether any joint is far enough from its reference to say something, (1,) or (batch, 1)."""
+        return any_joint(~opened & (np.abs(e) > ALERT)) if self.samples else opened & ~opened
+
+    def after(
+        self, alert: Mask, looks: Mask, dead: Mask, model: Array, watch: Watch, e: Array, v: Array
+    ) -> ResponseState:
+        """Return what is kept of how the joints answer their torques.
+
+        While a torque is cut the model is not asked. A joint whose torque is at its limit answers the wrong
+        way then when it accelerates as by a push of half that torque.
+
+        Args:
+            alert: see :meth:`alert`.
+            looks: whether the model was asked as well, (1,) or (batch, 1).
+            dead: whether the loop is open for good, likewise.
+            model: torque of the nominal model for the motion measured [N m or N].
+            watch: what was kept so far.
+            e: distance from the reference [rad or m].
+            v: velocity, smoothed [rad or m per sample].
+        """
+        if not self.samples:
+            return ResponseState(*(np.zeros_like(v),) * 4)
+        kept = watch.response
+        known = kept.model_torque_lowpass != 0.0
+        torque = np.where(known, kept.torque + self._smoothing * (watch.tau - kept.torque), watch.tau)
+        change = np.where(known, torque - kept.torque_lowpass, 0.0)
+        torque_lowpass = torque - change + self._forgotten * change
+        answer = np.where(known, model - kept.model_torque_lowpass, 0.0)
+        model_torque = np.where(looks, model - answer + self._forgotten * answer, kept.model_torque_lowpass)
+        # The torque pushes back, and what it does is to push on.
+        wrong = (np.abs(change) > _ASKED * self._effort) & (change * e < 0.0) & (answer * e > 0.0)
+        limited = np.abs(watch.tau) >= self._effort
+        pushed = limited & (watch.tau * e < 0.0)
+        pushed = pushed & ((v - watch.v) * e > self.overpowered * np.abs(e))
+        wrong = np.where(looks, wrong, pushed) & (np.abs(e) > ALERT) & ((v - watch.rv) * e > 0.0)
+        adverse = np.where(looks | limited, 1.0, kept.adverse_samples)
+        adverse = np.where(wrong, np.maximum(kept.adverse_samples, 1.0) + 1.0, adverse)
+        after = ResponseState(adverse, torque, torque_lowpass, model_torque)
+        # Without the loop nothing new is learnt, and nothing forgotten.
+        before = [np.where(dead, old, 0.0) for old in kept]
+        return ResponseState(*(np.where(alert, new, old) for new, old in zip(after, before, strict=True)))
+
+    def accuses(self, watch: Watch) -> Mask:
+        """Tell whether a motor is taken to turn the other way, and nothing speaks against it yet, (1,)."""
+        going = (watch.status < float(State.FAULT)) | (watch.response.torque > 0.0)
+        return any_joint(self.fails(watch.response) & going)
+
+    def turned_round(
+        self, dead: Mask, tau: Array, v: Array, watch: Watch, kept: ResponseState
+    ) -> tuple[Array, ResponseState]:
+        """Return the torque of joints that answer the wrong way turned round in FAULT, and what is kept.
+
+        Turned round once more a motor brakes. If it was no motor that turns the other way, its joint is
+        faster soon, and gets its torque as it is; where it gets faster still, none any more.
+        """
+        turned, speed = dead & self.fails(kept), np.abs(v)
+        most = np.where(watch.status < float(State.FAULT), _FASTER * speed, watch.response.torque)
+        most = np.where(speed > np.abs(most), np.where(most > 0.0, -_FASTER * speed, 0.0), most)
+        kept = kept._replace(torque=np.where(turned, most, kept.torque))
+        sign = np.where(most > 0.0, -1.0, np.where(most < 0.0, 1.0, 0.0))
+        return np.where(turned, sign * tau, tau), kept
+
+
+def _rates_used(law: Controller) -> tuple[bool, bool]:
+    """Tell whether a law uses velocity and acceleration of its reference: NaN shows in its torque."""
+    robot: Any = law.robot
+    shape = (robot.n,) if law.batch is None else (law.batch, robot.n)
+    q = np.ascontiguousarray(np.broadcast_to(robot.middle(), shape))
+    zero = np.zeros(shape)
+    seen: Any = FullState(q, zero) if law.measurement_type is FullState else Measurement(q)
+    rates = ((zero * np.nan, zero), (zero, zero * np.nan))
+    try:
+        with np.errstate(all="ignore"):
+            state = law.init(seen, Target(q, zero, zero))
+            taus = [law.step(seen, Target(q, *rate), state).tau for rate in rates]
+    except Exception:  # a user's law may raise anything: whoever steps it learns why
+        return True, True
+    return bool(np.isnan(taus[0]).any()), bool(np.isnan(taus[1]).any())

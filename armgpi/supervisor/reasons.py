@@ -1,0 +1,104 @@
+"""What is behind each reason of a fault, and what to do: one table for messages, exports and docs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from armgpi.escape import markdown_table
+from armgpi.supervisor.state import Reason
+
+#: Where the table is.
+PAGE = "docs/reasons.md"
+
+
+class Cause(NamedTuple):
+    """What is behind a reason.
+
+    Attributes:
+        when: the check, as exported code says it.
+        cause: what it mostly is.
+        remedy: what to do.
+    """
+
+    when: str
+    cause: str
+    remedy: str
+
+
+REASONS = {
+    Reason.NONE: Cause("there is no fault", "nothing", "go on"),
+    Reason.BEFORE_INIT: Cause(
+        "step came before init",
+        "the program",
+        "call init once, with the first measurement, before the brakes open",
+    ),
+    Reason.LATE: Cause(
+        "more samples were missed than may be",
+        "scheduling, the network, another sample time than the robot's",
+        "run in real time (docs/loop.md); `armgpi log` counts them; `missed` where so many are usual",
+    ),
+    Reason.SATURATED: Cause(
+        "a torque was at its limit for too long",
+        "a load or a motion that the motor cannot carry, a blocked joint, a limit in another unit",
+        "move slower, tell the load; move the joint by hand; look at the effort limits in the file",
+    ),
+    Reason.FOLLOWING: Cause(
+        "a position is too far from the reference",
+        "a start away from the reference, a push, a dead or wrongly turned motor, an unstable loop",
+        "begin where the arm stands; after a push go on; else the joint alone again (docs/bringup.md)",
+    ),
+    Reason.REFERENCE: Cause(
+        "the reference is not finite, or jumps",
+        "a planner that steps, straight lines with corners, a file in another unit, ~/stop",
+        "begin where the arm is, and move smoothly: `armgpi_move_to`, `Bezier`; `reference_step` for corners",
+    ),
+    Reason.POSITION: Cause(
+        "a position is beyond its limits",
+        "a wrong zero, degrees, another joint's position, a reference at the limit",
+        "dry run; the joint back by hand or by the robot's own means; limits as the robot has them",
+    ),
+    Reason.FROZEN: Cause(
+        "a position should have changed, and did not",
+        "a cable, a bus that repeats, a closed brake, friction above `sticking`, a blocked joint",
+        "move it by hand and look at its position; `sticking` for friction, `armgpi_step_late` for repeats",
+    ),
+    Reason.JUMP: Cause(
+        "a position moved faster than its joint can",
+        "a turn not unwrapped, noise above `resolution`, samples lost and not counted, an encoder",
+        "unwrap; say bits and noise; count lost samples by `armgpi_step_late`, or raise `jump`",
+    ),
+    Reason.NOT_FINITE: Cause(
+        "a measurement, or the law's torque, is not finite",
+        "a driver that has no value yet, another unit",
+        "start when all values are there; look at the first rows of the log",
+    ),
+    Reason.RESPONSE: Cause(
+        "a joint answers its torque the wrong way",
+        "a motor or its command turned round, an arm that swings on its gears, a long push",
+        "look at the sign of torque and position; `--drives soft` where gears twist",
+    ),
+    Reason.SPEED: Cause(
+        "a joint is too fast",
+        "a push, a wrong sign, gravity that nobody or two carry, a limit or a stage's cap that is too low",
+        "look which way the torque pointed (`armgpi bringup check`)",
+    ),
+    Reason.CAP: Cause(
+        "a torque is as far from what holds the model as it may be",
+        "in a stage of a bring-up: a joint that does not move, a load, gravity, friction above the cap",
+        "`armgpi bringup check` says which; raise the cap in the stage's file where it is friction",
+    ),
+}
+
+
+def remedy(reason: str) -> str:
+    """Return what to do about a reason by its name, in one line; "" for none."""
+    cause = REASONS[Reason[reason.upper()]]
+    if cause is REASONS[Reason.NONE]:
+        return ""
+    return f"{cause.when}. Mostly: {cause.cause}. {cause.remedy[0].upper()}{cause.remedy[1:]} ({PAGE})"
+
+
+def table() -> str:
+    """Return the table as Markdown."""
+    rows = [(f"`{reason.name}`", *cause) for reason, cause in REASONS.items() if reason]
+    return markdown_table(("reason", "when", "mostly because of", "what to do"), rows)

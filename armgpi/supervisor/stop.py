@@ -1,0 +1,152 @@
+"""How a supervised arm is stopped: along a reference that decelerates, or by a torque in open loop."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.control.controller import Controller
+from armgpi.references.reference import Target
+from armgpi.supervisor.bounds import (
+    COUNTS,
+    SMOOTHING,
+    Bounds,
+    model_of,
+    own_inverse_inertia,
+    smoothing,
+)
+from armgpi.supervisor.joints import Mask, any_joint
+from armgpi.supervisor.state import Sample, State, Watch
+
+#: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
+#: Set by hand: a tenth of what FOLLOWING allows.
+_NEAR = 0.05
+#: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
+#: Set by hand: damping of one joint by its last velocity is stable up to 2.
+_DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
+#: The same of a joint with a rotor, whose gear may twist, and the time constant of its velocity [s]: slow for
+#: resonances from 10 Hz on, whichever side the encoder is at (tools/gears.py --stops measures what rests).
+_SOFT_DAMPING, _SOFT_SMOOTHING = 8.0, 0.02
+#: Velocity below which a joint rests [rad/s or m/s]. HOLD waits for it: so long, less where samples of rest
+#: count several times [s]. An arm whose reference rests, and that does not for so long, swings. Set by hand.
+_REST, _RESTED, _AT_REST, _SWINGING = 0.1, 0.01, 4.0, 2.0
+
+
+class Stop:
+    """The reference of a stop, and what FAULT does in place of the law.
+
+    Attributes:
+        bounds: all bounds.
+        damping: torque per velocity by which FAULT damps a joint alone [N m s].
+        soft: the same where a gear may twist [N m s].
+        smoothing: of velocities then.
+        rest: velocity below which a joint rests [rad or m per sample]: two counts more, as they are smoothed.
+        rested: samples for which an arm that moves is not HOLD, at least.
+    """
+
+    def __init__(self, law: Controller, on_fault: str, bounds: Bounds) -> None:
+        self.bounds, self._dt, self._on_fault = bounds, law.dt, on_fault
+        self._rated = bool((bounds.jerk < bounds.slowing).any())
+        rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
+        one, geared = 1.0 / own_inverse_inertia(law), model_of(law).armature > 0.0
+        self.damping = np.asarray(rate * one)
+        self.soft = np.asarray(np.where(geared, min(rate, _SOFT_DAMPING), rate) * one)
+        slow, fast = smoothing(law.dt, _SOFT_SMOOTHING), smoothing(law.dt, SMOOTHING)
+        self.smoothing = np.where(geared, slow, fast)
+        self.rest = law.dt * _REST + 2.0 * fast * (bounds.travel / COUNTS)
+        self.rested, self._longest = (float(math.ceil(x / law.dt)) for x in (_RESTED, _SWINGING))
+
+    def restless(self, watch: Watch) -> tuple[Array, Mask]:
+        """Return the samples for which the arm has yet to rest, and whether it swings, both (1,)."""
+        one = np.where(any_joint(watch.rv != 0.0), 0.0, 1.0)  # nothing is counted before the reference rests
+        twice = 1.0 + np.where(watch.status == float(State.HOLD), 1.0, 0.0)  # HOLD does not flicker
+        moves = any_joint(np.abs(watch.v) > twice * self.rest)
+        after = np.where(
+            moves,
+            np.maximum(watch.restless + one, self.rested),
+            np.maximum(watch.restless - _AT_REST * one, 0.0),
+        )
+        return after, after > self._longest
+
+    def reference(
+        self, seen: Sample, entering: Mask, stopping: Mask, target: Target, watch: Watch
+    ) -> tuple[Target, Array]:
+        """Return the reference to follow, the one given or that of a stop, and its way in a sample.
+
+        Args:
+            seen: the sample.
+            entering: whether a stop begins, (1,) or (batch, 1).
+            stopping: whether one begins or goes on, likewise.
+            target: the reference given.
+            watch: what is kept.
+        """
+        # Where the joint did not follow, or nobody looked, the stop begins where it is, and as fast as it is.
+        late = (watch.late > 0.0) & ~seen.lost
+        apart = entering & ((np.abs(seen.e) > _NEAR) | late)
+        # After a gap as fast as if it had changed its velocity evenly there.
+        gap = 2.0 / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
+        own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
+        r, v = np.where(apart, seen.q, watch.r), np.where(apart, own, watch.rv)
+        v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
+        most = self._deceleration(v, watch)
+        less = np.minimum(np.maximum(v, -most), most)
+        # A joint that does not follow the stop tells nothing of where it goes: it comes to rest there.
+        strays = stopping & ~entering & seen.failing & (watch.status < float(State.FAULT))
+        after = np.where(strays, 0.0, v - less)
+        way = np.where(stopping, after, target.q - watch.r)
+        q = np.where(stopping, r + 0.5 * (v + after), target.q)
+        return Target(q, way * (1.0 / self._dt), np.where(stopping, less * (-1.0 / self._dt**2), 0.0)), way
+
+    def _deceleration(self, v: Array, watch: Watch) -> Array:
+        """Return by how much a stop slows down in a sample, at most [rad or m per sample].
+
+        Where torques have a rate it builds up and goes no faster than they can.
+        """
+        jerk = self.bounds.jerk
+        if not self._rated:
+            return self.bounds.slowing
+        # Steps of `jerk` from here down to rest add up to v.
+        ending = np.sqrt(0.25 * jerk * jerk + 2.0 * jerk * np.abs(v)) - 0.5 * jerk
+        return np.minimum(np.minimum(self.bounds.slowing, ending), jerk * (1.0 + watch.since))
+
+    def open_loop(
+        self,
+        opened: Mask,
+        dead: Mask,
+        turned: Mask,
+        accused: Mask,
+        seen: Sample,
+        v: Array,
+        aim: Target,
+        watch: Watch,
+    ) -> tuple[Array, tuple[Any, ...]]:
+        """Return torque without a measurement that the law could use, and a motion that takes more.
+
+        The motion is given as whether a torque is asked for, position, velocity and acceleration.
+
+        Args:
+            opened: whether the loop is open, (1,) or (batch, 1).
+            dead: whether for good, likewise.
+            turned: which joints answer their torque the wrong way.
+            accused: whether a motor is still taken to turn the other way, (1,) or (batch, 1).
+            seen: the sample.
+            v: velocities, smoothed [rad or m per sample].
+            aim: the reference that decelerates.
+            watch: what is kept.
+        """
+        on, torque = np.where(opened, watch.ready, 0.0), np.zeros_like(v)
+        if self._on_fault == "zero":
+            on = np.where(dead, 0.0, on)
+        elif self._on_fault == "hold":
+            aim = Target(np.where(dead, watch.q, aim.q), *(np.where(dead, 0.0, rate) for rate in aim[1:]))
+        else:
+            damped = dead & ~seen.distrusted
+            # A motor that turns the other way makes other joints fast, too: a stop from there would be long.
+            rests = damped & any_joint(turned)
+            aim = Target(np.where(damped, seen.q, aim.q), *(np.where(rests, 0.0, x) for x in aim[1:]))
+            damping = np.where(accused, self.damping, self.soft)
+            torque = np.where(damped, damping * (aim.v - v * (1.0 / self._dt)), 0.0)
+        return torque, (on, *aim)

@@ -1,0 +1,300 @@
+"""The page: scene, plots and controls in one file, with the loop as WebAssembly."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.codegen.symbols import NotElementwise
+from armgpi.config import Origin, check, keys
+from armgpi.config import build as build_experiment
+from armgpi.config.building import Experiment, Parts
+from armgpi.config.schema import SECTIONS, PlantSection, RobotSection
+from armgpi.errors import ArmgpiError, ArmgpiWarning, BackendError, ParameterError
+from armgpi.escape import json_data
+from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.loop.runner import DIVERGENCE
+from armgpi.robot.markup import read_file
+from armgpi.view import page, scene, style
+from armgpi.view.play import module
+from armgpi.view.play.controls import Control, Playable, dotted_path, plain, playable, siblings
+from armgpi.view.play.variant import Pool, Variant, trace_form
+
+#: Called with what is being done and how much of it is done [0, 1].
+Progress = Callable[[str, float], None]
+
+#: Keys that the other controllers of a page take over.
+_SHARED = ("inertia_scale", "payload_range", "rolloff", "rolloff_ratio", "feedforward", "integrators")
+
+
+class Module(NamedTuple):
+    """All forms of an experiment's loop.
+
+    Attributes:
+        playable: what can be moved.
+        variants: the forms.
+        code: WebAssembly.
+    """
+
+    playable: Playable
+    variants: list[Variant]
+    code: bytes
+
+
+def build(
+    experiment: Experiment,
+    label: str | None = None,
+    *,
+    frame: str | None = None,
+    title: str | None = None,
+    more: str = "",
+    progress: Progress = lambda *_: None,
+) -> str:
+    """Return a page in which an experiment is simulated anew when something in it is moved, as HTML.
+
+    Args:
+        experiment: from :func:`armgpi.config.build`.
+        label: which of its controllers; the first one when not given.
+        frame: the tool, whose path is drawn; the tip when not given.
+        title: what the page is called; the robot's name when not given.
+        more: HTML below it.
+        progress: told what is being done, and how much of all is done.
+
+    Raises:
+        BackendError: when the package `ziglang` is not installed, or the loop has no generated code.
+        ParameterError: when there is no such controller, or with a reality or a supervisor.
+        MissingPackage: when trimesh is not installed.
+    """
+    label = next(iter(experiment.controllers)) if label is None else label
+    found = build_module(experiment, label, progress)
+    arm = scene.build(experiment.robot, frame)
+    arrays = page.Arrays()
+    data = {"arm": page.arm_data(arm, arrays), "clip": None, "play": _data(found, experiment, arrays)}
+    values = {
+        "title": page.text(title or experiment.robot.name),
+        "findings": page.bullets(arm.findings, "findings"),
+        "more": more,
+    }
+    own = ("scene.js", "loop.js", "curves.js", "play.js")
+    scripts = [page.meshcat_script(), *map(page.asset, own)]
+    return page.fill("play.html", values, data, arrays, scripts, computes=True)
+
+
+def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[str, Any]:
+    """Return what the page knows of the loop and its controls."""
+    loop = ClosedLoop(experiment.plant, next(iter(experiment.controllers.values())), experiment.reference)
+    steps = round(experiment.t_final / loop.dt)
+    moved = found.playable
+    return {
+        "steps": steps,
+        "dt": loop.dt,
+        "divergence": DIVERGENCE,
+        "code": arrays.add(np.frombuffer(found.code, dtype=np.uint8), "uint8"),
+        "colors": [style.PALETTE[0], style.PALETTE[1]],
+        "choices": [{**choice._asdict(), "id": choice.id} for choice in moved.choices],
+        "controls": [_control(control) for control in moved.controls],
+        "sections": moved.sections,
+        **_config_with_urdf(moved.config),
+        "friction": plain(experiment.config)["robot"]["friction"],
+        "defaults": _defaults(moved),
+        "variants": [_variant(variant, loop, steps, arrays) for variant in found.variants],
+    }
+
+
+def _config_with_urdf(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the configuration that is copied from the page, and the URDF to lie beside it, if any."""
+    robot, path = config["robot"], Path(config["robot"]["name"])
+    if not path.is_file():
+        return {"config": config, "urdf": None}
+    text = read_file(path)
+    return {"config": {**config, "robot": {**robot, "name": path.name}}, "urdf": [path.name, text]}
+
+
+def _control(control: Control) -> dict[str, Any]:
+    """Return a control as JSON has it: bounds that are infinite are null."""
+    data: dict[str, Any] = json_data({**control._asdict(), "id": control.id})
+    return data
+
+
+def _variant(variant: Variant, loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:
+    """Return what the page knows of a form."""
+    table = None
+    if variant.trace.table:
+        targets = loop.targets(np.arange(steps + 1) * np.float64(loop.dt))
+        table = arrays.add(np.concatenate(targets, axis=-1), "float64")
+    return {
+        "form": variant.form,
+        "names": variant.names,
+        "states": len(variant.start),
+        "draws": [[str(seed), stream, ahead] for seed, stream, ahead in variant.draws],
+        "shared": arrays.add(variant.shared, "float64"),
+        "used": variant.used,
+        "tape": None if variant.tape is None else variant.tape._asdict(),
+        "start": arrays.add(variant.start, "float64"),
+        "table": table,
+        "width": len(variant.trace.table),
+        "moves": [move._asdict() for move in variant.moves],
+        "tables": [
+            {**each._asdict(), "values": arrays.add(each.values, "float64")} for each in variant.tables
+        ],
+        "arms": [{**each._asdict(), "which": each.which.ravel().tolist()} for each in variant.arms],
+        "unmoved": variant.unmoved,
+    }
+
+
+def _defaults(moved: Playable) -> dict[str, Any]:
+    """Return what an experiment file need not say."""
+    controllers = {kind: SECTIONS[kind](type=kind).model_dump() for kind in moved.sections}
+    robot = RobotSection(name="").model_dump()
+    return {
+        "robot": {key: value for key, value in robot.items() if key != "name"},
+        "plant": PlantSection().model_dump(),
+        "controllers": {
+            kind: {key: value for key, value in section.items() if key != "type"}
+            for kind, section in controllers.items()
+        },
+        "reference": {"path": None, "frame": None, "direction": None, "tool_axis": None},
+        "reality": None,
+        "supervisor": None,
+        "record_every": 1,
+        "seed": 0,
+    }
+
+
+def build_module(experiment: Experiment, label: str, progress: Progress = lambda *_: None) -> Module:
+    """Return all forms of an experiment's loop as WebAssembly.
+
+    Args:
+        experiment: from :func:`armgpi.config.build`.
+        label: which of its controllers.
+        progress: told how far it is.
+
+    Raises:
+        BackendError: when Zig is not installed, or a loop has no generated code.
+    """
+    module.compiler()
+    for key in ("reality", "supervisor"):
+        if getattr(experiment.config, key) is not None:
+            raise ParameterError("experiment", f"one with a {key}", f"one without a {key}: a page has none")
+    makers = _Makers(experiment)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # of controllers that nobody asked for
+        others = makers.siblings(label)
+        moved = _possible(playable(experiment, label, others), makers)
+        pool = Pool()
+        forms = list(_forms(moved))
+        variants = []
+        for i, form in enumerate(forms):
+            progress("tracing", i / (len(forms) + 2))
+            config = compose_config(moved, form)
+            try:
+                variants.append(trace_form(form, config, _belonging(moved, form), makers.loop, pool))
+            except NotElementwise as error:
+                raise BackendError(f"this loop has no generated code: {error}") from None
+    progress("compiling", len(forms) / (len(forms) + 2))
+    code = module.compile_wasm(module.text(variants, pool), [f"run_{i}" for i in range(len(variants))])
+    return Module(moved, variants, code)
+
+
+def _possible(moved: Playable, makers: _Makers) -> Playable:
+    """Return what can be moved without loads of the nominal model that no bandwidth serves."""
+
+    def serves(control: Control, mass: float) -> bool:
+        for form in forms:
+            config = compose_config(moved, form)
+            control.put(config, mass)
+            try:
+                makers.loop(config)
+            except ArmgpiError:
+                return False
+        return True
+
+    # Neither friction nor what is fed forward matters to it.
+    same = {"plant.friction": "none", "controllers.0.feedforward": "none"}
+    forms = [
+        form for form in _forms(moved) if form == {**form, **{k: v for k, v in same.items() if k in form}}
+    ]
+    controls = []
+    for control in moved.controls:
+        if control.arm == "nominal":
+            left = tuple(mass for mass in control.values if mass == control.value or serves(control, mass))
+            control = control._replace(stops=left, values=left)
+        controls.append(control)
+    return moved._replace(controls=tuple(controls))
+
+
+def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
+    """Return the experiment of a form, as plain data, as it is traced.
+
+    The plant has a load and the nominal model none, so that their equations of motion are two.
+    """
+    config: dict[str, Any] = json.loads(json.dumps(moved.config))
+    config["controllers"] = [dict(moved.sections[form["controllers.0"]])]
+    for choice in moved.choices[1:]:
+        if choice.id in form:
+            keys.put(config, choice.path, form[choice.id])
+    for control in _belonging(moved, form):
+        if control.arm == "plant" and control.whole is not None:
+            control.put(config, control.values[1])
+        elif control.arm == "nominal" and control.whole is not None:
+            control.put(config, 0.0)
+        elif control.id.startswith("plant.loads") and control.path[-1] == "amplitude":
+            control.put(config, [1.0] * len(control.joints))
+    if config["plant"]["encoder_bits"] is None:
+        config["plant"]["encoder_bits"] = 16
+    config["plant"]["drop_out"] = config["plant"]["drop_out"] or 0.5  # drawn with the experiment's seed
+    return config
+
+
+def _belonging(moved: Playable, form: dict[str, Any]) -> list[Control]:
+    """Return the controls that a form has."""
+    return [
+        control
+        for control in moved.controls
+        if control.only is None or form.get(dotted_path(control.only[0])) == control.only[1]
+    ]
+
+
+def _forms(moved: Playable) -> Iterator[dict[str, Any]]:
+    """Yield all forms: id of a choice -> its value, without choices that a controller does not have."""
+    seen = []
+    for values in itertools.product(*(choice.values for choice in moved.choices)):
+        kind = values[0]
+        form = {
+            choice.id: value
+            for choice, value in zip(moved.choices, values, strict=True)
+            if not choice.only or kind in choice.only
+        }
+        if form not in seen:
+            seen.append(form)
+            yield form
+
+
+class _Makers:
+    """Makes loops of experiments as plain data."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment = experiment
+        self._parts = Parts()
+
+    def loop(self, config: dict[str, Any]) -> ClosedLoop:
+        """Return the loop of the first controller."""
+        return ClosedLoop(*self._parts.of(check(config, Origin("the page's experiment"))))
+
+    def siblings(self, label: str) -> dict[str, dict[str, Any]]:
+        """Return the sections of the other controllers that the page has, defaults filled in."""
+        config = plain(self.experiment.config)
+        own = next((each for each in config["controllers"] if each["label"] == label), None)
+        if own is None:
+            raise ParameterError("label", label, ", ".join(each["label"] for each in config["controllers"]))
+        found = {}
+        for kind in siblings(own["type"]):
+            config["controllers"] = [{"type": kind, **{key: own[key] for key in _SHARED}}]
+            found[kind] = plain(build_experiment(check(config, Origin())).config)["controllers"][0]
+        return found

@@ -1,0 +1,103 @@
+"""The names a user writes after `armgpi.`: all there, told alike to people, programs and type checkers."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import armgpi
+
+SOURCE = Path(armgpi.__file__)
+
+
+@pytest.mark.parametrize("name", armgpi.__all__)
+def test_every_public_name_loads(name: str) -> None:
+    value = getattr(armgpi, name)
+    if name == "__version__":
+        assert isinstance(value, str)
+    elif not isinstance(value, ModuleType):
+        assert value.__doc__
+        assert value.__name__ == name
+        assert value.__module__.startswith("armgpi.")
+
+
+def test_what_type_checkers_see_is_what_is_loaded() -> None:
+    tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = set()
+    for statement in block.body:
+        assert isinstance(statement, ast.ImportFrom)
+        for alias in statement.names:
+            # Only `import X as X` makes a name public for them.
+            assert alias.asname == alias.name
+            place = statement.module if alias.name in armgpi._HOME else f"armgpi.{alias.name}"
+            seen.add((alias.name, place))
+    loaded = {(name, f"armgpi.{home}") for name, home in armgpi._HOME.items()}
+    assert seen == loaded | {(name, f"armgpi.{name}") for name in armgpi._MODULES}
+
+
+def test_public_names_are_sorted_unique_and_what_dir_lists() -> None:
+    assert armgpi.__all__ == sorted(set(armgpi.__all__)) == dir(armgpi)
+
+
+def test_no_name_hides_a_module_of_the_package() -> None:
+    # `import armgpi.robot.robot` sets armgpi.robot.robot: a class of that name would then be replaced by it.
+    modules = {path.stem for path in SOURCE.parent.glob("*")}
+    assert not modules & set(armgpi._HOME)
+
+
+def test_a_name_that_does_not_exist_is_an_attribute_error_like_everywhere() -> None:
+    with pytest.raises(AttributeError, match="module 'armgpi' has no attribute 'Robott'"):
+        armgpi.Robott  # noqa: B018
+    assert not hasattr(armgpi, "Robott")
+
+
+def test_import_armgpi_loads_nothing_heavy() -> None:
+    heavy = ("pinocchio", "xarray", "numpy", "scipy", "matplotlib", "pydantic", "typer")
+    code = f"import sys, armgpi; print([name for name in {heavy} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_reading_urdfs_loads_no_pinocchio() -> None:
+    code = "import sys, armgpi.robot.urdf; print('pinocchio' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
+
+
+def test_a_star_import_brings_all_names() -> None:
+    code = "from armgpi import *; Robot, simulate, metrics.itae, GPI"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_module_that_lacks_a_package_says_what_to_install() -> None:
+    """In a process in which no extra is installed, every module loads or raises our error with its line."""
+    code = """
+import importlib, pkgutil, sys
+EXTRAS = {"matplotlib", "casadi", "trimesh", "collada", "mujoco", "cma", "optuna", "sympy", "clarabel",
+          "ziglang", "gymnasium", "mcap", "mcap_ros2", "rerun", "yourdfpy", "meshcat"}
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in EXTRAS:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Missing())
+import armgpi
+from armgpi.errors import MissingPackage
+for module in pkgutil.walk_packages(armgpi.__path__, "armgpi.", onerror=lambda name: None):
+    if not module.name.endswith("__main__"):
+        try:
+            importlib.import_module(module.name)
+        except MissingPackage as error:
+            print(module.name, error)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    refused = dict(line.split(" ", 1) for line in run.stdout.splitlines())
+    some = {"armgpi.view.plots", "armgpi.codegen.trace", "armgpi.hardware.export.code", "armgpi.envs"}
+    assert some <= set(refused)
+    assert all("pip install 'armgpi[" in message for message in refused.values())

@@ -1,0 +1,133 @@
+"""`armgpi new` writes one file that every command takes; whole robots are told, kept by a chain's name."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from commands import Answer
+
+from armgpi import ArmgpiWarning, Robot, config, robots
+from armgpi.cli import pictures
+from armgpi.gpi.untuned import Untuned
+from armgpi.health import checks_urdf
+from armgpi.identification import arm as identification
+from armgpi.robot import chains, urdf
+from armgpi.studies import study
+
+#: Command -> how it is called with the file.
+TAKERS = {
+    "run": ("run", "{}"),
+    "compare": ("compare", "{}"),
+    "sweep": ("sweep", "{}", "--rollouts", 4, "--out", "swept"),
+    "tune": ("tune", "{}", "--out", "tuned", "--evaluations", 2),
+    "play": ("play", "{}", "-o", "page.html"),
+    "certify": ("certify", "{}", "--box", "box.yaml"),
+    "excite": ("excite", "{}", "--seconds", 4, "--first", "-o", "excited"),
+    "identify": ("identify", "log.csv", "--robot", "{}"),
+    "export": ("export", "{}", "-o", "exported"),
+    "inspect": ("inspect", "{}"),
+    "bringup": ("bringup", "{}"),
+    "bound": ("bound", "{}"),
+}
+
+
+def humanoid(name: str = "talos_reduced") -> Path:
+    folder = robots.example_folder()
+    if folder is None:
+        pytest.skip("example-robot-data is not installed")
+    return next(folder.rglob(f"{name}.urdf"))
+
+
+@pytest.fixture
+def file(cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file of an arm in a folder of its own, in which the commands are called."""
+    path, _ = robots.locate("anthropomorphic3")
+    (tmp_path / "my_arm.urdf").write_bytes(path.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    answer = cli("new", "my_arm.urdf", "--payload", 0.1)
+    assert answer.code == 0, answer.err
+    return tmp_path / "my_arm.yaml"
+
+
+@pytest.mark.parametrize("command", TAKERS)
+def test_every_command_takes_the_file_as_it_is(
+    command: str, file: Path, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = file.read_bytes()
+    (file.parent / "box.yaml").write_text("by: 0.1", encoding="utf-8")
+    if command == "identify":  # what it does with logs is tested elsewhere
+        monkeypatch.setattr(identification, "identify", lambda logs, arm, **_: sys.exit(arm.n != 3))
+    if command == "play":  # what it compiles is tested elsewhere
+        monkeypatch.setattr(pictures, "page_to_play_with", lambda experiment, frame: experiment.robot.name)
+    if command == "tune":
+        file.write_text(
+            file.read_text(encoding="utf-8") + "tune: {scenarios: 2, held_out: 2}\n", encoding="utf-8"
+        )
+    monkeypatch.chdir(file.parent)
+    answer = cli(*(str(word).format(file.name) for word in TAKERS[command]))
+    assert answer.code == 0 or (command == "bound" and "no bound" in answer.out), answer.err
+    assert command == "tune" or file.read_bytes() == before
+
+
+def test_a_study_has_the_law_and_the_plant_of_its_file(file: Path, tmp_path: Path) -> None:
+    given, origin = config.read(file)
+    identity = study.identify(given, {})
+    (tmp_path / "copy.yaml").write_text(identity.text, encoding="utf-8")
+    for name, content in identity.copies.items():
+        (tmp_path / name).write_bytes(content)
+    copied, here = (
+        config.build(*config.read(tmp_path / "copy.yaml")).config,
+        config.build(given, origin).config,
+    )
+    assert copied.controllers == here.controllers
+    assert copied.plant == here.plant
+
+
+def test_what_a_file_says_in_full_is_not_chosen_again(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = config.build(*config.read(file))
+    again, _ = config.parse(config.dump(full.config), str(file))
+    monkeypatch.setattr(Untuned, "chosen", lambda _: pytest.fail("chosen again"))
+    assert config.build(again).config.controllers == full.config.controllers
+
+
+def test_what_is_not_said_is_believed_and_marked_so(file: Path, cli: Callable[..., Answer]) -> None:
+    lines = {line.split(":")[0].strip(): line for line in file.read_text(encoding="utf-8").splitlines()}
+    assert "believed" in lines["encoder_bits"]
+    assert "believed" not in lines["payload"]
+    again = cli("new", "my_arm.urdf")
+    assert again.code == 2
+    assert "my_arm.yaml exists; choose another file, or add --force" in again.err
+
+
+def test_a_whole_robot_is_told_by_inspect_and_run_and_kept_by_the_name_of_a_chain() -> None:
+    path = humanoid()
+    found = chains.find(urdf.parse(urdf.read_file(path), str(path)))
+    names = [chain.name for chain in found]
+    assert names == ["head", "left_arm", "right_arm", "left_leg", "right_leg"]
+    joints = [joint for chain in found for joint in chain.joints]
+    assert len(set(joints)) == len(joints)  # of no joint are there two
+    (finding,) = checks_urdf.whole(SimpleNamespace(robot=Robot.load(path)))
+    assert "5 chains: head (2), left_arm (7)" in finding.message
+    with pytest.warns(ArmgpiWarning, match=r"5 chains.*--keep left_arm"):
+        config.robot(config.ExperimentConfig(robot={"name": str(path)}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ArmgpiWarning)
+        arm = config.robot(config.ExperimentConfig(robot={"name": str(path), "keep": ["left_arm"]}))
+    assert arm.joint_names == found[1].joints
+    assert arm.joint_names == Robot.load(path, keep=found[1].joints).joint_names
+    assert not chains.of(arm.provenance)
+
+
+@pytest.mark.parametrize("name", ["talos_reduced", "icub", "tiago_dual"])  # two that no command loads whole
+def test_the_file_of_a_whole_robot_keeps_one_arm(
+    name: str, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    answer = cli("new", humanoid(name), "-o", tmp_path / "arm.yaml")
+    assert answer.code == 0, answer.err
+    assert "the file keeps left_arm" in answer.err
+    assert "keep: [left_arm]" in (tmp_path / "arm.yaml").read_text(encoding="utf-8")

@@ -1,0 +1,246 @@
+"""The stages of a bring-up: what they allow, and what their logs are judged to say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from armgpi import GPI, ElasticPlant, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config, simulate
+from armgpi.cli import app
+from armgpi.errors import ConfigError
+from armgpi.hardware.export.code import generate
+from armgpi.hardware.export.files import _readme
+from armgpi.hardware.realtime import run, stages
+from armgpi.hardware.realtime.judge import QUESTIONS, judge
+from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
+from armgpi.identification.logs import read_log
+from armgpi.loop import log as logs
+from armgpi.plants.plant import inside
+
+ARM = """
+robot: {name: anthropomorphic3, rotor_inertia: 0.02}
+plant: {encoder_bits: 17}
+controllers: [{type: untuned}]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    path = tmp_path_factory.mktemp("arm")
+    (path / "arm.yaml").write_text(ARM)
+    loaded = config.read(path / "arm.yaml")
+    return stages.write(loaded, config.build(*loaded), path / "bringup")
+
+
+def kinds(folder: Folder, kind: str) -> list[Stage]:
+    return [stage for stage in folder.stages if stage.kind == kind]
+
+
+def recorded(folder: Folder, stage: Stage, turned: int | None = None) -> tuple[Path, Any]:
+    """The log of a stage on a simulated arm, one of whose motors may turn the other way, and its rollout."""
+    experiment = folder.experiment(stage)
+    ((plant, controller),) = experiment.runs.values()
+    if turned is not None:
+        plant = MotorFault(plant, onset=0.0, gain=np.where(np.arange(3) == turned, -1.0, 1.0))
+    given = {"clock": "simulated", "supervisor": experiment.supervisor, "dry_run": stage.kind == "dry"}
+    outcome = run(plant, controller, experiment.reference, experiment.t_final, **given)
+    assert outcome.log is not None
+    return logs.write(outcome.log, folder.path / f"{stage.name}.armlog"), outcome
+
+
+def test_each_stage_has_a_file_with_caps_that_grow(folder: Folder) -> None:
+    assert [each.kind for each in folder.stages] == [
+        *("dry", *["pulse"] * 3, *["joint"] * 3, "excite", "slow", "full")
+    ]
+    assert stages.read(folder.path) == folder
+    before = np.zeros(3)
+    for stage in (kinds(folder, kind)[0] for kind in ("pulse", "joint", "excite")):
+        experiment = folder.experiment(stage)
+        supervised = Supervised(next(iter(experiment.controllers.values())), experiment.supervisor)
+        own = supervised.bounds
+        assert (own.cap > before).all()
+        assert (own.cap < experiment.robot.limits.effort).all()
+        t = np.arange(0.0, experiment.t_final, 1e-3)
+        speed = np.abs(experiment.reference.at(t).v).max(axis=0)
+        assert (speed < own.speed / supervised.dt).all()  # the motion leaves room below its own cap
+        before = own.cap
+
+
+def test_friction_that_the_file_tells_stops_no_sound_arm(tmp_path: Path) -> None:
+    text = ARM.replace("rotor_inertia: 0.02", "rotor_inertia: 0.02, friction: {coulomb: 1.0}")
+    (tmp_path / "arm.yaml").write_text(text.replace("plant: {", "plant: {friction: urdf, "))
+    loaded = config.read(tmp_path / "arm.yaml")
+    folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
+    stage = kinds(folder, "pulse")[2]
+    path, outcome = recorded(folder, stage)
+    assert np.abs(outcome.rollout["tau"].values[:, 2]).max() > 1.0  # friction was overcome
+    assert not judge(folder, [path]).findings
+
+
+def test_a_hand_holds_the_links_of_an_arm_whose_gears_twist(tmp_path: Path) -> None:
+    text = "robot: {name: z1, lock: [jointGripper]}\nplant: {encoder_bits: 18, payload: {mass: 0.5}}\n"
+    (tmp_path / "z1.yaml").write_text(text + "controllers: [{type: untuned}]\n")
+    loaded = config.read(tmp_path / "z1.yaml")
+    folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
+    first, *_, slow, full = (folder.experiment(stage) for stage in folder.stages)
+    loads = [each.config.plant.payload for each in (first, slow, full)]
+    assert loads[:2] == [None, None]  # what nobody told the model comes with the full speed
+    assert loads[2] is not None
+    ((plant, controller),) = first.runs.values()
+    assert isinstance(inside(plant), ElasticPlant)
+    given: Any = {"clock": "simulated", "supervisor": first.supervisor, "dry_run": True}
+    log = run(plant, controller, first.reference, 0.3, **given).log
+    assert log is not None
+    assert log.fault is None
+    away = log.samples["q_measured"] - first.reference.at(log.t).q
+    assert np.abs(away).max() < 2.0 * np.pi / 2**18
+
+
+def test_an_arm_without_rotors_is_no_wrong_arm(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(ARM.replace(", rotor_inertia: 0.02", ""))
+    loaded = config.read(tmp_path / "arm.yaml")
+    folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
+    (stage,) = kinds(folder, "excite")
+    experiment = folder.experiment(stage)
+    ((plant, controller),) = experiment.runs.values()
+    given: Any = {"supervisor": experiment.supervisor, "progress": False}
+    rollout = simulate(plant, controller, experiment.reference, experiment.t_final, **given)
+    t, names = rollout["time"].values[:-1], folder.stages[0].joints
+    at = experiment.reference.at(t)
+    rows = {"q_measured": rollout["q_measured"].values[:-1], "q_ref": at.q, "v_ref": at.v, "a_ref": at.a}
+    log = logs.of_samples(names, controller.dt, rows, rollout["tau_command"].values[:-1])
+    path = logs.write(log, folder.path / f"{stage.name}.armlog")
+    verdict = judge(folder, [path])
+    assert not verdict.findings
+    assert verdict.passed["model"] == names
+    file = path.with_suffix(".yaml")  # that names rotors which are not there
+    file.write_text(file.read_text().replace("anthropomorphic3", "anthropomorphic3\n  rotor_inertia: 0.2"))
+    verdict = judge(folder, [path])
+    assert {(each.question, each.joint) for each in verdict.findings} == {("model", name) for name in names}
+    assert not verdict.passed["model"]
+
+
+def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> None:
+    for stage in (kinds(folder, "pulse")[0], folder.stages[-1]):
+        experiment = folder.experiment(stage)
+        supervised = Supervised(next(iter(experiment.controllers.values())), experiment.supervisor)
+        text = _readme(generate(supervised, "double"), 0, 0, None)
+        assert ("bringup check" in text) == (stage.kind == "pulse")
+
+
+def test_a_dry_run_tells_positions_and_never_what_only_a_torque_tells(folder: Folder) -> None:
+    path, outcome = recorded(folder, folder.stages[0])
+    assert outcome.log.fault is None
+    verdict = judge(folder, [path])
+    assert not verdict.findings
+    names = folder.stages[0].joints
+    assert all(verdict.passed[key] == names for key in ("order", "sign", "unit", "zero", "weight"))
+    torques = ("command order", "command sign", "command unit", "lag", "model", "carried")
+    assert all(verdict.untested[key] == names for key in torques)
+    assert verdict.following == folder.stages[1]
+    assert set(QUESTIONS) == set(verdict.passed)
+
+
+def test_a_simulated_robot_that_carries_its_weight_reports_it_in_a_dry_run(folder: Folder) -> None:
+    robot = Robot.load("anthropomorphic3")
+    there = np.array([0.1, 0.4, -0.5])
+    free, seconds = robot.with_gravity((0.0, 0.0, 0.0)), 0.05
+    given: Any = {"clock": "simulated", "dry_run": True}
+    for arm in (robot, free):
+        log = run(RigidBodyPlant(arm), GPI(arm, 1e-3), Hold(there), seconds, **given).log
+        assert log is not None
+        np.testing.assert_allclose(
+            log.samples["applied"][1:], robot.gravity(there) + np.zeros((49, 3)), atol=1e-9
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "question"),
+    [
+        (lambda q: q * [1.0, -1.0, 1.0], "sign"),
+        (lambda q: q[:, [0, 2, 1]], "order"),
+        (np.degrees, "unit"),
+        (lambda q: q * [1.0, 2.0, 1.0], "unit"),
+        (lambda q: q + np.array([0.0, 0.3, 0.0]), "zero"),
+        (lambda q: q + [0.0, 0.0, 1.0] * q[:, 1:2], "order"),
+    ],
+)
+def test_a_dry_run_tells_what_is_wrong_with_positions(folder: Folder, change: Any, question: str) -> None:
+    path, outcome = recorded(folder, folder.stages[0])
+    rows = outcome.log.rows.copy()
+    start = rows["q_measured"][0].copy()
+    rows["q_measured"] = start + change(rows["q_measured"] - start)
+    logs.write(outcome.log._replace(rows=rows), path)
+    verdict = judge(folder, [path])
+    finding = verdict.findings[0]
+    assert finding.question == question
+    assert finding.joint not in verdict.passed[question]
+
+
+def test_a_mounting_is_tested_where_a_tilted_base_would_show(folder: Folder) -> None:
+    path, outcome = recorded(folder, folder.stages[0])
+    robot, rows = folder.experiment(folder.stages[0]).robot, outcome.log.rows.copy()
+    tilts = [(a * np.sin(np.radians(20.0)), b * np.sin(np.radians(20.0))) for a, b in ((1, 0), (0, 1))]
+
+    def found(weight: Any) -> Any:
+        rows["applied"] = weight.gravity(rows["q_measured"])
+        logs.write(outcome.log._replace(rows=rows), path)
+        return judge(folder, [path])
+
+    down = -np.cos(np.radians(20.0))
+    shown = [bool(found(robot.with_gravity(9.81 * np.array([*xy, down]))).findings) for xy in tilts]
+    verdict = found(robot)
+    assert verdict.passed["weight"] == folder.stages[0].joints
+    assert bool(verdict.passed["mounting"]) == all(shown)
+
+
+def test_a_log_is_identified_from_memory_as_from_its_file(folder: Folder) -> None:
+    path, outcome = recorded(folder, folder.stages[0])
+    robot = folder.experiment(folder.stages[0]).robot
+    for one, other in zip(read_log(outcome.log, robot)[:3], read_log(path, robot)[:3], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_motor_that_turns_the_other_way_is_found_by_its_pulse(folder: Folder) -> None:
+    stage = kinds(folder, "pulse")[1]
+    path, good = recorded(folder, stage)
+    assert good.log.fault is None
+    verdict = judge(folder, [path])
+    assert not verdict.findings
+    assert verdict.passed["command sign"] == stage.joints
+    path, _ = recorded(folder, stage, turned=1)
+    (finding,) = judge(folder, [path]).findings
+    # The arm falls by the torque that should carry it: that is seen before it moves.
+    assert (finding.question, finding.joint) == ("carried", "q2")
+
+
+def test_the_commands_write_stages_and_judge_a_log(folder: Folder, tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text(ARM)
+    runner = CliRunner()
+    done = runner.invoke(app, ["bringup", str(tmp_path / "arm.yaml"), "-o", str(tmp_path / "b")])
+    assert done.exit_code == 0
+    assert "next: 10-dry" in done.output
+    path, outcome = recorded(folder, folder.stages[0])
+    done = runner.invoke(app, ["bringup", "check", str(path)])
+    assert done.exit_code == 0
+    assert "not tested  a torque moves its joint the way it points" in done.output
+    rows = outcome.log.rows.copy()
+    rows["q_measured"] *= -1.0
+    logs.write(outcome.log._replace(rows=rows), path)
+    assert runner.invoke(app, ["bringup", "check", str(path)]).exit_code == 1
+    index = yaml.safe_load((folder.path / stages.INDEX).read_text())
+    assert len(index["stages"]) == len(folder.stages)
+
+
+def test_what_is_no_bring_up_is_said(folder: Folder, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is a log of no stage"):
+        folder.stage(Path("motion.armlog"))
+    (tmp_path / stages.INDEX).write_text("stages: [1]\n")
+    with pytest.raises(ConfigError, match="no list that"):
+        stages.read(tmp_path)
+    assert {"pulse", "joint", "excite", "slow"} == set(CAPS)

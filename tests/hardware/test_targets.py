@@ -1,0 +1,631 @@
+"""What is beside the exported C: package, wrappers, tests of faults, and glue for interfaces."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_grippers import J, text
+
+from armgpi import GPI, PIDInversion, Robot, Supervised, Supervisor, export_controller
+from armgpi.errors import ParameterError
+from armgpi.loop import log as logs
+
+pytest.importorskip("casadi", reason="casadi writes the C")
+from armgpi.hardware.export.interfaces import table
+from armgpi.hardware.export.targets import _tests
+
+compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+ARM = Robot.load("anthropomorphic3")
+ZERO = (0.0, 0.0, 0.0)
+#: Of a move of that arm, and a program that prints it.
+ENDS = [[0.1, 0.2, -0.3], [0.6, 0.7, -0.6]]
+MOVE = """#include <math.h>
+#include <stdio.h>
+#include "armgpi_move.h"
+int main(void)
+{
+    armgpi_move_t move;
+    const armgpi_real_t from[3] = BEGIN;
+    const armgpi_real_t to[3] = END;
+    const armgpi_real_t bad[3] = {(armgpi_real_t)0, (armgpi_real_t)NAN, (armgpi_real_t)0};
+    armgpi_real_t x[3][3];
+    uint32_t moving = 1U;
+    armgpi_move_hold(&move, from);
+    if (armgpi_move_to(&move, bad, 1.0) + armgpi_move_to(&move, to, 0.0) != 0U) { return 1; }
+    if (armgpi_move_to(&move, to, 1.0) == 0U || armgpi_move_to(&move, from, 1.0) != 0U) { return 2; }
+    while (moving != 0U) {
+        moving = armgpi_move_next(&move, 1U, x[0], x[1], x[2]);
+        for (int k = 0; k < 9; ++k) { (void)printf("%.17g ", (double)x[k / 3][k % 3]); }
+        (void)printf("\\n");
+    }
+    return 0;
+}
+"""
+#: Declarations of public headers; tools/headers.py compares them with those.
+STUBS = Path(__file__).parent / "stubs"
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+#: A motion of an arm whose reference is NaN after 0.1 s, and which creeps on for 0.2 s. libfranka keeps a
+#: copy of the callback.
+MOTION = """
+#include <cmath>
+#include <cstdio>
+#include "fci.hpp"
+int main() {
+  franka::RobotState robot;
+  robot.q = {%s};
+  armgpi_controller::Vector start{};
+  for (std::size_t i = 0; i < start.size(); ++i) start[i] = robot.q[i];
+  const armgpi_controller::Fci mine([&](double t) {
+    armgpi_controller::Reference r;
+    r.q = start;
+    if (t > 0.1) r.q[3] = NAN;
+    return r;
+  });
+  armgpi_controller::Fci looker;
+  for (unsigned k = 0; k < 20; ++k) {
+    robot.time = franka::Duration{k};
+    looker.look(robot);
+  }
+  if (looker.controller().status() != ARMGPI_STATUS_RUN) return 4;
+  std::function<franka::Torques(const franka::RobotState&, franka::Duration)> callback = mine;
+  for (std::uint64_t k = 0; k < 900; ++k) {
+    if (k < 200) robot.q[0] += 2e-5;
+    const franka::Torques torques = callback(robot, franka::Duration{k == 0 ? 0U : 1U});
+    for (double tau : torques.tau_J) if (!(std::fabs(tau) <= 87.0)) return 1;
+    const bool expected = mine.controller().reason() == ARMGPI_REASON_REFERENCE && k > 240;
+    if (torques.motion_finished) return expected ? 0 : 2;
+  }
+  return 3;
+}
+"""
+
+
+def panda() -> Robot:
+    import armgpi
+
+    if "panda" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    robot = Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
+    return robot.with_gravity(ZERO)
+
+
+def ur5() -> Robot:
+    import armgpi
+
+    if "ur5" not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    return Robot.load("ur5").with_gravity(ZERO)
+
+
+def with_jaw(joints: int) -> Robot:
+    """An arm of so many joints whose gripper moves, without gravity."""
+    return Robot.from_xml(text(J("jaw", "tip", "prismatic", travel=0.05), arm=joints)).with_gravity(ZERO)
+
+
+def named(joint: str) -> Robot:
+    """An arm of one joint."""
+    return Robot.from_xml(text(J(joint, "base"), arm=0))
+
+
+def need(program: str) -> str:
+    """The path of a program, or a skipped test."""
+    found = shutil.which(program)
+    if found is None:
+        pytest.skip(f"{program} is not installed")
+    return found
+
+
+def run(*command: object, folder: Path) -> str:
+    done = subprocess.run([*map(str, command)], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@compiled
+def test_the_cap_of_a_stage_has_a_test_in_the_folder(tmp_path: Path) -> None:
+    export_controller(Supervised(GPI(ARM, 1e-3), Supervisor(torque_cap=1.0)), tmp_path, measure=False)
+    run("cc", "-std=c99", "test_faults.c", "armgpi_controller.c", "-o", "faults", "-lm", folder=tmp_path)
+    (said,) = (line for line in run("./faults", folder=tmp_path).splitlines() if line.startswith("cap"))
+    assert said.split()[2] == "12"
+
+
+@compiled
+@pytest.mark.parametrize(("real", "law"), [("double", GPI), ("float", GPI), ("double", PIDInversion)])
+def test_every_fault_has_a_test_in_the_folder_which_passes(real: str, law: type, tmp_path: Path) -> None:
+    controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5, speed=0.5))
+    export_controller(controller, tmp_path, real=real, measure=False)
+    sources = ("test_faults.c", "armgpi_controller.c")
+    flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
+    run("cc", *flags, *sources, "-o", "faults", "-lm", folder=tmp_path)
+    said = run("./faults", folder=tmp_path)
+    reasons = [int(line.split()[2]) for line in said.splitlines()[:-1] if "switched off" not in line]
+    assert sorted(reasons) == list(range(2, 12))  # a cap would come before SATURATED: below
+    # From Python and from C++ the same code.
+    (tmp_path / "use.py").write_text(
+        "import armgpi_controller as c\nx, code = c.Controller(), c.Controller.init.__code__\n"
+        "v = ([0.1] * 3,) * (code.co_argcount - 1)\nprint(x.init(*v), x.step(*v)[0], x.fault[0])\n"
+    )
+    answer = run(sys.executable, "use.py", folder=tmp_path)
+    assert answer.split() == ["init", "run", "none"]
+    (tmp_path / "use.cpp").write_text(
+        '#include "armgpi_controller.hpp"\narmgpi_controller::Controller used;\n'
+    )
+    run(
+        need("g++"),
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsyntax-only",
+        "use.cpp",
+        folder=tmp_path,
+    )
+
+
+@compiled
+def test_another_project_finds_the_package(tmp_path: Path) -> None:
+    cmake = need("cmake")
+    source, build, prefix, other = (tmp_path / name for name in ("c", "build", "prefix", "other"))
+    export_controller(GPI(ARM, 1e-3), source, measure=False, name="left_arm")
+    run(cmake, "-S", source, "-B", build, f"-DCMAKE_INSTALL_PREFIX={prefix}", folder=tmp_path)
+    run(cmake, "--build", build, "--target", "install", folder=tmp_path)
+    run("ctest", "--output-on-failure", folder=build)
+    other.mkdir()
+    (other / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(other C)\nfind_package(left_arm_controller REQUIRED)\n"
+        "add_executable(other main.c)\n"
+        "target_link_libraries(other left_arm_controller::left_arm_controller)\n"
+    )
+    (other / "main.c").write_text(
+        '#include "left_arm.h"\nint main(void) { return (int)left_arm_info.n - 3; }\n'
+    )
+    run(cmake, "-S", other, "-B", other / "b", f"-DCMAKE_PREFIX_PATH={prefix}", folder=tmp_path)
+    run(cmake, "--build", other / "b", folder=tmp_path)
+    run(other / "b" / "other", folder=tmp_path)
+
+
+#: Runs a loop in Python beside stubs of the two packages, whose arm is a simulated one. Arguments: which, the
+#: goal, and the sample from which an encoder is broken: at once for good (ur) or for one sample (fci). Their
+#: calls are those of pylibfranka 0.21.3 and ur_rtde 1.6.5; of RTDE the request for the controller's version.
+LOOP = """
+import io, runpy, socket, struct, sys
+from types import SimpleNamespace as Made
+
+import numpy as np
+
+import armgpi
+
+kind, goal, broken, version = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:]
+lock = ["panda_finger_joint1", "panda_finger_joint2"] if kind == "fci" else []
+robot = armgpi.Robot.load({"fci": "panda", "ur": "ur5"}[kind], lock=lock).with_gravity((0, 0, 0))
+plant, dt = armgpi.RigidBodyPlant(robot), {"fci": 0.001, "ur": 0.002}[kind]
+state, last, rate, count = plant.init(robot.middle(), np.zeros(robot.n)), np.zeros(robot.n), 0.0, 0
+
+
+def measured():
+    q = plant.measure(state).q.tolist()
+    if broken and (count == broken if kind == "fci" else count >= broken):
+        q[1] = float("nan")
+    return q
+
+
+def applied(tau):
+    global state, last, rate, count
+    rate = max(rate, float(np.abs(np.array(tau) - last).max()) / dt)
+    last, state, count = np.array(tau), plant.step(np.array(tau), state, dt), count + 1
+    assert count < 10_000
+
+
+class Arm:
+    def __init__(self, *given): pass
+    def start_torque_control(self): return self
+    def readOnce(self):
+        return Made(q=measured(), tau_J_d=last.tolist()), Made(to_sec=lambda: 0.001 if count else 0.0)
+    def writeOnce(self, command): applied(command.tau)
+    def stop(self): print("stopped")
+    def getActualQ(self): return measured()
+    def getTimestamp(self): return 0.002 * (count - (count % 50 == 40))  # some packets come twice
+    def initPeriod(self): return None
+    def directTorque(self, tau, viscous_scale, coulomb_scale):
+        applied(tau)
+        return len(viscous_scale) == len(coulomb_scale) == 6
+    def waitPeriod(self, begun): pass
+    def stopScript(self): print("stopped")
+
+
+class Wire(io.BytesIO):
+    def sendall(self, data): assert struct.unpack(">HB", data) == (3, 118)
+    def makefile(self, mode): return self
+
+
+sys.modules["pylibfranka"] = Made(Robot=Arm, Torques=lambda tau: Made(tau=tau, motion_finished=False))
+sys.modules["rtde_control"] = Made(RTDEControlInterface=Arm)
+sys.modules["rtde_receive"] = Made(RTDEReceiveInterface=Arm)
+said = struct.pack(">HB4I", 19, 118, *map(int, version or ("5", "23")), 0, 0)
+socket.create_connection = lambda address, timeout: Wire(said)
+sys.argv = [kind, "127.0.0.1", *([goal] if goal != "-" else [])]
+runpy.run_path(kind + ".py", run_name="__main__")
+truth = plant.true_state(state)
+away = np.abs(truth.q - np.array([float(x) for x in goal.split(",")])).max() if goal != "-" else 0.0
+print("away", away, "speed", np.abs(truth.v).max(), "rate", rate)
+"""
+
+
+def figures(said: str) -> dict[str, float]:
+    """The figures in the last line of a loop."""
+    words = said.splitlines()[-1].split()
+    return {name: float(value) for name, value in zip(words[::2], words[1::2], strict=True)}
+
+
+PARTS = ("controller", "move", "log")
+
+#: A dry run beside stubs whose arm is moved by hand: there is nothing that a torque could be sent by.
+LOOK = """
+import runpy, sys
+from types import SimpleNamespace as Made
+
+count, start = 0, [float(x) for x in sys.argv[2].split(",")]
+
+
+def moved(gain):
+    global count
+    count += 1
+    if count > 300:
+        raise KeyboardInterrupt
+    return [q + gain * count for q in start]
+
+
+class Arm:
+    def __init__(self, *given): pass
+    def read_once(self):
+        return Made(q=moved(1e-4), tau_J=[1.0] * 7, time=Made(to_sec=lambda: 0.001 * count))
+    def getActualQ(self): return moved(2e-4)
+    def getTimestamp(self): return 0.002 * count
+    def getTargetMoment(self): return [1.0] * 6
+
+
+sys.modules["pylibfranka"], sys.modules["rtde_receive"] = Made(Robot=Arm), Made(RTDEReceiveInterface=Arm)
+kind = sys.argv[1]
+sys.argv = [kind, "127.0.0.1", "--dry-run"]
+try:
+    runpy.run_path(kind + ".py", run_name="__main__")
+except KeyboardInterrupt:
+    pass
+"""
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(target: str, tmp_path: Path) -> None:
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
+    (tmp_path / "look.py").write_text(LOOK)
+    run(sys.executable, "look.py", target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
+    log = logs.read(tmp_path / "motion.armlog")
+    assert len(log.samples) == 299
+    assert (log.samples["applied"] == 1.0).all()
+    assert log.fault is None
+
+
+@compiled
+def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Path) -> None:
+    robot = panda()
+    controller = Supervised(GPI(robot, 1e-3), Supervisor(torque_rate=1000.0))
+    export_controller(controller, tmp_path, measure=False, target="fci")
+    assert "without gravity" in (tmp_path / "README.md").read_text().splitlines()[2]
+    (tmp_path / "motion.cpp").write_text(MOTION % ", ".join(map(repr, robot.middle().tolist())))
+    run("cc", "-std=c99", "-c", *(f"armgpi_{x}.c" for x in PARTS), folder=tmp_path)
+    flags = ["-std=c++17", *WARNINGS, "-I.", f"-I{STUBS}"]
+    objects = [f"armgpi_{x}.o" for x in PARTS]
+    run(need("g++"), *flags, "motion.cpp", *objects, "-o", "motion", folder=tmp_path)
+    run("./motion", folder=tmp_path)
+    (tmp_path / "loop.py").write_text(LOOP)
+    said = run(sys.executable, "loop.py", "fci", "-", 50, folder=tmp_path)
+    assert said.startswith("hold not_finite panda_joint2")
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_path: Path) -> None:
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    law = GPI.untuned(robot, dt, bits=18)
+    assert law.feedforward != "none"
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    export_controller(Supervised(law, rate), tmp_path, measure=False, target=target)
+    # The arm has the rotors that the law believes.
+    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
+    script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
+    (tmp_path / "loop.py").write_text(script)
+    goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
+    said = run(sys.executable, "loop.py", target, goal, 0, folder=tmp_path)
+    assert said.startswith("run none")
+    found = figures(said)
+    assert found["away"] < 1e-3
+    assert found["speed"] < 0.01
+    if target == "fci":
+        assert found["rate"] <= 1000.0 * (1.0 + 1e-9)
+
+
+@compiled
+def test_a_ur_controller_without_direct_torque_is_refused(tmp_path: Path) -> None:
+    export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
+    (tmp_path / "loop.py").write_text(LOOP)
+    for old in (("5", "22"), ("3", "15"), ("10", "9")):
+        done = subprocess.run(
+            [sys.executable, "loop.py", "ur", "-", "0", *old],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 1
+        assert "has no direct torque" in done.stderr
+
+
+@compiled
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_a_move_is_a_smooth_curve_within_its_limits(real: str, compiler: str, tmp_path: Path) -> None:
+    robot = ARM
+    export_controller(GPI(robot, 1e-3), tmp_path, real=real, measure=False)
+    begin, end = ("{" + ", ".join(f"(armgpi_real_t){x!r}" for x in row) + "}" for row in ENDS)
+    (tmp_path / "print.c").write_text(MOVE.replace("BEGIN", begin).replace("END", end))
+    flags = ["-std=c99", *WARNINGS, "-Wdouble-promotion", "print.c", "armgpi_move.c", "-lm", "-o", "print"]
+    run(need(compiler), *flags, folder=tmp_path)
+    rows = np.array([line.split() for line in run("./print", folder=tmp_path).splitlines()], dtype=float)
+    dt, (begin, end) = 1e-3, np.array(ENDS)
+    # Of degree 5, at rest at both ends: by the six conditions.
+    total, t = len(rows) * dt, dt * np.arange(1, len(rows) + 1)
+    powers = np.arange(6.0)
+
+    def derivatives(at: np.ndarray) -> list[np.ndarray]:
+        x = np.asarray(at, dtype=float)[..., None]
+        with np.errstate(all="ignore"):
+            first = np.nan_to_num(powers * x ** (powers - 1.0))
+            second = np.nan_to_num(powers * (powers - 1.0) * x ** (powers - 2.0))
+        return [x**powers, first, second]
+
+    ends = np.concatenate([derivatives(np.array([0.0, total]))[k] for k in range(3)])
+    factors = np.linalg.solve(ends, np.concatenate([[begin, end], np.zeros((4, 3))]))
+    curve = [matrix @ factors for matrix in derivatives(t)]
+    scale = 1e-9 if real == "double" else 3e-7
+    for found, wanted in zip(np.split(rows, 3, axis=1), curve, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=scale * (1.0 + np.abs(wanted).max()))
+    text = (tmp_path / "armgpi_move.c").read_text().partition("[3][ARMGPI_N] = {")[2].partition("};")[0]
+    limits = np.array([float(x) for x in re.findall(r"[\d.e+-]+", text.replace("F", ""))]).reshape(3, 3)
+    jerk = np.diff(rows[:, 6:], axis=0) / dt
+    for found, limit in zip((rows[:, 3:6], rows[:, 6:], jerk), limits, strict=True):
+        assert (np.abs(found) <= limit * (1.0 + 1e-5)).all()
+    assert max((np.abs(rows[:, 3:6]) / limits[0]).max(), (np.abs(rows[:, 6:]) / limits[1]).max()) > 0.9
+
+
+@compiled
+@pytest.mark.parametrize("name", [None, "left_arm"])
+def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path: Path) -> None:
+    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False, target="ros2_control", name=name)
+    prefix = name or "armgpi"
+    plugin = (tmp_path / "ros2_plugin.xml").read_text()
+    assert f'"{prefix}_controller/Ros2Controller" type="{prefix}_controller::Ros2Controller"' in plugin
+    assert f"add_library({prefix}_controller_ros2 " in (tmp_path / "CMakeLists.txt").read_text()
+    assert f'path="{prefix}_controller_ros2"' in plugin
+    stubs = f"-D{prefix.upper()}_ROS2_STUBS"
+    for compiler in ("g++", "clang++"):
+        if compiler == "g++" or shutil.which(compiler):
+            flags = ["-std=c++17", *WARNINGS, stubs, "-fsyntax-only"]
+            run(need(compiler), *flags, "ros2_control.cpp", folder=tmp_path)
+    text = (tmp_path / "ros2_control.hpp").read_text()
+    for function in (
+        "return_type update_and_write",
+        "return_type update_reference",
+        "void follow",
+        "t step(",
+    ):
+        body = text.partition(function)[2].partition("\n  }\n")[0]
+        assert body
+        assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in body]
+
+
+#: A trajectory controller before the plugin: none of its references for 20 samples, then a move, then NaN.
+CHAINED = """
+#include "ros2_control.hpp"
+
+struct Arm : armgpi_controller::Ros2Controller {
+  void wire() {
+    command_interfaces_.resize(ARMGPI_N);
+    state_interfaces_.resize(ARMGPI_N);
+  }
+  void stand(std::size_t i, double q) { stubs::values[&state_interfaces_[i]] = q; }
+  double torque(std::size_t i) { return stubs::values[&command_interfaces_[i]]; }
+  auto references() { return on_export_reference_interfaces(); }
+  auto step() { return update_and_write_commands(rclcpp::Time{}, rclcpp::Duration{0.001}); }
+};
+
+int main() {
+  const double middle[ARMGPI_N] = {%s};
+  stubs::texts["log"] = "motion.armlog";
+  stubs::numbers["log_seconds"] = 1.0;
+  stubs::texts["last_torque"] = "hold";
+  stubs::update_rate = 1000;
+  Arm arm;
+  const rclcpp_lifecycle::State none{};
+  using Return = controller_interface::CallbackReturn;
+  if (arm.on_init() != Return::SUCCESS || arm.on_configure(none) != Return::SUCCESS) return 1;
+  arm.wire();
+  const auto references = arm.references();
+  arm.set_chained_mode(true);
+  for (std::size_t i = 0; i < ARMGPI_N; ++i) arm.stand(i, middle[i]);
+  if (arm.on_activate(none) != Return::SUCCESS || references.size() != 3U * ARMGPI_N) return 2;
+  for (int k = 0; k < 300; ++k) {
+    for (std::size_t i = 0; i < ARMGPI_N && k >= 20; ++i) {
+      const double q = middle[i] + 4e-6 * (k - 20) * (k - 20);
+      if (k < 100 || k >= 106) arm.stand(i, q);  // six packets come once more
+      *references[i].value = k < 250 ? q : NAN;
+      *references[ARMGPI_N + i].value = 8e-3 * (k - 20);  // acceleration is not written, and zero
+    }
+    if (arm.step() != controller_interface::return_type::OK) return 3;
+    stubs::timers.front()();
+  }
+  const double last = arm.torque(1);
+  if (arm.on_deactivate(none) != Return::SUCCESS) return 4;
+  if (!(arm.torque(1) >= last && arm.torque(1) <= last)) return 5;
+  for (const std::string& text : stubs::published) std::printf("%%s\\n", text.c_str());
+  std::printf("%%s\\n", references[4].name.c_str());
+  return 0;
+}
+"""
+
+
+@compiled
+def test_a_trajectory_controller_drives_the_ros2_controller(tmp_path: Path) -> None:
+    """Chained: it stands until references come, follows them, stops on NaN; the log says so, and replays."""
+    controller = Supervised(GPI(ARM, 1e-3, feedforward="computed"))
+    export_controller(controller, tmp_path, measure=False, target="ros2_control")
+    middle = ARM.middle()
+    (tmp_path / "chained.cpp").write_text(CHAINED % ", ".join(map(repr, middle.tolist())))
+    run("cc", "-std=c99", "-c", *(f"armgpi_{x}.c" for x in PARTS), folder=tmp_path)
+    objects = [f"armgpi_{x}.o" for x in PARTS]
+    flags = ["-std=c++17", *WARNINGS, "-DARMGPI_ROS2_STUBS", "-o", "chained"]
+    run(need("g++"), *flags, "chained.cpp", *objects, folder=tmp_path)
+    said = run("./chained", folder=tmp_path).splitlines()
+    assert "stopping reference q1" in said
+    assert said[-1] == "q2/velocity"
+    log = logs.read(tmp_path / "motion.armlog")
+    q_ref, v_ref, a_ref = (log.inputs[name] for name in ("q_ref", "v_ref", "a_ref"))
+    np.testing.assert_array_equal(q_ref[:20], np.tile(middle, (20, 1)))
+    k = log.samples["number"].astype(int) - 1
+    moved = middle + (4e-6 * (k - 20) * (k - 20))[:, None]
+    np.testing.assert_array_equal(q_ref[20:244], moved[20:244])
+    np.testing.assert_array_equal(v_ref[20:244], np.tile(8e-3 * (k[20:244, None] - 20), 3))
+    assert (a_ref == 0.0).all()
+    np.testing.assert_array_equal(k[99:102], [99, 106, 107])
+    assert log.samples["elapsed"].max() == 7
+    assert log.fault is not None
+    assert log.fault.startswith("0.251 s: REFERENCE")
+    played = logs.replay(log, controller)
+    assert played.status is None
+    assert (played.difference <= 1e-12 * np.asarray(controller.effort)).all()
+
+
+def test_the_docs_have_the_table_of_interfaces() -> None:
+    assert table() in (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+
+
+def test_the_readme_has_the_deceleration_of_the_supervisor(tmp_path: Path) -> None:
+    export_controller(Supervised(GPI(ARM, 1e-3), Supervisor(deceleration=7.0)), tmp_path, measure=False)
+    assert "a reference that decelerates at 7 rad/s^2" in (tmp_path / "README.md").read_text()
+
+
+def test_stubs_are_compared_word_by_word(tmp_path: Path) -> None:
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "headers.py"))
+    for header, part in (each for stub in tool["STUBS"] for each in tool["sections"](stub)):
+        (tmp_path / header).parent.mkdir(parents=True, exist_ok=True)
+        with (tmp_path / header).open("a") as file:
+            file.write(part)
+    assert tool["compare"](tmp_path)[1] == []
+    name = "hardware_interface/loaned_state_interface.hpp"
+    (tmp_path / name).write_text("class LoanedStateInterface { double get_value() const; };")
+    _, apart = tool["compare"](tmp_path)
+    assert any("get_optional" in line for line in apart)
+    assert all(line.startswith(name) for line in apart)
+
+
+@compiled
+def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
+    export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
+    (tmp_path / "loop.py").write_text(LOOP)
+    said = run(sys.executable, "loop.py", "ur", "-", 50, folder=tmp_path)
+    assert said.startswith("fault not_finite shoulder_lift_joint")
+
+
+@pytest.mark.parametrize(
+    ("make", "target", "said"),
+    [
+        (lambda: GPI(ARM, 1e-3), "fci", "without gravity"),
+        (lambda: GPI(ARM, 1e-3), "ur", "without gravity"),
+        (
+            lambda: GPI(ARM.with_gravity(ZERO).with_armature(0.1), 1e-3),
+            "ur",
+            "for 6 joints; this arm has 3",
+        ),
+        (
+            lambda: PIDInversion(ARM.with_gravity(ZERO), 1e-3),
+            "ros2_control",
+            "bare for a law that needs measured velocities",
+        ),
+        (lambda: GPI(panda(), 1e-3), "fci", "a torque_rate of at most 1000 N m/s"),
+        (
+            lambda: GPI(panda(), 2e-3),
+            "fci",
+            "for a sample time of 0.001 s, its robot's",
+        ),
+        (lambda: GPI(ur5().with_armature(0.0), 2e-3), "ur", "for a model with rotors"),
+        (lambda: GPI(with_jaw(6), 1e-3), "fci", r"this arm has 7, with 'jaw' of its gripper"),
+        (lambda: GPI(with_jaw(5), 2e-3), "ur", "for 6 joints; this arm has 6, with 'jaw' of its gripper"),
+        (lambda: GPI(named("übergelenk"), 1e-3), "ros2_control", "ROS would not find joint 'übergelenk'"),
+        (lambda: GPI(ARM, 1e-3), "plc", "target must be one of bare, fci, ur, ros2_control"),
+    ],
+)
+def test_a_target_that_would_hurt_is_refused(make: object, target: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=said):
+        export_controller(make(), tmp_path / "new", target=target, measure=False)  # type: ignore[operator]
+    assert not (tmp_path / "new").exists()
+
+
+def test_gravity_by_the_robot_is_said_in_the_first_lines(tmp_path: Path) -> None:
+    for gravity, said in ((None, "contains gravity"), (ZERO, "without gravity")):
+        robot = ARM if gravity is None else ARM.with_gravity(gravity)
+        export_controller(GPI(robot, 1e-3, feedforward="gravity"), tmp_path, measure=False)
+        assert said in (tmp_path / "README.md").read_text().splitlines()[2]
+        if gravity is not None:
+            np.testing.assert_array_equal(robot.gravity(robot.middle()), np.zeros(3))
+
+
+def test_a_gripper_that_is_controlled_with_the_arm_is_said_in_the_first_lines(tmp_path: Path) -> None:
+    export_controller(GPI(with_jaw(5), 1e-3), tmp_path, measure=False, target="ros2_control")
+    assert "`--lock jaw` at export" in (tmp_path / "README.md").read_text().splitlines()[4]
+
+
+LIMIT = '<limit lower="0" upper="2.0" effort="1" velocity="9"/>'
+OFF = "switched off at export"
+
+
+@pytest.mark.parametrize("law", [GPI, PIDInversion])
+@pytest.mark.parametrize(
+    ("limit", "given", "without"),
+    [
+        (LIMIT, {}, {}),
+        (LIMIT, {"torque_rate": 300.0}, {}),
+        (LIMIT, {"speed": None}, {"speed": OFF}),
+        (LIMIT, {"jump": 0.0, "saturated": 0.0}, {"jump": OFF, "saturated": OFF}),
+        (
+            "",
+            {},
+            {
+                "jump": "no joint has a velocity limit",
+                "position": "no joint has a position limit",
+                "saturated": "no joint has a torque limit",
+                "response": "no joint has a torque limit",
+                "speed": "no joint has a velocity limit",
+            },
+        ),
+    ],
+)
+def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
+    law: type, limit: str, given: dict[str, float | None], without: dict[str, str]
+) -> None:
+    # The first joint turns without end: it has no position to be beyond.
+    second = J("b", "L_a", "revolute" if limit else "continuous")
+    joints = text(J("a", "base", "continuous"), second, arm=0)
+    robot = Robot.from_xml(re.sub("<limit[^>]*/>", limit, joints))
+    rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**{"speed": 0.5, **given})))
+    said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
+    assert said == without | {"cap": OFF}
+    assert len(rows) == 11

@@ -1,0 +1,132 @@
+"""Bad files as a user brings them: each ends as its verdict says, in a process of its own.
+
+`expected.tsv` gives a verdict per file: "refuse" (exit code 2, one line that says why, with one of the names
+where there are some), "warn" (a finding) or "accept" (exit code 0). No traceback, crash or hang.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import resource
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "fixtures" / "urdf_cases"
+MEMORY, SECONDS = 2 * 1024**3, 10
+
+
+def cases() -> list[tuple[str, ...]]:
+    with (FOLDER / "expected.tsv").open(encoding="utf-8", newline="") as file:
+        return [tuple(row.values()) for row in csv.DictReader(file, delimiter="\t")]
+
+
+def inspected(path: Path | str, *options: str) -> subprocess.CompletedProcess[str]:
+    """Return how `armgpi inspect` ends with 10 s and 2 GiB; it never shows a traceback."""
+    done = subprocess.run(
+        [sys.executable, "-m", "armgpi.cli", "inspect", str(path), *options],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        timeout=SECONDS,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
+        env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8"},
+        check=False,
+    )
+    assert "Traceback" not in done.stderr + done.stdout
+    assert done.returncode in (0, 1, 2), done.stderr
+    return done
+
+
+def reason(done: subprocess.CompletedProcess[str]) -> str:
+    """Return the line with which a file is refused."""
+    assert done.returncode == 2, done.stdout
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: ")
+    assert not done.stdout
+    return line
+
+
+def test_every_file_has_a_verdict() -> None:
+    assert {name for name, _, _ in cases()} == {path.name for path in FOLDER.glob("*.urdf")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "verdict", "words"), cases(), ids=[name for name, _, _ in cases()])
+def test_a_file_ends_as_its_verdict_says(name: str, verdict: str, words: str) -> None:
+    done = inspected(FOLDER / name, "--json")
+    if verdict == "refuse":
+        line = reason(done)
+        assert not words or any(word in line for word in words.split("|")), line
+        return
+    report: dict[str, Any] = json.loads(done.stdout)
+    serious = [f for f in report["findings"] if f["level"] != "info"]
+    assert done.returncode == any(f["level"] == "error" for f in serious)
+    if verdict == "accept":
+        assert done.returncode == 0
+        assert not serious
+    else:
+        assert serious
+        assert not words or any(word in f["where"] for f in serious for word in words.split("|"))
+
+
+# --- Made on the fly -----------------------------------------------------------------------------
+
+
+def good() -> str:
+    return (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
+
+
+def test_what_is_no_file_of_text_is_refused_at_once(tmp_path: Path) -> None:
+    fifo, zero, device = tmp_path / "fifo.urdf", tmp_path / "zero.urdf", tmp_path / "null.urdf"
+    os.mkfifo(fifo)
+    zero.symlink_to("/dev/zero")
+    device.symlink_to("/dev/null")
+    for path in (fifo, zero, device):
+        assert "no regular file" in reason(inspected(path))
+    assert "a folder" in reason(inspected(tmp_path))
+    loop = tmp_path / "loop.urdf"
+    loop.symlink_to(loop)
+    assert "no such file" in reason(inspected(loop))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "secret.urdf"
+    path.write_text(good(), encoding="utf-8")
+    path.chmod(stat.S_IWUSR)
+    assert "ermission" in reason(inspected(path))
+
+
+def test_twenty_thousand_links_in_a_row_are_refused(tmp_path: Path) -> None:
+    chain = (
+        f'<link name="l{i + 1}"/><joint name="j{i}" type="fixed">'
+        f'<parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+        for i in range(20_000)
+    )
+    path = tmp_path / "chain.urdf"
+    path.write_text(f'<robot name="c"><link name="l0"/>{"".join(chain)}</robot>', encoding="utf-8")
+    assert "more than 2000 joints" in reason(inspected(path))
+
+
+def test_ten_megabytes_of_comments_are_no_obstacle(tmp_path: Path) -> None:
+    path = tmp_path / "comments.urdf"
+    comment = f"<!-- {'x' * 995} -->\n"
+    path.write_text(good().replace("</robot>", f"{comment * 10_000}</robot>"), encoding="utf-8")
+    assert inspected(path).returncode == 0
+
+
+def test_millions_of_elements_and_attributes_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "many.urdf"
+    path.write_text(good().replace("</robot>", f"{'<a/>' * 7_000_000}</robot>"), encoding="utf-8")
+    assert "XML elements" in reason(inspected(path))
+    for count, said in ((40_000, "attributes"), (2_000_000, "tag is longer")):
+        crowd = " ".join(f'a{i}=""' for i in range(count))
+        path.write_text(good().replace("</robot>", f"<gazebo {crowd}/></robot>"), encoding="utf-8")
+        assert said in reason(inspected(path))

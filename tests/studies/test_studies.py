@@ -1,0 +1,598 @@
+"""Studies: results of two arms or versions are never mixed, and any end leaves what is whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_sweep import RARE, TEXT, called, contents
+
+from armgpi import files
+from armgpi.config import build, parse, read
+from armgpi.config import experiment as experiments
+from armgpi.errors import ArmgpiError, RolloutError
+from armgpi.health import zoo
+from armgpi.loop.rollout import Status
+from armgpi.robot import robots
+from armgpi.studies import contend, results, sample, study, workers
+from armgpi.studies.sample import Sweep
+
+ROOT = Path(__file__).parents[2]
+TUNED = """
+robot: {name: anthropomorphic3}
+controllers: [{type: gpi, rolloff: 1}]
+reality:
+  sample_time: [0.004]
+  delay: [1, 1]
+  effort_share: 0.0
+  duration: [0.15, 0.3]
+  t_final: 0.6
+tune: {evaluations: 12, population: 4, scenarios: 1, held_out: 1}
+"""
+SMALL = TEXT.replace("anthropomorphic3", "arm.urdf")
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sample, "_MOST", 16)
+
+
+@pytest.fixture
+def asked(tmp_path: Path) -> Path:
+    """A study of an arm in a file."""
+    shutil.copy(robots.locate("anthropomorphic3")[0], tmp_path / "arm.urdf")
+    (tmp_path / "study.yaml").write_text(SMALL)
+    return tmp_path / "study.yaml"
+
+
+def sweep(file: Path, out: Path, *more: str) -> Any:
+    return called("sweep", str(file), "--rollouts", "40", "--out", str(out), *more)
+
+
+def test_another_arm_under_the_same_name_is_another_study(
+    asked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert not sweep(asked, tmp_path / "out")
+    before = contents(tmp_path / "out")
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(arm.read_text().replace('<mass value="', '<mass value="3'))
+    capsys.readouterr()
+    assert sweep(asked, tmp_path / "out") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "holds another study" in said
+    assert "the bytes of arm-" in said
+    assert contents(tmp_path / "out") == before
+    # A chunk of one is not taken for one of the other.
+    assert not sweep(asked, tmp_path / "heavy")
+    place = Path("chunks", "000001-16.chunk")
+    shutil.copy(tmp_path / "out" / place, tmp_path / "heavy" / place)
+    assert sweep(asked, tmp_path / "heavy") == 2
+    assert "is part of another study" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("delay: 1\n", "delay: 2\n"), "plant.delay: 1 there, 2 here"),
+        (("peak_error: 0.01", "peak_error: 0.02"), "peak_error: 0.01 there, 0.02 here"),
+        (("t_final: 0.25", "t_final: 0.25\nseed: 4"), "seed: 0 there, 4 here"),
+    ],
+)
+def test_what_differs_is_said(asked: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    Sweep.of(*read(asked)).enter(tmp_path / "out")
+    asked.write_text(SMALL.replace(*change))
+    with pytest.raises(RolloutError, match=said):
+        Sweep.of(*read(asked)).enter(tmp_path / "out")
+
+
+def test_another_trajectory_or_other_weights_are_another_study(tmp_path: Path) -> None:
+    path, file = tmp_path / "path.csv", tmp_path / "study.yaml"
+    text = """
+robot: {name: anthropomorphic3}
+controllers: [{type: network, weights: {omega: [20, 4, 10, 0]}}]
+reference: {file: path.csv}
+t_final: 0.05
+vary: {plant.payload.mass: {uniform: [0.0, 0.3]}}
+"""
+    rows = [f"{0.01 * k:g},0,{0.3 + 0.001 * k:g},0" for k in range(20)]
+    path.write_text("\n".join(["time,q1,q2,q3", *rows]) + "\n")
+    file.write_text(text)
+    Sweep.of(*read(file)).enter(tmp_path / "out")
+    file.write_text(text.replace("20, 4", "20, 5"))
+    with pytest.raises(RolloutError, match=r"weights.omega.1: 4.0 there, 5.0 here"):
+        Sweep.of(*read(file)).enter(tmp_path / "out")
+    file.write_text(text)
+    path.write_text(path.read_text().replace("0.301", "0.302"))
+    with pytest.raises(RolloutError, match="the bytes of path-"):
+        Sweep.of(*read(file)).enter(tmp_path / "out")
+
+
+def test_three_differences_are_said_and_more_are_hinted_at() -> None:
+    there: dict[str, Any] = dict.fromkeys("abcd", 1)
+    assert study._differences(there, {**there, "a": 2, "b": 2, "c": 2})[-1] == "c: 1 there, 2 here"
+    assert study._differences(there, dict.fromkeys("abcd", 2))[3:] == ["..."]
+
+
+def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert not called("sweep", str(asked), "--rollouts", "16", "--out", str(out))
+    other = {**study.code(), "numpy": "1.0.0"}
+    monkeypatch.setattr(study, "code", lambda: other)
+    sample.load.cache_clear()
+    capsys.readouterr()
+    assert sweep(asked, out) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "1.0.0 here" in said
+    assert "--accept-code" in said
+    assert not sweep(asked, out, "--accept-code")
+    heads = [json.loads(path.read_bytes().split(b"\n")[0]) for path in sorted((out / "chunks").iterdir())]
+    assert len({head["code"] for head in heads}) == 2
+    assert len({head["study"] for head in heads}) == 1
+    assert not sweep(asked, out)
+    sample.load.cache_clear()
+
+
+def test_draws_depend_on_seed_rollout_and_name_alone() -> None:
+    whole = Sweep.of(*parse(TEXT, "study.yaml"))
+    other = TEXT.replace("omega: 20", "omega: 25").replace("  plant.delay: {choices: [0, 1, 2]}\n", "")
+    fewer = Sweep.of(*parse(other, "study.yaml"))
+    a = dict(zip(whole.drawn_names, whole.numbers(2, 16).T, strict=True))
+    b = dict(zip(fewer.drawn_names, fewer.numbers(2, 16).T, strict=True))
+    for name, values in b.items():
+        np.testing.assert_array_equal(values, a[name], err_msg=name)
+    # Neither on how rollouts are cut into chunks.
+    object.__setattr__(fewer, "size", 32)
+    np.testing.assert_array_equal(fewer.numbers(1, 16), np.column_stack(list(b.values())))
+    again = Sweep.of(*parse(TEXT.replace("t_final", "seed: 1\nt_final"), "study.yaml"))
+    assert not np.array_equal(again.numbers(2, 16), whole.numbers(2, 16))
+
+
+@pytest.mark.parametrize("more", [(), ("--rare", "--rollouts", "100")])
+def test_a_folder_runs_anywhere(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
+) -> None:
+    if more:
+        asked.write_text(RARE.replace("anthropomorphic3", "arm.urdf").replace("error: 0.4", "error: 0.1"))
+    monkeypatch.chdir(tmp_path)
+    assert not sweep(Path("study.yaml"), Path("out"), *more)
+    there = tmp_path / "far" / "away"
+    shutil.move(tmp_path / "out", there)
+    (tmp_path / "arm.urdf").unlink()
+    monkeypatch.chdir(there)
+    worst = there / "rare" / "worst" if more else there / "worst"
+    experiment = build(*read(worst / "01.yaml"))
+    assert experiments.run(experiment, "gpi", progress=False).sizes["time"]
+    before = contents(there)
+    assert not sweep(Path("experiment.yaml"), there, *more)
+    assert contents(there) == before
+
+
+def spoiled(content: bytes, random: np.random.Generator) -> bytes:
+    """Return a file that was damaged, cut, filled, or written by somebody else."""
+    data = bytearray(content)
+    kind, place = random.integers(6), int(random.integers(len(data)))
+    if kind == 0:
+        data[place] ^= 1 << int(random.integers(8))
+    elif kind == 1:
+        del data[place:]
+    elif kind == 2:
+        data[place : place + 1] = bytes(random.integers(256, size=8, dtype=np.uint8))
+    elif kind == 3:
+        head = data.split(b"\n")[0]
+        data[len(head) + 1 :] = bytes(len(data) - len(head) - 1)
+    elif kind == 4:
+        data = bytearray(b"[" * int(random.integers(1, 5000)))
+    else:
+        data[place:place] = b'{"shape": [1e30, NaN], "sha256": null}\n'
+    return bytes(data)
+
+
+def damaged(folder: Path, count: int) -> int:
+    """Return how many damaged files were refused; none may pass for whole."""
+    found = Sweep.of(*parse(TEXT, "study.yaml"))
+    found.enter(folder)
+    sample.run_chunk(folder, 0, 16)
+    random, refused = np.random.default_rng(0), 0
+    for place in (found.enter(folder).place(sample.chunk_name(0, 16)), folder / study.IDENTITY):
+        whole = place.read_bytes()
+        right = results.collect(found, found.enter(folder), 16)
+        for _ in range(count):
+            place.write_bytes(spoiled(whole, random))
+            try:
+                again = results.collect(found, found.enter(folder), 16)
+            except ArmgpiError:
+                refused += 1
+            else:
+                assert again.identical(right)
+        place.write_bytes(whole)
+    return refused
+
+
+def test_a_damaged_file_of_a_study_is_refused(tmp_path: Path) -> None:
+    assert damaged(tmp_path, 60) > 100
+
+
+@pytest.mark.search
+def test_any_damaged_file_of_a_study_is_refused(tmp_path: Path) -> None:
+    assert damaged(tmp_path, 5000) > 9000
+
+
+def filled(folder: Path, chunks: int) -> tuple[Sweep, study.Study]:
+    """Return a sweep whose chunks have the right draws, and any metrics."""
+    whole = Sweep.of(*parse(TEXT, "study.yaml"))
+    there, random = whole.enter(folder), np.random.default_rng(0)
+    for chunk in range(chunks):
+        table = random.uniform(size=(whole.size, len(whole.columns)))
+        table[:, : whole.width] = whole.numbers(chunk, whole.size)
+        table[:, whole.columns.index("status")] = Status.FINISHED
+        there.write(sample.chunk_name(chunk, whole.size), table)
+    return whole, there
+
+
+def test_a_result_takes_as_many_bytes_as_promised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sample, "_MOST", 2048)
+
+    def taken(chunks: int) -> Any:
+        whole, there = filled(tmp_path / str(chunks), chunks)
+        tracemalloc.start()
+        found = results.collect(whole, there, chunks * whole.size)
+        held = tracemalloc.get_traced_memory()[0]
+        results.write(whole, found, results.summary(whole, found), there.folder)
+        both = np.array([held, tracemalloc.get_traced_memory()[1]])
+        tracemalloc.stop()
+        return both
+
+    taken(1)  # imports
+    held, most = (taken(9) - taken(2)) / (7 * 2048)
+    whole = Sweep.of(*parse(TEXT, "study.yaml"))
+    bound = 64 + 8 * len(whole.metrics) * whole.robot.n
+    assert held <= bound
+    assert most <= bound
+
+
+def test_a_chunk_with_other_draws_is_refused_though_its_hash_is_right(tmp_path: Path) -> None:
+    whole, there = filled(tmp_path, 1)
+    name = sample.chunk_name(0, whole.size)
+    right = there.read(name, (whole.size, len(whole.columns)))
+    assert results.collect(whole, there, whole.size).sizes["rollout"] == whole.size
+    for column in (1, whole.columns.index("status")):
+        wrong = right.copy()
+        wrong[3, column] += 0.5
+        there.write(name, wrong)
+        with pytest.raises(RolloutError, match="other draws"):
+            results.collect(whole, there, whole.size)
+
+
+def test_an_interrupt_while_results_are_read_leaves_no_lock(tmp_path: Path) -> None:
+    whole, there = filled(tmp_path, 1)
+
+    def read(place: int = 0) -> int:
+        """Interrupt at a call of xarray's locks and managers of files, and return how many there are."""
+        calls = 0
+
+        def trace(frame: Any, event: str, _: Any) -> None:
+            nonlocal calls
+            if frame.f_code.co_filename.endswith(("backends/locks.py", "backends/file_manager.py")):
+                calls += 1
+                if calls == place:
+                    raise KeyboardInterrupt
+
+        sys.settrace(trace)
+        try:
+            assert results.collect(whole, there, whole.size)["iae"].values.size
+        finally:
+            sys.settrace(None)
+        return calls
+
+    calls = read()
+    for place in np.linspace(1, calls, 6).astype(int):
+        with pytest.raises(KeyboardInterrupt):
+            read(place)
+        assert read() == calls
+
+
+def test_a_zoo_goes_on_where_it_was_and_refuses_what_is_not_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(zoo, "HORIZON", 0.5)
+    arm = tmp_path / "arm.urdf"
+    shutil.copy(robots.locate("anthropomorphic3")[0], arm)
+
+    def run(out: str, *more: str) -> Any:
+        return called("zoo", str(arm), *more, "--out", str(tmp_path / out))
+
+    assert not run("whole", "twodof")
+    assert not run("cut")
+    place = next((tmp_path / "cut").glob("arm-*.chunk"))
+    before = place.stat()
+    assert not run("cut", "twodof")
+    assert place.stat() == before
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    assert not called("zoo", str(arm), "twodof")
+    assert (tmp_path / "cut" / "zoo.md").read_text() in capsys.readouterr().out
+    # Other draws are another study, a damaged part is refused, and other bytes are another arm.
+    assert run("cut", "--seed", "1") == 2
+    assert "holds another study (seed: 0 there, 1 here)" in capsys.readouterr().err.splitlines()[-1]
+    place.write_bytes(place.read_bytes()[:-8])
+    assert run("cut") == 2
+    assert "is damaged" in capsys.readouterr().err.splitlines()[-1]
+    arm.write_text(f"{arm.read_text()}<!-- another one -->")
+    assert not run("cut")
+    assert len([*(tmp_path / "cut").glob("arm-*.chunk")]) == 2
+
+
+@pytest.mark.parametrize(
+    "options", [("--reality", "geared", "--count", "2"), ("--tune", "9", "--count", "2")]
+)
+def test_what_a_zoo_has_run_is_read_again(
+    options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run() -> dict[str, bytes]:
+        assert not called("zoo", "anthropomorphic3", *options, "--out", str(tmp_path))
+        return contents(tmp_path)
+
+    before = run()
+    for place in ("armgpi.health.reality.outcomes", "armgpi.studies.zoo.run"):
+        monkeypatch.setattr(place, lambda *_, **__: pytest.fail("runs again"))
+    assert run() == before
+
+
+def test_rows_that_are_none_are_refused_though_their_hash_is_right(tmp_path: Path) -> None:
+    there = study.Study.enter(tmp_path, study.Identity({}))
+    for codes in ([91.0], [np.nan], [np.inf], [300.0], [*b"[[1, 2]]"], [*b"7"], [91.0] * 100_000):
+        there.write("rows", np.array(codes))
+        with pytest.raises(study.BadPart, match="rows: holds no rows"):
+            study.rows(there.part, "rows", lambda x: x, list)
+
+
+def forked(call: Callable[[Path], Any], out: Path) -> int:
+    """Begin a command in a process of its own, where all is imported already, and return its number."""
+    if child := os.fork():
+        return child
+    code: Any = 99
+    try:
+        with open(os.devnull, "w") as nothing:
+            for each in (1, 2):
+                os.dup2(nothing.fileno(), each)
+        code = call(out) or 0
+    except KeyboardInterrupt:  # before or after the command
+        code = 128 + signal.SIGINT
+    finally:
+        os._exit(code)
+
+
+def end_of(child: int) -> int:
+    """Return the exit code of a process; negative where a signal ended it."""
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+#: What is not the same again: times of steps as they were measured, and the hashes of files with them.
+TIMED = ("README.md", "SHA256SUMS")
+
+
+def assert_same(found: dict[str, bytes], whole: dict[str, bytes]) -> None:
+    """Hold the files of two runs against each other: bytes, and of results.nc all that it says."""
+    assert set(found) == set(whole)
+    assert_part(found, whole)
+
+
+def assert_part(found: dict[str, bytes], whole: dict[str, bytes]) -> None:
+    """Hold the files that are there against those of an unbroken run."""
+    for name, content in found.items():
+        if name not in TIMED:
+            assert content == whole[name], name
+
+
+def interrupted(call: Callable[[Path], Any], folder: Path, wanted: int) -> None:
+    """Send a command signals at random moments, so many in all.
+
+    After each, what is there is a part of what an unbroken run leaves; called again it ends with all of it.
+    """
+    assert call(folder / "first") in (0, 1, None)  # which imports and compiles
+    begun = time.perf_counter()
+    ends = end_of(forked(call, folder / "whole"))
+    long = time.perf_counter() - begun
+    whole, random, count, place = contents(folder / "whole"), np.random.default_rng(0), 0, 0
+    codes = {
+        signal.SIGINT: (130,),
+        signal.SIGTERM: (143, -signal.SIGTERM),
+        signal.SIGKILL: (-signal.SIGKILL,),
+    }
+    signals = random.permutation([*codes])
+    while count < wanted:
+        number, out = signals[count % 3], folder / str(place)
+        child = forked(call, out)
+        time.sleep(long * random.uniform())
+        os.kill(child, number)
+        code = end_of(child)
+        count += code != ends
+        assert code in (ends, *codes[number]), (code, number)
+        assert_part(contents(out), whole)
+        if code == ends:
+            assert_same(contents(out), whole)
+            place += 1
+    assert end_of(forked(call, folder / str(place))) == ends
+    assert_same(contents(folder / str(place)), whole)
+
+
+FAST = ["sweep", "rare", "certify", "tune", "zoo"]
+COMMANDS = [*FAST, "contend", "export"]
+
+
+@pytest.fixture
+def commands(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, Callable[[Path], Any]]:
+    """What each command does in a folder; small ones, and again it goes on where it can."""
+    monkeypatch.setattr(zoo, "HORIZON", 0.5)
+    monkeypatch.setattr(contend, "QUICK", contend.Setting(12, 1, 1, 1))
+    rare, tuned = tmp_path / "rare.yaml", tmp_path / "tune.yaml"
+    rare.write_text(RARE.replace("anthropomorphic3", "arm.urdf").replace("error: 0.4", "error: 0.1"))
+    tuned.write_text(TUNED)
+    arm = "anthropomorphic3"
+
+    def tune(out: Path) -> Any:
+        resume = ["--resume"] if (out / study.IDENTITY).exists() else []
+        return called("tune", str(tuned), "--backend", "numpy", "--out", str(out), *resume)
+
+    return {
+        "sweep": lambda out: sweep(asked, out),
+        "rare": lambda out: sweep(rare, out, "--rare", "--rollouts", "100"),
+        "tune": tune,
+        "contend": lambda out: called("contend", arm, "--quick", "--law", "GPI, roll-off", "--out", str(out)),
+        "zoo": lambda out: called("zoo", arm, "twodof", "--out", str(out)),
+        "certify": lambda out: called(
+            *("certify", arm, "--rotor-inertia", "0.1", "--omega", "40"),
+            *("--out", str(files.make_folder(out) / "arm.json")),
+        ),
+        "export": lambda out: called("export", arm, "--out", str(out)),
+        "reproduce": lambda out: called("reproduce", "--quick", "--out", str(out)),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_is_interrupted_ends_with_the_same_bytes(
+    name: str, commands: dict[str, Callable[[Path], Any]], tmp_path: Path
+) -> None:
+    interrupted(commands[name], tmp_path / name, 3 if name in FAST else 1)
+
+
+@pytest.mark.search
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("name", [*COMMANDS, "reproduce"])
+def test_many_signals(name: str, commands: dict[str, Callable[[Path], Any]], tmp_path: Path) -> None:
+    interrupted(commands[name], tmp_path / name, 6 if name == "reproduce" else 15)  # over a hundred in all
+
+
+# Clusters.
+
+
+@pytest.mark.search
+def test_a_processor_with_fewer_instructions_writes_the_same_bytes(asked: Path, tmp_path: Path) -> None:
+    """As far as one machine can tell: NumPy and OpenBLAS take the code of older processors."""
+    fewer = {
+        "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX2 FMA3",
+        "OPENBLAS_CORETYPE": "Sandybridge",
+    }
+    for name, more in (("own", {}), ("older", fewer)):
+        words = [sys.executable, "-W", "ignore", "-m", "armgpi", "sweep", str(asked), "--rollouts", "40"]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), **more}
+        subprocess.run(
+            [*words, "--out", str(tmp_path / name)], env=environment, check=True, capture_output=True
+        )
+    assert contents(tmp_path / "older") == contents(tmp_path / "own")
+
+
+@contextmanager
+def cluster(folder: Path, count: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Give the address of a scheduler, and processes in folders of their own: it, and its workers."""
+    pytest.importorskip("distributed")
+    code = "import sys; from dask.__main__ import main; sys.argv[0] = 'dask'; main()"
+    at = folder / "scheduler.json"
+    options = [["scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(at)]]
+    options += [
+        ["worker", "--scheduler-file", str(at), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    ] * count
+    processes = []
+    try:
+        for place, each in enumerate(options):
+            own = files.make_folder(folder / f"process-{place}")
+            command = [sys.executable, "-c", code, *each]
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+            processes.append(subprocess.Popen(command, cwd=own, env=environment, **quiet))
+        while not at.exists() or not at.read_text():
+            time.sleep(0.1)
+        yield json.loads(at.read_text())["address"], processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.slow
+def test_a_cluster_whose_workers_stand_elsewhere_writes_the_same_bytes(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sample, "_MOST", 4096)  # as in the workers, which are other processes
+    monkeypatch.chdir(tmp_path)
+    many = ("study.yaml", "--rollouts", "8200")  # 3 chunks
+    assert not called("sweep", *many, "--out", "here")
+    with cluster(tmp_path, 2) as (address, (scheduler, worker, _)):
+        finished: list[int] = []
+
+        def one_lost(*_: Any) -> Any:
+            finished.append(1)
+            if len(finished) == 2:
+                worker.kill()
+            return progress(*_)
+
+        progress = workers._task_result
+        monkeypatch.setattr(workers, "_task_result", one_lost)
+        assert not called("sweep", *many, "--out", "there", "--cluster", address)
+        assert worker.poll() is not None
+        assert contents(tmp_path / "there") == contents(tmp_path / "here")
+        capsys.readouterr()
+        finished.clear()
+
+        def none_left(*_: Any) -> Any:
+            scheduler.kill()
+            return progress(*_)
+
+        monkeypatch.setattr(workers, "_task_result", none_left)
+        assert called("sweep", *many, "--out", "cut", "--cluster", address) == 2
+        said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+        assert len(said) == 1
+        assert "scheduler" in said[0]
+    assert_part(contents(tmp_path / "cut"), contents(tmp_path / "here"))
+    assert not called("sweep", *many, "--out", "cut")
+    assert contents(tmp_path / "cut") == contents(tmp_path / "here")
+
+
+# Files that are read back, by the fuzzer.
+
+
+@pytest.fixture(scope="module")
+def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], dict[str, int]]:
+    """What counts the ends of damaged files of a kind; those that neither end well nor in one line raise."""
+    cases = runpy.run_path(str(ROOT / "tools" / "fuzz.py"))["CASES"]
+    folder = tmp_path_factory.mktemp("fuzz")
+
+    def run(kind: str, count: int) -> dict[str, int]:
+        ends = {"fine": 0, "refused": 0}
+        for seed in range(count):
+            try:
+                cases[kind](np.random.default_rng(seed), folder)
+                ends["fine"] += 1
+            except ArmgpiError:
+                ends["refused"] += 1
+        return ends
+
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "kind", ["weights", "trajectory", "log", "identification", "task", "certificate", "tune", "rare"]
+)
+def test_a_damaged_file_that_is_read_back_ends_in_one_line(
+    fuzz: Callable[[str, int], dict[str, int]], kind: str
+) -> None:
+    assert fuzz(kind, 40)["refused"] > 20

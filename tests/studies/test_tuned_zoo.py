@@ -1,0 +1,84 @@
+"""The zoo with and without tuning: what is told of an arm is what its rollouts say, on draws of its own."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import Answer
+
+from armgpi import GPI, Robot
+from armgpi.errors import RolloutError
+from armgpi.gpi.payload import DELAY_SHARE
+from armgpi.health import reality as health
+from armgpi.plants.reality import Reality
+from armgpi.studies import zoo
+from armgpi.studies.evaluation import Evaluator
+
+ARM = "anthropomorphic3"
+
+
+def test_an_arm_is_judged_on_draws_that_no_search_saw(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[list[Any]] = []
+    monkeypatch.setattr(zoo, "Evaluator", _noting(seen))
+    row = zoo.run(ARM, 9, 4, seed=3)
+    searched, judged = seen
+    assert (len(searched), len(judged)) == (2, 4)
+    assert not {draw.index for draw in searched} & {draw.index for draw in judged}
+    assert all(health.demand(draw) <= 1.0 for draw in (*searched, *judged))
+    found = [each for draw in judged for each in health.outcomes([draw], ARM, zoo.RULE)]
+    assert row.rule.lost == np.mean([each.lost for each in found])
+    assert row.rule.hunting == np.mean([each.hunting for each in found])
+    assert row.rule.peak == pytest.approx(np.median([each.peak for each in found]), rel=1e-6)
+    assert row.rule.itae == pytest.approx(np.median([each.itae for each in found]), rel=1e-6)
+    assert row.tuned is not None
+    assert set(row.values) == {*(f"omega q{i}" for i in (1, 2, 3)), "zeta", "rolloff_ratio"}
+    assert f"| {ARM} | 3 |" in zoo.markdown([row])
+    assert "none holds" in zoo.markdown([row._replace(tuned=None)])
+
+
+def _noting(seen: list[list[Any]]) -> Any:
+    class Noting(Evaluator):
+        def __init__(self, draws: Any, names: Any) -> None:
+            seen.append(list(draws))
+            super().__init__(draws, names)
+
+    return Noting
+
+
+def test_motors_that_can_follow_too_few_draws_are_told() -> None:
+    weak = Robot.load(ARM).with_limits(effort=1e-3)
+    with pytest.raises(RolloutError, match="can follow 0 of 16 draws"):
+        zoo._feasible(Reality.geared(effort_share=0.0), weak, 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--reality", "bare"], "--tune: an arm is tuned on geared drives"),
+        (["--seed", "-1"], "--seed: expected 0 or more"),
+        (["--count", "4000"], "--count: expected at most 256 held-out draws"),
+    ],
+)
+def test_what_cannot_be_tuned_is_refused(options: list[str], said: str, cli: Callable[..., Answer]) -> None:
+    answer = cli("zoo", ARM, "--tune", 9, *options)
+    assert answer.code == 2
+    assert said in answer.err
+
+
+def test_the_fitted_rule_is_the_rule_with_other_numbers() -> None:
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "rule.py"))
+    late = {"dt": 4e-3, "delay": 4e-3}
+    before = GPI.untuned(Robot.load(ARM), **late)
+    today = tool["Rule"]()
+    with tool["rule"]({**today.keys(today.start), "DELAY_SHARE": 0.5}) as section:
+        slower = GPI.untuned(Robot.load(ARM), **late)
+    after = GPI.untuned(Robot.load(ARM), **late)
+    assert section == {"type": "untuned", "zeta": 1.0}
+    omega = [law.gains.nominal().omega_c for law in (before, slower, after)]
+    np.testing.assert_allclose(omega[1], omega[0] * 0.5 / DELAY_SHARE)
+    np.testing.assert_array_equal(omega[2], omega[0])

@@ -1,0 +1,338 @@
+"""A page to play with: what it shows, run as it is copied from there, has the same bits.
+
+The tests in a browser are skipped where no Chromium is installed; CI installs one.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import browser as browsers
+import numpy as np
+import pytest
+import xarray as xr
+
+import armgpi
+from armgpi import config
+from armgpi.arrays import Array
+from armgpi.cli import main
+from armgpi.codegen import build
+from armgpi.config import Experiment
+from armgpi.errors import ArmgpiWarning, BackendError, ParameterError
+from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.view import meshcat, play
+from armgpi.view.play import controls, module, variant
+from armgpi.view.play import page as play_page
+from armgpi.view.play.loops import movable, numbers
+
+READY = "window.armgpi && (armgpi.ready || armgpi.error)"
+PLAYED = """
+robot: {name: anthropomorphic3}
+plant: {encoder_bits: 16, delay: 1, payload: {mass: 0.05}}
+controllers: [{type: gpi, omega: 25.0}]
+reference: {points: [[0.0, 0.7854, 0.0], [0.3, 0.4, 0.2]], durations: [0.6], holds: [0.1, 0.0]}
+t_final: 1.0
+seed: 7
+"""
+TWISTING = PLAYED.replace(
+    "anthropomorphic3}", "anthropomorphic3, rotor_inertia: [0.02, 0.02, 0.01]}"
+).replace("plant: {", "plant: {engine: elastic, gear_stiffness: [300.0, 300.0, 200.0], ")
+#: Numbers of the page, as they are in memory.
+BITS = """(name) => {
+    const x = armgpi.page.result.values[name];
+    return btoa(Array.from(new Uint8Array(x.buffer), (c) => String.fromCharCode(c)).join(""));
+}"""
+
+
+def experiment(text: str) -> Experiment:
+    return config.build(*config.parse(text, "played"))
+
+
+@pytest.fixture(scope="module", params=[PLAYED])
+def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Page]:
+    """The page of the paper's arm in a browser, with four forms of its loop."""
+    if browsers.program() is None:
+        pytest.skip(f"no browser is installed (looked for {', '.join(browsers.PROGRAMS)})")
+    with pytest.MonkeyPatch.context() as patch:
+        # Fewer forms and loads than a page has, for a shorter test.
+        patch.setattr(controls, "_FORMS", {})
+        patch.setattr(controls, "_ROTORS", (0.0, 20.0, 30.0))
+        patch.setattr(controls, "_LOADS", 2)
+        html = play.build(experiment(request.param))
+    running = browsers.Browser(size=(1300, 850))
+    shown = running.open(meshcat.write(html, tmp_path_factory.mktemp("play") / "page.html"), READY)
+    assert shown.eval("armgpi.error") is None
+    yield shown
+    assert shown.errors == []
+    outside = [url for url in shown.requests if not url.startswith(("data:", "blob:"))]
+    assert len(outside) == 1  # itself
+    running.close()
+
+
+def change(page: browsers.Page, code: str) -> None:
+    """Do something in the page and wait until it has simulated anew."""
+    before = page.eval("armgpi.page.count")
+    page.eval(code)
+    page.wait(f"armgpi.page.count > {before}")
+
+
+def move(page: browsers.Page, control: str, place: int) -> None:
+    """Move a slider by what a hand or a key does to it."""
+    slider = f"[...document.querySelectorAll('input')].find((x) => x.dataset.id === {json.dumps(control)})"
+    if page.eval(f"!{slider}.closest('.move').hidden") is not True:
+        raise AssertionError(f"{control} is hidden")
+    moved = f"x.value = {place}; x.dispatchEvent(new Event('input'));"
+    change(page, f"(() => {{ const x = {slider}; {moved} }})()")
+
+
+def choose(page: browsers.Page, choice: str, index: int) -> None:
+    found = f"[...document.querySelectorAll('select')].find((x) => x.dataset.id === {json.dumps(choice)})"
+    chosen = f"x.selectedIndex = {index}; x.dispatchEvent(new Event('change'));"
+    change(page, f"(() => {{ const x = {found}; {chosen} }})()")
+
+
+def run(text: str) -> xr.Dataset:
+    """Run an experiment that was copied, by generated code."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ArmgpiWarning)  # gains that are too fast for the delay
+        made = experiment(text)
+        (controller,) = made.controllers.values()
+        return armgpi.simulate(made.plant, controller, made.reference, made.t_final, backend="compiled")
+
+
+def assert_same_bits(page: browsers.Page) -> xr.Dataset:
+    rollout = run(page.eval("armgpi.page.numbers.yaml()"))
+    for name in ("q", "q_ref", "q_measured", "tau_command", "tau"):
+        shown = np.frombuffer(base64.b64decode(page.eval(f"({BITS})('{name}')")))
+        assert np.array_equal(shown.reshape(rollout[name].shape), rollout[name].values, equal_nan=True), name
+    return rollout
+
+
+@pytest.mark.slow
+def test_controls_move_the_loop_and_the_bits_are_those_of_a_run(page: browsers.Page) -> None:
+    rollout = assert_same_bits(page)
+    shown = page.eval("armgpi.page.metrics.total")
+    assert shown["itae"] == pytest.approx(float(armgpi.metrics.itae(rollout).sum()), rel=1e-9)
+    assert shown["variation"] == pytest.approx(float(armgpi.metrics.total_variation(rollout).sum()), rel=1e-9)
+    for control, place in (
+        ("controllers.0.omega", 9),
+        ("controllers.0.zeta", 20),
+        ("plant.encoder_bits", 4),
+        ("plant.encoder_bits", 14),  # the first that rounds the start in another way than 16 bits do
+        ("plant.delay", 5),
+        ("plant.drop_out", 3),
+        ("plant.payload.mass", 1),
+        ("plant.rotor_inertia", 2),
+        ("controllers.0.inertia_scale", 3),
+    ):
+        move(page, control, place)
+        assert_same_bits(page)
+    move(page, "controllers.0.payload_range.heaviest", 2)
+    assert page.eval("armgpi.page.numbers.experiment().controllers[0].inertia_scale") == 1.0
+    move(page, "plant.encoder_bits", 17)
+    assert "encoder_bits" not in page.eval("armgpi.page.numbers.yaml()")
+    assert_same_bits(page)
+    move(page, "reference.points.1.2", 0)  # as far as the joint goes
+    move(page, "plant.loads.0.amplitude.1", 1)
+    assert_same_bits(page)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [TWISTING], indirect=True)
+def test_gears_that_twist_have_the_bits_of_a_run(page: browsers.Page) -> None:
+    assert_same_bits(page)
+    move(page, "plant.rotor_inertia", 2)
+    assert_same_bits(page)
+
+
+@pytest.mark.slow
+def test_other_forms_and_pushes_have_the_bits_of_a_run(page: browsers.Page) -> None:
+    change(page, "armgpi.page.reset()")
+    assert_same_bits(page)
+    choose(page, "controllers.0", 1)
+    move(page, "controllers.0.omega.upper", 36)
+    move(page, "controllers.0.learning_rate", 20)
+    assert_same_bits(page)
+    choose(page, "plant.friction", 1)
+    move(page, "robot.friction.coulomb", 4)
+    assert_same_bits(page)
+    page.eval("armgpi.scene.show(0.3)")
+    change(page, "armgpi.page.push_part(armgpi.page.link.length - 1)")
+    rollout = assert_same_bits(page)
+    pulse = page.eval("armgpi.page.numbers.short().plant.loads")
+    assert [load["type"] for load in pulse] == ["pulse"]
+    assert rollout["disturbance"].sel(time=0.4, method="nearest").any()
+    python = page.eval("armgpi.page.numbers.python()")
+    assert page.eval("armgpi.page.numbers.yaml()") in python
+    compile(python, "played", "exec")
+    assert "armgpi run --config played.yaml --backend compiled" in page.eval("armgpi.page.numbers.command()")
+
+
+#: Where the middles of the arm's parts are in the window.
+MIDDLES = """(() => {
+    const scene = armgpi.scene, canvas = scene.viewer.renderer.domElement;
+    const box = canvas.getBoundingClientRect();
+    scene.viewer.camera.updateMatrixWorld();
+    scene.robots[0].root.object.updateWorldMatrix(true, true);
+    return scene.robots[0].meshes.map((mesh) => {
+        mesh.geometry.computeBoundingSphere();
+        const middle = mesh.geometry.boundingSphere.center.clone();
+        const at = middle.applyMatrix4(mesh.matrixWorld).project(scene.viewer.camera);
+        return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+    });
+})()"""
+
+
+#: Whether the arm moves as the run does that the curves show.
+FOLLOWED = """(() => {
+  const { play, joints, result } = armgpi.page, n = joints.length, every = Math.round(0.01 / play.dt);
+  const of_run = (i) => result.values.q[Math.floor(i / n) * every * n + (i % n)];
+  return armgpi.scene.clip.actors[0].q.every((x, i) => x === Math.fround(of_run(i)));
+})()"""
+
+
+@pytest.mark.slow
+def test_the_arm_follows_the_curves(page: browsers.Page) -> None:
+    change(page, "armgpi.page.reset()")
+    move(page, "controllers.0.omega", 3)
+    page.wait(FOLLOWED)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("touch", [False, True], ids=["mouse", "finger"])
+def test_a_click_on_the_arm_pushes_it(page: browsers.Page, touch: bool) -> None:
+    change(page, "armgpi.page.reset()")
+    page.call("Emulation.setTouchEmulationEnabled", enabled=touch)
+    before = page.eval("armgpi.page.count")
+    for x, y in page.eval(MIDDLES)[1:]:
+        if touch:
+            page.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+            page.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        else:
+            for kind in ("mousePressed", "mouseReleased"):
+                page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+    page.call("Emulation.setTouchEmulationEnabled", enabled=False)
+    page.wait(f"armgpi.page.count > {before}")
+    loads = page.eval("armgpi.page.numbers.short().plant.loads")
+    assert {load["type"] for load in loads} == {"pulse"}
+
+
+@pytest.mark.slow
+def test_a_frozen_run_stays_beside_what_is_moved(page: browsers.Page) -> None:
+    change(page, "armgpi.page.reset()")
+    page.eval("document.getElementById('freeze').click()")
+    before = page.eval("armgpi.page.frozen.result.values.q[100]")
+    move(page, "controllers.0.omega", 5)
+    assert page.eval("armgpi.page.frozen.result.values.q[100]") == before
+    assert page.eval("document.querySelectorAll('#verdict tbody tr').length") == 2
+    assert page.eval("armgpi.scene.robots[1].root.object.visible")
+    page.eval("document.getElementById('freeze').click()")
+    assert not page.eval("armgpi.scene.robots[1].root.object.visible")
+
+
+@pytest.mark.slow
+def test_the_page_fits_a_phone(page: browsers.Page) -> None:
+    page.size(390, 844, mobile=True)
+    page.wait("document.documentElement.scrollWidth <= 390")
+    page.size(1300, 850)
+
+
+def test_gains_come_from_the_tuning_by_the_tape() -> None:
+    made = experiment(PLAYED)
+    for text in ("rolloff: 0", "rolloff: 1, rolloff_ratio: 2.7", "integrators: 3, rolloff: 2"):
+        (controller,) = experiment(
+            PLAYED.replace("omega: 25.0", f"omega: 31.7, zeta: 0.83, {text}")
+        ).controllers.values()
+        found = numbers(movable(ClosedLoop(made.plant, controller, made.reference)))
+        assert found.tape is not None
+        values = [*(found.shared[place] for place in found.tape.inputs), *found.tape.constants]
+        for operation, i, j in found.tape.steps:
+            a, b = values[i], values[j]
+            values.append({"+": a + b, "-": a - b, "*": a * b}[operation] if operation != "/" else a / b)
+        assert len(found.tape.outputs) > made.robot.n
+        for at, place in found.tape.outputs:
+            assert values[at] == found.shared[place]
+
+
+def test_a_movable_loop_has_the_bits_of_the_one_that_it_was_made_of() -> None:
+    made = experiment(PLAYED)
+    (controller,) = made.controllers.values()
+    moved = movable(ClosedLoop(made.plant, controller, made.reference))
+
+    def torque(plant: armgpi.Plant, law: armgpi.Controller) -> Array:
+        rollout = armgpi.simulate(plant, law, made.reference, 0.3, backend="compiled")
+        found: Array = rollout["tau"].values
+        return found
+
+    assert np.array_equal(torque(made.plant, controller), torque(moved.plant, moved.controller))
+
+
+def test_a_start_that_no_table_holds_leaves_a_slider_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variant, "_MOST", 20)  # 18 encoders times 13 factors of the nominal inertia are more
+    made = experiment(PLAYED)
+    moved = controls.playable(made, "gpi", {})
+    form = {choice.id: choice.value for choice in moved.choices}
+    own = [control for control in moved.controls if control.only is None]
+    config = play_page.compose_config(moved, form)
+    traced = variant.trace_form(form, config, own, play_page._Makers(made).loop, variant.Pool())
+    assert "plant.encoder_bits" in traced.unmoved
+    assert max(table.values[..., 0].size for table in traced.tables) <= 20
+
+
+def test_without_the_compiler_the_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(BackendError, match=r"pip install 'armgpi\[play\]'"):
+        play.build(experiment(PLAYED))
+    monkeypatch.setattr("sys.argv", ["armgpi", "play", "anthropomorphic3", "-o", str(tmp_path / "a.html")])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert "armgpi[play]" in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "a.html").exists()
+
+
+@pytest.mark.slow
+def test_clang_makes_a_page_with_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    if browsers.program() is None or not Path("/usr/include/wasm32-wasi").is_dir():
+        pytest.skip("no browser, or no Clang for WebAssembly (Debian: clang lld wasi-libc)")
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    if not all(map(shutil.which, ("clang", "wasm-ld"))):
+        pytest.skip("no Clang that links WebAssembly")
+    assert "clang" in module.compiler()[0]
+    monkeypatch.setattr(controls, "_FORMS", {})
+    monkeypatch.setattr(controls, "_ROTORS", (0.0,))
+    monkeypatch.setattr(controls, "_LOADS", 1)
+    html = play.build(experiment(PLAYED))
+    running = browsers.Browser()
+    try:
+        shown = running.open(meshcat.write(html, tmp_path / "page.html"), READY)
+        assert shown.eval("armgpi.error") is None
+        assert_same_bits(shown)
+    finally:
+        running.close()
+
+
+def test_what_has_no_page_is_refused() -> None:
+    with pytest.raises(ParameterError, match="label"):
+        play.build(experiment(PLAYED), "somebody")
+    with pytest.raises(ParameterError, match="reality"):
+        play.build(experiment("robot: {name: anthropomorphic3}\nreality: {name: geared, seed: 2}"))
+
+
+def test_zig_compiles_where_there_is_no_other_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", "")
+    assert build.compiler().command == build.ZIG
+    monkeypatch.setattr(build, "find_spec", lambda name: None)
+    with pytest.raises(BackendError, match=r"armgpi\[play\]"):
+        build.compiler()
