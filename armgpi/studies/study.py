@@ -32,7 +32,7 @@ from armgpi.robot import robots
 #: The file of a folder that says what study it holds.
 IDENTITY = "study.json"
 #: Packages whose sources no number of a study depends on.
-_SHOWS = {"cli", "viz", "play", "export", "realtime", "validation", "paper"}
+_SHOWS = {"cli", "view", "hardware", "validation", "paper"}
 #: Largest file of identity, and longest first line of a chunk [bytes].
 _MOST, _HEAD = 10_000_000, 4096
 #: Differences that are told.

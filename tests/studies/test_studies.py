@@ -126,6 +126,11 @@ def test_three_differences_are_said_and_more_are_hinted_at() -> None:
     assert study._differences(there, dict.fromkeys("abcd", 2))[3:] == ["..."]
 
 
+def test_what_is_left_out_of_the_code_of_a_study_is_there_under_its_name() -> None:
+    packages = {path.parent.name for path in (ROOT / "armgpi").glob("*/__init__.py")}
+    assert packages > study._SHOWS
+
+
 def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
     asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
