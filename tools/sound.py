@@ -107,7 +107,7 @@ class Carried(Wrapper):
         return self.plant.step(tau + added, state, dt)
 
 
-def drawn(own: Any, start: Any, count: int, rng: Any) -> tuple[Any, Any]:
+def draw_arms(own: Any, start: Any, count: int, rng: Any) -> tuple[Any, Any]:
     """Return arms as they may be, and the same without their loads, as batches."""
     given = {
         "inertia_scale": 1.0 + MASS * rng.uniform(-1.0, 1.0, count),
@@ -126,7 +126,7 @@ def draw(target: str, count: int, seed: int) -> None:
     model, start = experiment.robot, experiment.reference.at(0.0).q
     carries = compensates_gravity(model)
     own = model.with_gravity(UPRIGHT) if carries else model
-    arms, empty = drawn(own, start, count, np.random.default_rng(seed))
+    arms, empty = draw_arms(own, start, count, np.random.default_rng(seed))
     with tempfile.TemporaryDirectory() as path:
         folder = stages.write(loaded, experiment, Path(path))
         for stage in folder.stages:

@@ -23,7 +23,7 @@ from armgpi.codegen.symbols import NotElementwise
 # the generated code would have that number in it for ever. It would run wrong without a word.
 
 #: Most things that are checked: of what reaches more than this, the rest is not checked. A law that hides
-#: what it changes behind so many is found by the comparison with NumPy instead (compiled/run.py).
+#: what it changes behind so many is found by the comparison with NumPy instead (codegen/run.py).
 _MOST = 10_000
 _MISSING = object()
 

@@ -406,6 +406,13 @@ class _Data:
         return found
 
 
+def mean_inertia(robot: Robot) -> Array:
+    """Return a robot's mean diagonal of D(q), (n,), over the configurations of :meth:`Identified.sums`."""
+    q = random_configurations(robot, _CONFIGURATIONS, seed=0)
+    mean: Array = np.diagonal(robot.mass_matrix(q), axis1=1, axis2=2).mean(axis=0)
+    return mean
+
+
 def _settle(data: _Data, lag: Array) -> Array:
     """Return the lag around which the regression is linear [s], (n,)."""
     for _ in range(_LAG_ROUNDS):

@@ -66,17 +66,15 @@ def write_identified(
 
     target = files.make_folder(check_path(folder, "folder"))
     edited = edit_urdf(found.robot)
-    stem, drives = (
-        _stem(found.robot),
-        yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True),
-    )
+    stem = _stem(found.robot)
+    drives = yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True)
     arm = {
         "urdf": (f"{stem}.urdf", edited.content),
         "before": (f"{stem}.before.urdf", _source(found.robot)),
         "drives": ("drives.yaml", drives.encode()),
     }
     data = plain(found, edited.emptied, validation)
-    data["arm"] = {key: _named(*each) for key, each in arm.items()} | _loading(found.robot)
+    data["arm"] = {key: _name_and_hash(*each) for key, each in arm.items()} | _loading(found.robot)
     contents: Mapping[str, str | bytes] = {
         **dict(arm.values()),
         NAME: json.dumps(data, indent=1, allow_nan=False) + "\n",
@@ -110,7 +108,7 @@ def edit_urdf(robot: Robot) -> Edited:
     return Edited(_with_inertials(content, bodies, emptied), tuple(emptied))
 
 
-def _named(name: str, content: bytes) -> dict[str, str]:
+def _name_and_hash(name: str, content: bytes) -> dict[str, str]:
     """Return the name of a file and its hash."""
     return {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
 

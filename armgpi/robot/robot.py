@@ -15,16 +15,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError
 from armgpi.escape import html_table
-from armgpi.robot import (
-    chains,
-    from_mujoco,
-    from_pinocchio,
-    grippers,
-    robots,
-    tree,
-    urdf,
-    urdf_model,
-)
+from armgpi.robot import chains, from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of

@@ -16,7 +16,6 @@ from armgpi.hardware.realtime.ends import UPRIGHT
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage, moving_torque
 from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
-from armgpi.robot.kinematics import random_configurations
 from armgpi.supervisor import Reason
 
 #: What a bring-up has to answer, in the order in which it can: key -> question.
@@ -54,8 +53,6 @@ _SCALE = 0.3
 _ANSWERED, _QUIET = 0.5, 0.3
 #: Lag beyond the file's [s], and torque over what the file expects either way, rotors being known to 2.5.
 _LAG, _MODEL = 0.004, 3.0
-#: Configurations over which inertia is averaged, as armgpi.identification does.
-_POSES = 50
 #: Time over which an arm is at rest at the end of a stage, and in which a fault shows [s].
 _REST, _AROUND = 0.2, 0.1
 
@@ -386,7 +383,7 @@ def _of_identification(
     log: ArmLog, robot: Any, experiment: Any, tested: dict[str, tuple[str, ...]]
 ) -> Iterator[Finding]:
     """Find what the identified arm tells: lag, and torque over what the file expects."""
-    from armgpi.identification.arm import identify
+    from armgpi.identification.arm import identify, mean_inertia
 
     weighs = not compensates_gravity(robot)
     try:
@@ -407,10 +404,8 @@ def _of_identification(
         remedy = "say so (plant: delay), or find what is late"
         yield Finding("lag", robot.joint_names[j], said, remedy)
     tested["lag"] = tuple(name for name, is_late in zip(robot.joint_names, late, strict=True) if not is_late)
-    poses = random_configurations(robot, _POSES, seed=0)
-    bare = np.diagonal(robot.mass_matrix(poses), axis1=1, axis2=2).mean(axis=0)
     known = []
-    for row, least in zip(found.sums(), bare, strict=True):
+    for row, least in zip(found.sums(), mean_inertia(robot), strict=True):
         # Where the file names no rotor there may be none, or the one that is believed.
         low, high = least / _MODEL, _MODEL * row.expected
         if row.upper < low or row.lower > high:
