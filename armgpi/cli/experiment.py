@@ -133,6 +133,8 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         if options["as_json"]:
             say(json.dumps(records))
         else:
+            if compare and (said := _verdict(experiment, records)):
+                say(said)
             print_tables(experiment, records)
     for path in paths:
         say(f"wrote {path}", err=True)
@@ -143,6 +145,22 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         say(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.INTERRUPTED: INTERRUPTED}
     return code.get(experiments.overall_status(records), FAILED)
+
+
+def _verdict(experiment: Experiment, records: list[dict[str, Any]]) -> str:
+    """Return what another nominal model costs, where it is all in which two controllers differ."""
+    import numpy as np
+
+    sections = experiment.config.controllers
+    of_file = [each.nominal is not None for each in sections]
+    if of_file != [True, False] or sections[0].type != sections[1].type or len(records) != 2:
+        return ""
+    ends = [f"{each['label']} {each['end']}" for each in records if each["status"] != "finished"]
+    if ends:
+        return "; ".join(ends)
+    before, after = (np.mean(each["metrics"]["itae"]) for each in records)
+    names = [each["label"] for each in records]
+    return f"{names[1]} has {after / before:.2g} of the error of {names[0]} (ITAE)"
 
 
 def note_drives(experiment: Experiment) -> None:

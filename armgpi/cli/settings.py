@@ -13,6 +13,7 @@ from armgpi.cli.parsing import is_experiment, locks, per_joint, refusal, split
 from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
+from armgpi.robot import robots
 
 
 class _Overlay:
@@ -192,6 +193,18 @@ def _file(path: Path) -> Path:
     return scenarios.locate(str(path)) if not path.exists() and str(path) in scenarios.names() else path
 
 
+def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:
+    """Return the controllers of who names none; of an identified arm those of it and of its file.
+
+    Then the arm has its friction, too, if nothing else was said.
+    """
+    if compare and (found := robots.find_identified(data["robot"]["name"])) is not None:
+        data["plant"] = {"friction": "urdf", **(data.get("plant") or {})}
+        law = {"type": "untuned"}
+        return [{**law, "label": "file", "nominal": str(found.before)}, {**law, "label": "identified"}]
+    return [{"type": configuration.standard_law(data)}, {"type": "pid"}]
+
+
 def _choose_controllers(
     options: dict[str, Any],
     compare: bool,
@@ -204,8 +217,9 @@ def _choose_controllers(
     option = "--controllers" if compare else "--controller"
     wanted = options["controllers"]
     if wanted is None:
-        standard = [{"type": configuration.standard_law(data)}, {"type": "pid"}]
-        data["controllers"] = (listed or standard) if compare else (listed or standard)[:1]
+        data["controllers"] = listed or _standard(data, compare)
+        if not compare:
+            del data["controllers"][1:]
         return origin
     names = [name.strip() for name in wanted.split(",")]
     if not compare and len(names) > 1:

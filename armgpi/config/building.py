@@ -491,6 +491,9 @@ def controller(section: Any, context: Context) -> Controller:
 
 def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
     """Return one controller, and its section with the defaults filled in."""
+    if section.nominal is not None:
+        nominal = _nominal(section, context.robot, place.at("nominal"))
+        context = context._replace(robot=nominal, nominal=nominal)
     robot, kind = context.robot, KINDS[section.type]
     scale = section.inertia_scale
     declared = parameters(kind.law)
@@ -524,6 +527,25 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     else:
         law = {**chosen, **_given_values(section, declared, robot, place, chosen)}
     return section, kind.law.configured(law, context)
+
+
+def _nominal(section: Any, robot: Robot, place: _Place) -> Robot:
+    """Return the arm that a controller takes for the one there is: loaded and held by the same motors."""
+    if not isinstance(robot, Robot):
+        raise place.error("a reality says itself what laws take for the arm: leave it out")
+    if robots.find_identified(section.nominal) is not None:
+        raise place.error("expected a URDF, got the folder of an identified arm; name the URDF in it")
+    there = robot.provenance
+    repairs = {each["name"] for each in there.get("repairs", ())}
+    with place.error_context():
+        found = Robot.load(section.nominal, there["locked"], None, there.get("mimic", "lock"), repairs)
+        if found.joint_names != robot.joint_names:
+            raise place.error(
+                f"expected joints {', '.join(robot.joint_names)}; got {', '.join(found.joint_names)}"
+            )
+        gravity = robot.pinocchio_model().gravity.linear
+        found = change(found, {"effort": robot.limits.effort, "gravity": gravity})
+    return rotors.believe_drives(found) if section.type == Untuned.config_name else found
 
 
 def _as_section(value: Any) -> Any:

@@ -14,6 +14,7 @@ import numpy as np
 from armgpi import files
 from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.config.building import expand
+from armgpi.config.reading import with_nominals
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
 from armgpi.gpi.law import GPI
@@ -242,6 +243,13 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
         name, content = _file_copy(robots.locate(config.robot.name)[0])
         copied[name] = content
         config = config.model_copy(update={"robot": config.robot.model_copy(update={"name": name})})
+    nominals = [each.nominal for each in config.controllers]
+    if any(nominals):
+        for index, given in enumerate(nominals):
+            if given not in (None, *robots.names()):
+                nominals[index], content = _file_copy(robots.locate(given)[0])
+                copied[nominals[index]] = content
+        config = with_nominals(config, nominals)
     if config.reference.file is not None:
         name, content = _file_copy(Path(config.reference.file))
         copied[name] = content

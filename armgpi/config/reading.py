@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -72,16 +72,31 @@ def read_data(path: Path) -> tuple[dict[str, Any], Origin]:
 
 def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
     """Return a configuration whose robot and trajectory are found beside the file that it was read from."""
-    name = Path(config.robot.name)
-    folder = (path.parent / name / identified.NAME).is_file()
-    if folder or ((name.suffix or len(name.parts) > 1) and (path.parent / name).is_file()):
-        robot = config.robot.model_copy(update={"name": str(path.parent / name)})
-        config = config.model_copy(update={"robot": robot})
+
+    def found(given: str) -> str:
+        name = Path(given)
+        folder = (path.parent / name / identified.NAME).is_file()
+        file = (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file()
+        return str(path.parent / name) if folder or file else given
+
+    robot = config.robot.model_copy(update={"name": found(config.robot.name)})
+    config = config.model_copy(update={"robot": robot})
+    if any(each.nominal for each in config.controllers):
+        names = [each.nominal and found(each.nominal) for each in config.controllers]
+        config = with_nominals(config, names)
     file = config.reference.file
     if file is not None and (path.parent / file).is_file():
         reference = config.reference.model_copy(update={"file": str(path.parent / file)})
         config = config.model_copy(update={"reference": reference})
     return config
+
+
+def with_nominals(config: ExperimentConfig, names: Iterable[str | None]) -> ExperimentConfig:
+    """Return a configuration with other files for the nominal models of its controllers."""
+    pairs = zip(config.controllers, names, strict=True)
+    return config.model_copy(
+        update={"controllers": [each.model_copy(update={"nominal": name}) for each, name in pairs]}
+    )
 
 
 def _text(path: Path) -> str:

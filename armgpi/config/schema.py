@@ -465,6 +465,7 @@ def _controller(name: str, kind: Kind) -> Any:
         "type": (Literal[name], ...),
         "label": (str | None, None),
         "inertia_scale": (Positive, 1.0),
+        "nominal": (str | None, None),
     }
     return section(name, kind.variant or kind.law, kind.parameters, **more)
 

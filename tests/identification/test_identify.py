@@ -6,11 +6,14 @@ import base64
 import json
 import re
 import tempfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from commands import Answer
 
 import armgpi
 from armgpi import config
@@ -23,6 +26,7 @@ from armgpi.identification.logs import Log, resample
 from armgpi.identification.posterior import read_posterior
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
+from armgpi.plants.plant import inside
 from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
 from armgpi.studies import setup
@@ -164,6 +168,40 @@ def test_a_search_takes_the_drives_of_the_folder(tmp_path: Path) -> None:
     path = tmp_path / "tune.yaml"
     path.write_text(f"robot: {{name: {folder()}}}\ntune: {{scenarios: 1, held_out: 1}}\n", encoding="utf-8")
     assert setup.read(path).experiment.robot.drives.plain() == found().drives.plain()
+
+
+def test_laws_of_the_file_and_of_the_folder_run_on_the_arm_that_was_identified(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    found = cli("compare", folder(), "--t-final", 0.5, "--out", tmp_path / "a")
+    assert re.match(r"identified has [0-9.e-]+ of the error of file \(ITAE\)\n", found.out)
+    built = config.build(*config.read(tmp_path / "a" / "experiment.yaml"))
+    laws = {label: law.robot for label, law in built.controllers.items()}
+    assert (laws["file"].armature == 0.0).all()  # as the file tells
+    assert (laws["identified"].armature >= built.plant.robot.armature).all()
+    arm_there: Any = inside(built.plant)
+    assert arm_there.friction.viscous == pytest.approx(armgpi.Robot.load(folder()).friction.viscous)
+    q, section = file().random_positions(5), {"type": "pid", "nominal": "anthropomorphic3"}
+    wanted = {"robot": {"name": str(folder())}, "controllers": [section]}
+    other = config.build(config.check(wanted, config.Origin()))
+    assert other.controllers["pid"].robot.mass_matrix(q) == pytest.approx(file().mass_matrix(q), abs=1e-12)
+    assert other.robot.mass_matrix(q) == pytest.approx(armgpi.Robot.load(folder()).mass_matrix(q), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("nominal", "said"),
+    [
+        ("nowhere.urdf", "nowhere.urdf"),
+        ("ur5", "expected joints q1, q2, q3"),
+        (None, "folder of an identified"),
+    ],
+)
+def test_a_nominal_model_that_is_none_of_the_arm_is_refused(nominal: str | None, said: str) -> None:
+    section = {"type": "gpi", "nominal": nominal or str(folder())}
+    wanted = {"robot": {"name": "anthropomorphic3"}, "controllers": [section]}
+    with pytest.raises(ArmgpiError, match=f"controllers.0.nominal: .*{said}") as caught:
+        config.build(config.check(wanted, config.Origin()))
+    assert "\n" not in str(caught.value)
 
 
 def test_draws_from_the_file_alone_are_those_of_the_fit() -> None:
