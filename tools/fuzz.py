@@ -243,7 +243,7 @@ def write_identification(path: Path) -> None:
 
 def read_identification(path: Path) -> None:
     """Read it, and draw an arm."""
-    read_posterior(identified.read(path), arm()).sample(arm(), 1)
+    read_posterior(identified.read(path).path, arm()).sample(arm(), 1)
 
 
 def write_table(path: Path, *columns: str) -> None:

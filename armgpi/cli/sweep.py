@@ -29,7 +29,10 @@ _MOST = 10**9
 def sweep(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="Experiment file with `vary:`, or with a reality to draw from."),
+        typer.Argument(
+            metavar="FILE",
+            help="Experiment file with `vary:` or a reality to draw from; or an identified arm's folder.",
+        ),
     ],
     out: Annotated[
         Path,
@@ -65,11 +68,10 @@ def sweep(
     armgpi sweep study.yaml --rollouts 1e6 --out study --workers 2 --report study.html
     armgpi sweep study.yaml --rollouts 2000 --out study --rare
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.config import read
     from armgpi.studies.sample import Sweep
 
     count = _count(rollouts)
-    asked = Sweep.of(*read(file), sampling)
+    asked = Sweep.of(*_read(file), sampling)
     study = asked.enter(out, accept_code)
     if rare:
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
@@ -78,6 +80,18 @@ def sweep(
         _rare(asked, study, count, as_json)
         return
     sys.exit(FAILED if _run_sweep(asked, study, count, workers, cluster, report, as_json) else OK)
+
+
+def _read(file: Path) -> Any:
+    """Return an experiment file, or for the folder of an identified arm what draws from it."""
+    from armgpi.config import Origin, check, read
+    from armgpi.config.building import IDENTIFICATION
+    from armgpi.robot.robots import find_identified
+
+    if find_identified(file) is None:
+        return read(file)
+    data = {"robot": str(file), "plant": {"friction": "urdf"}, "vary": {IDENTIFICATION: {}}}
+    return check({**data, "controllers": [{"type": "untuned"}]}, Origin(str(file))), None
 
 
 def _run_sweep(

@@ -45,6 +45,8 @@ from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_
 from armgpi.robot.robot import Robot
 from armgpi.supervisor import Supervised, Supervisor, complete_settings
 
+#: What a sweep calls the arms that an identification leaves possible.
+IDENTIFICATION = "identification"
 #: Simulators, in the order in which both are run.
 ENGINES = ("armgpi", "mujoco")
 #: Most samples of a run: a day at 10 kHz.
@@ -256,7 +258,7 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     what is simulated has the same drives: the plant is elastic where gears twist, unless another one is
     asked for. A reality says itself what drives there are.
     """
-    section = expand(config.robot, top.at("robot"))
+    section = expand(config, top.at("robot"))
     config = config.model_copy(update={"robot": section})
     robot = _robot(section, top.at("robot"))
     word = section.drives if isinstance(section.drives, str) else None
@@ -300,13 +302,15 @@ def verdicts(experiment: Experiment) -> dict[str, Verdict]:
     return found
 
 
-def expand(section: RobotSection, place: _Place | None = None) -> RobotSection:
-    """Return a section in which the folder of an identified arm is its URDF, its drives and what is locked.
+def expand(config: ExperimentConfig, place: _Place | None = None) -> RobotSection:
+    """Return the section of the robot; the folder of an identified arm is its URDF, drives and locked joints.
+
+    Where arms are drawn from what was identified, its file is named as well.
 
     Raises:
         ConfigError: when a file in the folder is damaged, or what is believed of drives is asked for as well.
     """
-    place = place or _Place(Origin()).at("robot")
+    section, place = config.robot, place or _Place(Origin()).at("robot")
     with place.at("name").error_context():
         if (found := robots.find_identified(section.name)) is None:
             return section
@@ -316,7 +320,10 @@ def expand(section: RobotSection, place: _Place | None = None) -> RobotSection:
         drives = Drives.read(found.drives).plain()
     for joint, own in (section.drives or {}).items():
         drives[joint] = {**drives.get(joint, {}), **own} if isinstance(own, Mapping) else own
-    return section.model_copy(update={**found.section(section.lock, section.repair), "drives": drives})
+    more: dict[str, Any] = {"drives": drives}
+    if IDENTIFICATION in config.vary and section.posterior is None:
+        more["posterior"] = str(found.path)
+    return section.model_copy(update={**found.section(section.lock, section.repair), **more})
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:
@@ -421,13 +428,7 @@ def _apply_draw(
 def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: str) -> Plant:
     """Return the plant in a simulator, with its loads, sensors and actuators."""
     section, robot = config.plant, context.robot
-    real = robot
-    if section.payload is not None:
-        with place.at("payload").error_context():
-            load = section.payload
-            real = change(real, {"payload": load.mass, "frame": load.frame, "com": load.com})
-    real = _with_drives(real, section.drives, place.at("drives"))
-    real = _with_changes(real, section, place, ("rotor_inertia",), robot)
+    real = real_arm(section, robot, place)
     torques: list[Load] = []
     for index, item in enumerate(section.loads):
         here = place.at("loads", index)
@@ -449,6 +450,30 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
         with place.at(name).error_context():
             plant = wrapper.configured(plant, given, context)
     return plant
+
+
+def real_arm(section: PlantSection, robot: Robot, place: _Place | None = None) -> Robot:
+    """Return the arm that a plant has, from that of its file.
+
+    Raises:
+        ConfigError: when something does not fit the robot; it names the key.
+    """
+    place, real = place or _Place(Origin()).at("plant"), robot
+    if section.bodies is not None:
+        model = robot.pinocchio_model()
+        table = {name: model.inertias[i].toDynamicParameters() for i, name in enumerate(model.names) if i}
+        with place.at("bodies").error_context():
+            for joint, numbers in section.bodies.items():
+                if joint not in table:
+                    raise NameNotFound("joint", joint, table)
+                table[joint] = np.array(numbers)
+            real = robot.with_bodies([*table.values()])
+    if section.payload is not None:
+        with place.at("payload").error_context():
+            load = section.payload
+            real = change(real, {"payload": load.mass, "frame": load.frame, "com": load.com})
+    real = _with_drives(real, section.drives, place.at("drives"))
+    return _with_changes(real, section, place, ("rotor_inertia",), robot)
 
 
 def _arm(

@@ -238,7 +238,11 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
         RolloutError: when one of them cannot be read any more.
     """
     copied: dict[str, bytes] = {}
-    config = config.model_copy(update={"robot": expand(config.robot)})
+    config = config.model_copy(update={"robot": expand(config)})
+    if config.robot.posterior is not None:
+        name, content = _file_copy(Path(config.robot.posterior))
+        copied[name] = content
+        config = config.model_copy(update={"robot": config.robot.model_copy(update={"posterior": name})})
     if config.robot.name not in robots.names():
         name, content = _file_copy(robots.locate(config.robot.name)[0])
         copied[name] = content

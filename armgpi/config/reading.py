@@ -80,6 +80,8 @@ def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
         return str(path.parent / name) if folder or file else given
 
     robot = config.robot.model_copy(update={"name": found(config.robot.name)})
+    if robot.posterior is not None:
+        robot = robot.model_copy(update={"posterior": found(robot.posterior)})
     config = config.model_copy(update={"robot": robot})
     if any(each.nominal for each in config.controllers):
         names = [each.nominal and found(each.nominal) for each in config.controllers]

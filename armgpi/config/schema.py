@@ -114,6 +114,7 @@ Locks = Annotated[
     Discriminator(lambda value: "mapping" if isinstance(value, dict) else "list"),
 ]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Body = Annotated[list[Number], Field(min_length=10, max_length=10)]
 
 
 class _Sections(MutableMapping[str, Any]):
@@ -159,7 +160,7 @@ class Section(BaseModel):
     # Built when the first file is read: sections within others would be built again with each of those.
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
     #: Keys that are not written where they are null.
-    quiet: ClassVar[frozenset[str]] = frozenset({"drives"})
+    quiet: ClassVar[frozenset[str]] = frozenset({"drives", "nominal", "bodies", "posterior"})
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return it as plain data; Ctrl-C waits meanwhile, as pydantic makes an error or a warning of it."""
@@ -331,6 +332,8 @@ class RobotSection(Section):
             plant is elastic where nothing says otherwise; "believed", rotors of stiff gears; "rigid", none.
         gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
             itself; then plant and nominal models have no gravity.
+        posterior: a copy of the ``identification.json`` from which a sweep draws arms; that of the folder of
+            an identified arm when not given.
     """
 
     name: str
@@ -343,6 +346,7 @@ class RobotSection(Section):
     friction: FrictionSection | None = None
     drives: dict[str, Any] | Literal["believed", "soft", "rigid"] | None = None
     gravity: Literal["arm", "robot"] = "arm"
+    posterior: str | None = None
 
 
 class PayloadSection(Section):
@@ -367,6 +371,8 @@ class PlantSection(Section):
         payload: a load that the controller does not know.
         rotor_inertia: the one that it really has, which the controller does not know [kg m^2 or kg].
         drives: what its drives really are, where the controller believes others.
+        bodies: joint -> what it really moves, up to the next joint: mass, first moments, and second moments
+            about the joint's frame (xx, xy, yy, xz, yz, zz).
         friction: "urdf" for the robot's friction coefficients, "none".
         loads: disturbance torques.
         substeps: integration steps per sample.
@@ -377,6 +383,7 @@ class PlantSection(Section):
     payload: PayloadSection | None = None
     rotor_inertia: PerJointNotNegative | None = None
     drives: dict[str, Any] | None = None
+    bodies: dict[str, Body] | None = None
     friction: Literal["urdf", "none"] = "none"
     loads: list[LoadSection] = []
     substeps: int = 1

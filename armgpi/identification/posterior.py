@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from armgpi.identification.estimate import Prior
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.equations import Friction
-from armgpi.robot.identified import Identification
+from armgpi.robot.identified import read_data
 from armgpi.robot.robot import Robot
 
 
@@ -41,11 +42,10 @@ class Posterior(NamedTuple):
         upper: Array = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")  # type: ignore[assignment]
         return cls(mean, scale, (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]).T)
 
-    def robots(self, robot: Robot, normal: Array) -> RobotBatch:
-        """Return the physical arms at some points of the distribution.
+    def unknowns(self, normal: Array) -> Array:
+        """Return the physical unknowns that are nearest to some points of the distribution, (count, p).
 
         Args:
-            robot: the arm, whose bodies, rotors and friction are replaced.
             normal: standard normal numbers, (count, p).
 
         Raises:
@@ -57,7 +57,7 @@ class Posterior(NamedTuple):
         inverse = np.linalg.pinv(self.root)
         information = inverse.T @ inverse
         draws = [estimate.project(self.root @ each, information, prior) for each in normal]
-        return RobotBatch([with_parameters(robot, self.mean + self.scale * draw) for draw in draws])
+        return self.mean + self.scale * np.array(draws)
 
     def sample(self, robot: Robot, count: int = 64, seed: int = 0) -> RobotBatch:
         """Return arms drawn, each physical.
@@ -68,7 +68,8 @@ class Posterior(NamedTuple):
             seed: the same seed gives the same arms.
         """
         count, seed = check_whole(count, "count", 1), check_whole(seed, "seed", 0)
-        return self.robots(robot, np.random.default_rng(seed).normal(size=(count, len(self.mean))))
+        normal = np.random.default_rng(seed).normal(size=(count, len(self.mean)))
+        return RobotBatch([with_parameters(robot, theta) for theta in self.unknowns(normal)])
 
     def plain(self) -> dict[str, Any]:
         """Return the distribution as plain data: float64, little-endian, Base64; of the root the triangle."""
@@ -76,34 +77,34 @@ class Posterior(NamedTuple):
         return {key: base64.b64encode(x.astype("<f8").tobytes()).decode() for key, x in parts.items()}
 
 
-def read_posterior(found: Identification, robot: Robot) -> Posterior:
+def read_posterior(path: Path, robot: Robot) -> Posterior:
     """Return the posterior of a folder.
 
     Args:
-        found: what the folder says.
+        path: of its ``identification.json``, or of a copy of that.
         robot: the arm in it.
 
     Raises:
         UrdfError: when it is damaged, or of an arm with other joints.
     """
-    said = found.data.get("posterior")
+    said = read_data(path).get("posterior")
     said = said if isinstance(said, dict) else {}
     if said.get("joints") != list(robot.joint_names):
         wanted = ", ".join(robot.joint_names)
-        raise UrdfError(found.path, f"posterior.joints: expected {wanted}; load the folder as it is")
+        raise UrdfError(path, f"posterior.joints: expected {wanted}; load the folder as it is")
     p = len(COLUMNS) * robot.n
     mean, scale, triangle = (
-        _numbers(found, said, key, size)
+        _numbers(path, said, key, size)
         for key, size in (("mean", p), ("scale", p), ("root", p * (p + 1) // 2))
     )
     if not (scale > 0.0).all():
-        raise UrdfError(found.path, "posterior.scale: expected positive numbers; identify again")
+        raise UrdfError(path, "posterior.scale: expected positive numbers; identify again")
     root = np.zeros((p, p))
     root[np.tril_indices(p)] = triangle
     return Posterior(mean, scale, root)
 
 
-def _numbers(found: Identification, said: Mapping[str, Any], key: str, size: int) -> Array:
+def _numbers(path: Path, said: Mapping[str, Any], key: str, size: int) -> Array:
     """Return numbers of a file."""
     try:
         content = base64.b64decode(said.get(key) or "", validate=True)
@@ -112,13 +113,18 @@ def _numbers(found: Identification, said: Mapping[str, Any], key: str, size: int
         numbers = np.empty(0)
     if len(numbers) != size or not (np.abs(numbers) < LARGEST).all():
         expected = f"{size} finite numbers, little-endian float64 in Base64"
-        raise UrdfError(found.path, f"posterior.{key}: expected {expected}; identify again")
+        raise UrdfError(path, f"posterior.{key}: expected {expected}; identify again")
     return numbers
 
 
 def with_parameters(robot: Robot, theta: Array) -> Robot:
     """Return a robot with other bodies, rotors and friction; unknowns as COLUMNS has them, (14 n,)."""
-    table = theta.reshape(robot.n, len(COLUMNS))
-    made = robot.with_bodies(table[:, : len(BODY)]).with_armature(np.maximum(table[:, ROTOR], 0.0))
-    friction = Friction(np.maximum(table[:, VISCOUS], 0.0), np.maximum(table[:, COULOMB], 0.0))
-    return made.with_friction(*friction)
+    bodies, rotors, friction = parts(theta)
+    return robot.with_bodies(bodies).with_armature(rotors).with_friction(*friction)
+
+
+def parts(theta: Array) -> tuple[Array, Array, Friction]:
+    """Return bodies (n, 10), rotors (n,) and friction of the unknowns (14 n,)."""
+    table = theta.reshape(-1, len(COLUMNS))
+    rotors, viscous, coulomb = np.maximum(table[:, [ROTOR, VISCOUS, COULOMB]], 0.0).T
+    return table[:, : len(BODY)], rotors, Friction(viscous, coulomb)

@@ -49,11 +49,11 @@ class Identification(NamedTuple):
         }
 
 
-def read(path: Path) -> Identification:
-    """Read ``identification.json``.
+def read_data(path: Path) -> Mapping[str, Any]:
+    """Return the content of ``identification.json``.
 
     Raises:
-        UrdfError: when it, or the URDF beside it, is missing, damaged or was changed.
+        UrdfError: when it is missing, damaged or of another version.
     """
     try:
         with path.open("rb") as stream:
@@ -64,6 +64,16 @@ def read(path: Path) -> Identification:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         known = data.get("format") if isinstance(data, dict) else None
         raise UrdfError(path, f"is of format {known!r:.20}, expected {FORMAT}; {_REMEDY}")
+    return data
+
+
+def read(path: Path) -> Identification:
+    """Read ``identification.json`` and find what was written beside it.
+
+    Raises:
+        UrdfError: when it, or the URDF beside it, is missing, damaged or was changed.
+    """
+    data = read_data(path)
     arm = data.get("arm")
     arm = arm if isinstance(arm, dict) else {}
     lock, repair = arm.get("lock"), arm.get("repair")

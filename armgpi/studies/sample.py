@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +14,22 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.config import Experiment, ExperimentConfig, Origin, build, keys, read
+from armgpi.config.building import IDENTIFICATION, real_arm
 from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError
 from armgpi.health.reality import in_rows, prepare_draws
+from armgpi.identification.posterior import Posterior, parts, read_posterior
+from armgpi.identification.weak_form import COLUMNS
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
 from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
-from armgpi.plants.plant import inside
+from armgpi.plants.plant import Wrapper, inside
 from armgpi.plants.reality import Draw, Reality, batches
 from armgpi.registry import classes_of
-from armgpi.studies.distributions import SAMPLINGS, Distribution, distribution, shares
+from armgpi.robot.batch import RobotBatch
+from armgpi.studies.distributions import KINDS, SAMPLINGS, Distribution, distribution, shares
 from armgpi.studies.study import Identity, Study, identify, read_identity
 
 #: Rollout-steps of a chunk, about: some seconds of compiled code.
@@ -36,6 +40,9 @@ _FEWEST, _MOST, _MOST_DRAWS = 16, 4096, 256
 FAILURE: Mapping[str, float] = {"peak_error": 0.5, "final_error": 0.1}
 #: What is kept of a rollout, and what runs it.
 _KEPT: Mapping[str, Any] = {"record": "metrics", "backend": "compiled"}
+#: What goes with a load that varies, and what an identification draws of a plant.
+_LOAD = ("plant.payload.mass", "plant.payload.frame", "plant.payload.com")
+_IDENTIFIED = ("plant.rotor_inertia", "plant.viscous", "plant.coulomb")
 #: The files of a study in its folder.
 EXPERIMENT, CHUNKS = "experiment.yaml", "chunks"
 #: What is told of a draw of a reality.
@@ -101,7 +108,8 @@ class Sweep:
             reason = str(NameNotFound("metric", unknown[0], metrics.declared()))
             raise origin.error(("failure", unknown[0]), reason)
         steps = experiment.t_final / config.sample_time
-        most = _MOST if config.reality is None else _MOST_DRAWS
+        drawn = config.reality is not None or IDENTIFICATION in config.vary
+        most = _MOST_DRAWS if drawn else _MOST
         size = (
             min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
         )
@@ -112,6 +120,11 @@ class Sweep:
         loop, varied = found._loop(), {}
         for name, section in config.vary.items():
             try:
+                if name == IDENTIFICATION:
+                    varied[name] = found._arms_left(section)
+                    continue
+                if IDENTIFICATION in config.vary and name in _IDENTIFIED:
+                    raise ParameterError(name, "varied", f"left to {IDENTIFICATION}, which draws it as well")
                 variable = _find_variable(loop.parameters, name, type(config.plant).model_fields)
                 known = (variable.declared, experiment.robot.n, variable.value)
                 varied[name] = distribution(name, section, *known)
@@ -137,7 +150,7 @@ class Sweep:
         joints = self.robot.joint_names
         drawn = [*_DRAWN] if self.config.reality is not None else []
         for name, each in self.varied.items():
-            drawn += [name] if each.joints == 1 else [f"{name}[{joint}]" for joint in joints]
+            drawn += [name] if each.joints == 1 else self._names_of(name)
         return [*drawn, *(f"{name}[{joint}]" for name in self.metrics for joint in joints), *self.ends]
 
     @property
@@ -154,6 +167,11 @@ class Sweep:
     def metrics(self) -> list[str]:
         """Names of the metrics that are kept."""
         return [name for name, each in metrics.declared().items() if not each.of_rollout]
+
+    def _names_of(self, name: str) -> list[str]:
+        """Return the names of the numbers of what is drawn several times for a rollout."""
+        of_joint = [f".{quantity}" for quantity in COLUMNS] if name == IDENTIFICATION else [""]
+        return [f"{name}[{joint}{each}]" for joint in self.robot.joint_names for each in of_joint]
 
     def rows(self, chunk: int, rollouts: int) -> int:
         """Return how many rollouts a chunk has where there are so many in all."""
@@ -211,11 +229,14 @@ class Sweep:
             part = drawn[:, place : place + each.joints]
             values[name] = part if each.joints > 1 else part[:, 0]
             place += each.joints
+        if IDENTIFICATION in values:  # whose arms have their load
+            values = {name: value for name, value in values.items() if name not in (IDENTIFICATION, *_LOAD)}
         return values
 
     def _run_rollouts(self, drawn: Array, seeds: Any) -> Any:
         """Return rollouts with these numbers, (rows, width), and seeds."""
-        return _run_compiled(self._loop(), self.values(drawn), seeds)
+        loop = self._loop_of(drawn) if IDENTIFICATION in self.varied else self._loop()
+        return _run_compiled(loop, self.values(drawn), seeds)
 
     def config_of(
         self, row: Mapping[str, float], index: int = 0, seed: int | None = None
@@ -236,8 +257,7 @@ class Sweep:
             data["supervisor"]["resolution"] = np.asarray(supervisor.resolution).tolist()
             data["supervisor"]["frozen"] = supervisor.frozen_samples
         for name, each in self.varied.items():
-            joints = self.robot.joint_names
-            value: Any = [row[f"{name}[{joint}]"] for joint in joints] if each.joints > 1 else row[name]
+            value: Any = [row[key] for key in self._names_of(name)] if each.joints > 1 else row[name]
             _put(data, name, value, self)
         data["seed"] = self.config.seed + index if seed is None else seed
         return ExperimentConfig.model_validate(data)
@@ -262,6 +282,36 @@ class Sweep:
             _loops.clear()
             _loops[self.identity.digest] = known
         return known
+
+    def _loop_of(self, drawn: Array) -> PreparedLoop:
+        """Return the loop with an arm for each rollout, (rows, width): those that their experiments have."""
+        made = self.experiment
+        rows = (dict(zip(self.drawn_names, row, strict=True)) for row in drawn.tolist())
+        arms = RobotBatch([real_arm(self.config_of(row).plant, made.robot) for row in rows])
+        parts = (_with_robot(made.plant, arms), made.controllers[self.label], made.reference, made.t_final)
+        return prepare(*parts, **_KEPT, supervisor=made.supervisor)
+
+    @cached_property
+    def _posterior(self) -> Posterior:
+        """What is left open of the arm.
+
+        Raises:
+            ParameterError: when the arm was not identified.
+            UrdfError: when its file is damaged.
+        """
+        path = self.experiment.config.robot.posterior
+        if path is None:
+            wanted = "that of an arm that `armgpi identify` wrote: robot: {name: identified/}"
+            raise ParameterError(IDENTIFICATION, self.experiment.config.robot.name, wanted)
+        return read_posterior(Path(path), self.robot)
+
+    def _arms_left(self, section: Any) -> Distribution:
+        """Return from what the unknowns of the arm are drawn, in units of what is left open of each."""
+        if given := [kind for kind in KINDS if getattr(section, kind) is not None]:
+            raise ParameterError(
+                IDENTIFICATION, given[0], "{}: what was identified says how it is distributed"
+            )
+        return Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
 
     def _fixed_values(self) -> dict[str, Any]:
         """Return what goes with what varies: where the load is."""
@@ -343,7 +393,21 @@ def run_chunk(folder: Path, chunk: int, rows: int) -> None:
 def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
     """Write a number of a rollout into an experiment file."""
     part, *steps = name.split(".")
-    if name == "plant.payload.mass":
+    if name == IDENTIFICATION:
+        (theta,) = sweep._posterior.unknowns(np.array([value]))
+        bodies, rotors, friction = parts(theta)
+        joints, columns = sweep.robot.joint_names, np.stack([rotors, *friction], axis=-1).tolist()
+        named = ("rotor_inertia", "viscous", "coulomb")
+        data["robot"]["posterior"] = None
+        data["plant"]["bodies"] = dict(zip(joints, bodies.tolist(), strict=True))
+        data["plant"]["drives"] = {
+            joint: {
+                **(data["plant"].get("drives") or {}).get(joint, {}),
+                **dict(zip(named, row, strict=True)),
+            }
+            for joint, row in zip(joints, columns, strict=True)
+        }
+    elif name == "plant.payload.mass":
         data["plant"]["payload"] = {**(data["plant"]["payload"] or {}), "mass": value}
     elif name in ("plant.viscous", "plant.coulomb"):
         now = sweep.experiment.plant.robot.friction if sweep.config.plant.friction == "urdf" else None
@@ -363,6 +427,13 @@ def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
         except (LookupError, TypeError):
             expected = "a key of an experiment file, as the worst rollouts are written to one"
             raise ParameterError(name, value, expected) from None
+
+
+def _with_robot(plant: Any, robot: RobotBatch) -> Any:
+    """Return a plant with other arms."""
+    if isinstance(plant, Wrapper):
+        return plant.with_values(plant=_with_robot(plant.plant, robot))
+    return plant.with_values(robot=robot)
 
 
 def _list_times(moves: dict[str, Any]) -> None:

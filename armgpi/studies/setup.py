@@ -70,7 +70,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
         raise origin.error(("tune",), "expected a mapping")
     tune = check_section(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
     given = beside(config.check(data, origin), path)
-    given = given.model_copy(update={"robot": expand(given.robot)})
+    given = given.model_copy(update={"robot": expand(given)})
     data = {**given.model_dump(exclude_unset=True)}
     data.setdefault("controllers", [{"type": "gpi"}])
     silent = given.robot.drives is None and given.reality is None

@@ -23,13 +23,14 @@ from armgpi.identification.arm import Identified, identify
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, resample
-from armgpi.identification.posterior import read_posterior
+from armgpi.identification.posterior import read_posterior, with_parameters
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
 from armgpi.plants.plant import inside
 from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
 from armgpi.studies import setup
+from armgpi.studies.sample import Sweep
 
 LATE = 2
 
@@ -205,7 +206,7 @@ def test_a_nominal_model_that_is_none_of_the_arm_is_refused(nominal: str | None,
 
 
 def test_draws_from_the_file_alone_are_those_of_the_fit() -> None:
-    posterior = read_posterior(robots.find_identified(folder()), armgpi.Robot.load(folder()))
+    posterior = read_posterior(folder() / identified.NAME, armgpi.Robot.load(folder()))
     covariance = found()._fit.covariance[: len(posterior.mean), : len(posterior.mean)]
     # In units of the prior; the inverse in the covariance is symmetric to its rounding alone.
     assert posterior.root @ posterior.root.T == pytest.approx(covariance, abs=1e-8)
@@ -213,6 +214,52 @@ def test_draws_from_the_file_alone_are_those_of_the_fit() -> None:
     own, read = (each.robots for each in (found().sample(4), posterior.sample(file(), 4)))
     for one, other in zip(own, read, strict=True):
         assert other.mass_matrix(q) == pytest.approx(one.mass_matrix(q), abs=1e-9)
+
+
+def sweep_of(vary: str = "{identification: {}}", robot: str = "", plant: str = "{friction: urdf}") -> Sweep:
+    text = f"robot: {{name: {robot or folder()}}}\nplant: {plant}\nt_final: 0.2\nvary: {vary}\n"
+    return Sweep.of(*config.parse(text, "sweep.yaml"))
+
+
+def test_a_sweep_draws_the_arms_that_were_left_open_and_each_runs_alone() -> None:
+    sweep = sweep_of("{identification: {}, plant.payload.mass: {uniform: [0.0, 0.3]}}")
+    drawn = sweep.numbers(0, 4)
+    assert sweep.numbers(0, 2).tolist() == drawn[:2].tolist()
+    rollouts = sweep.table(drawn, np.arange(4))
+    theta = found().posterior.unknowns(drawn[:, :-1])
+    for row, unknown, peak in zip(drawn, theta, rollouts["peak_error"], strict=True):
+        alone = config.build(sweep.config_of(dict(zip(sweep.drawn_names, row, strict=True))))
+        q, arm_there = file().random_positions(3), inside(alone.plant)
+        wanted = with_parameters(file(), unknown).with_payload(file().tip, row[-1])
+        assert alone.plant.robot.mass_matrix(q) == pytest.approx(wanted.mass_matrix(q), abs=1e-9)
+        assert vars(arm_there)["friction"].coulomb == pytest.approx(wanted.friction.coulomb)
+        run = armgpi.simulate(alone.plant, alone.controllers["gpi"], alone.reference, 0.2)
+        assert armgpi.metrics.peak_error(run).values == pytest.approx(peak, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("vary", "robot", "said"),
+    [
+        ("{identification: {}}", "anthropomorphic3", "armgpi identify"),
+        ("{identification: {normal: [0, 1]}}", "", "says how it is distributed"),
+        ("{identification: {}, plant.coulomb: {uniform: [0, 1]}}", "", "draws it as well"),
+    ],
+)
+def test_what_cannot_be_drawn_from_an_identification_is_refused(vary: str, robot: str, said: str) -> None:
+    with pytest.raises(ArmgpiError, match=f"vary.*{said}") as caught:
+        sweep_of(vary, robot)
+    assert "\n" not in str(caught.value)
+
+
+def test_bodies_of_a_plant_are_those_of_its_joints() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    body = (2.0 * robot.pinocchio_model().inertias[3].toDynamicParameters()).tolist()
+    wanted = {"robot": {"name": "anthropomorphic3"}, "plant": {"bodies": {"q3": body}}}
+    built = config.build(config.check(wanted, config.Origin()))
+    assert built.plant.robot.total_mass - robot.total_mass == pytest.approx(0.5 * body[0])
+    wanted["plant"] = {"bodies": {"q9": body}}
+    with pytest.raises(ArmgpiError, match=r"plant.bodies: .*q9.*did you mean"):
+        config.build(config.check(wanted, config.Origin()))
 
 
 NANS = base64.b64encode(np.full(42, np.nan).tobytes()).decode()
@@ -248,7 +295,7 @@ def test_a_damaged_folder_ends_in_one_line(name: str, tmp_path: Path) -> None:
     path.write_text(damage(text), encoding="utf-8")
     assert path.read_text(encoding="utf-8") != text
     with pytest.raises(ArmgpiError, match=said) as caught:
-        read_posterior(identified.read(path), file())
+        read_posterior(identified.read(path).path, file())
     assert "\n" not in str(caught.value)
 
 
