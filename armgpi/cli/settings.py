@@ -14,6 +14,7 @@ from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
 from armgpi.robot import robots
+from armgpi.robot.repairs import SUPPOSE
 
 
 class _Overlay:
@@ -198,7 +199,8 @@ def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:
 
     Then the arm has its friction, too, if nothing else was said.
     """
-    if compare and (found := robots.find_identified(data["robot"]["name"])) is not None:
+    found = robots.find_identified(data["robot"]["name"]) if compare else None
+    if found is not None and not any(name.startswith(SUPPOSE) for name in found.repair):
         data["plant"] = {"friction": "urdf", **(data.get("plant") or {})}
         law = {"type": "untuned"}
         return [{**law, "label": "file", "nominal": str(found.before)}, {**law, "label": "identified"}]

@@ -18,6 +18,7 @@ from armgpi.escape import json_data
 
 # What takes long to import is imported by the command, so that --help answers at once.
 if TYPE_CHECKING:
+    from armgpi.config import Loaded
     from armgpi.studies.sample import Sweep
     from armgpi.studies.study import Study
 
@@ -82,16 +83,17 @@ def sweep(
     sys.exit(FAILED if _run_sweep(asked, study, count, workers, cluster, report, as_json) else OK)
 
 
-def _read(file: Path) -> Any:
+def _read(file: Path) -> Loaded:
     """Return an experiment file, or for the folder of an identified arm what draws from it."""
-    from armgpi.config import Origin, check, read
+    from armgpi.config import Loaded, Origin, check, read
     from armgpi.config.building import IDENTIFICATION
     from armgpi.robot.robots import find_identified
 
     if find_identified(file) is None:
         return read(file)
     data = {"robot": str(file), "plant": {"friction": "urdf"}, "vary": {IDENTIFICATION: {}}}
-    return check({**data, "controllers": [{"type": "untuned"}]}, Origin(str(file))), None
+    origin = Origin(str(file))
+    return Loaded(check({**data, "controllers": [{"type": "untuned"}]}, origin), origin)
 
 
 def _run_sweep(

@@ -42,6 +42,7 @@ from armgpi.robot import chains, robots, rotors
 from armgpi.robot.changes import change
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
+from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.supervisor import Supervised, Supervisor, complete_settings
 
@@ -561,7 +562,7 @@ def _nominal(section: Any, robot: Robot, place: _Place) -> Robot:
     if robots.find_identified(section.nominal) is not None:
         raise place.error("expected a URDF, got the folder of an identified arm; name the URDF in it")
     there = robot.provenance
-    repairs = {each["name"] for each in there.get("repairs", ())}
+    repairs = made_in(there)
     with place.error_context():
         found = Robot.load(section.nominal, there["locked"], None, there.get("mimic", "lock"), repairs)
         if found.joint_names != robot.joint_names:

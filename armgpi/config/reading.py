@@ -73,18 +73,18 @@ def read_data(path: Path) -> tuple[dict[str, Any], Origin]:
 def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
     """Return a configuration whose robot and trajectory are found beside the file that it was read from."""
 
-    def found(given: str) -> str:
+    def beside_it(given: str) -> str:
         name = Path(given)
         folder = (path.parent / name / identified.NAME).is_file()
         file = (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file()
         return str(path.parent / name) if folder or file else given
 
-    robot = config.robot.model_copy(update={"name": found(config.robot.name)})
+    robot = config.robot.model_copy(update={"name": beside_it(config.robot.name)})
     if robot.posterior is not None:
-        robot = robot.model_copy(update={"posterior": found(robot.posterior)})
+        robot = robot.model_copy(update={"posterior": beside_it(robot.posterior)})
     config = config.model_copy(update={"robot": robot})
     if any(each.nominal for each in config.controllers):
-        names = [each.nominal and found(each.nominal) for each in config.controllers]
+        names = [each.nominal and beside_it(each.nominal) for each in config.controllers]
         config = with_nominals(config, names)
     file = config.reference.file
     if file is not None and (path.parent / file).is_file():

@@ -10,7 +10,7 @@ from scipy import optimize
 
 from armgpi.arrays import Array
 from armgpi.errors import UnfitLog
-from armgpi.identification.estimate import Prior
+from armgpi.identification.estimate import Prior, is_supposed
 from armgpi.identification.logs import Grid
 from armgpi.identification.weak_form import BODY, COLUMNS, OFFSET, ROTOR, VISCOUS, WeakForm
 from armgpi.robot.robot import Robot
@@ -72,7 +72,7 @@ def check(
     found = list(_of_samples(robot, grid))
     if not any(each.severity == "error" for each in found) and len(form.starts):
         found += _of_motion(robot, form)
-        found += _of_torques(robot, gravity, prior, form)
+        found += _of_torques(robot, gravity and not is_supposed(robot), prior, form)
     return [each._replace(message=f"{each.message} ({source})") for each in found]
 
 

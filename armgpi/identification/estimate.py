@@ -15,12 +15,14 @@ from armgpi.arrays import Array
 from armgpi.errors import MissingPackage, ParameterError
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS
 from armgpi.plants.reality import scales
+from armgpi.robot.repairs import SUPPOSE, made_in
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import believable
 
 #: Standard deviations that a maker's file has, chosen wide. Mass: a share of the link's, and of the arm's for
 #: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
-#: and offset: shares of the gravity torque.
+#: and offset: shares of the gravity torque. Supposed masses are within four times either way.
+_SUPPOSED = 3.0
 _MASS, _CARRIED, _ROTOR, _FRICTION, _OFFSET = 0.5, 0.1, 3.0, 0.3, 0.05
 #: Least gravity torque that friction is taken to be in shares of, over that of the largest joint.
 _RUBS = 0.3
@@ -105,13 +107,14 @@ def expect(robot: Robot) -> Prior:
     """Return what a URDF says of an arm, with how far a maker's file may be wrong."""
     model, n, size = robot.pinocchio_model(), robot.n, scales(robot)
     mean, std = np.zeros((2, n, len(COLUMNS)))
+    wide = _SUPPOSED if is_supposed(robot) else _MASS
     last = int(model.frames[model.getFrameId(robot.tip, pin.FrameType.BODY)].parentJoint)
     for i in range(n):
         body = model.inertias[i + 1]
         mean[i, : len(BODY)] = body.toDynamicParameters()
         second = float(np.trace(body.toPseudoInertia().toMatrix()[:3, :3])) / max(body.mass, 1e-9)
         carried = _CARRIED * size.mass if i + 1 == last else 0.0
-        mass = _MASS * max(body.mass, _LEAST_MASS * size.mass) + carried
+        mass = wide * max(body.mass, _LEAST_MASS * size.mass) + carried
         radius = math.sqrt(max(second, _RADIUS**2)) + (_REACH if carried else 0.0)
         std[i, : len(BODY)] = [mass, *[mass * radius] * 3, *[mass * radius**2] * 6]
     mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, believable(robot))
@@ -126,6 +129,11 @@ def expect(robot: Robot) -> Prior:
     places = [i * len(COLUMNS) for i in range(n)]
     positive = [place + k for place in places for k in (ROTOR, COULOMB, VISCOUS)]
     return Prior(mean.ravel(), std.ravel(), tuple(places), tuple(positive))
+
+
+def is_supposed(robot: Robot) -> bool:
+    """Tell whether the file of an arm has no masses."""
+    return any(name.startswith(SUPPOSE) for name in made_in(robot.provenance))
 
 
 def extend(prior: Prior, std: Array, body: bool = False) -> Prior:

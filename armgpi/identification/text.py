@@ -8,6 +8,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.identification.arm import Estimate, Identified, Validation
+from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
@@ -50,6 +51,9 @@ def say_lag(found: Identified) -> str:
 def say_findings(found: Identified) -> list[str]:
     """Return what the check remarked, and which rotors the log did not decide."""
     lines = [str(each) for each in found.findings]
+    if is_supposed(found.file):
+        said = "the file has no masses: bodies began as rods from joint to joint, within four times"
+        lines.append(f"{said}; what the log does not decide is still supposed")
     together = {row.joint: row for row in found.sums()}
     for row in found.table():
         if row.quantity == "rotor" and row.learned < _DECIDED:

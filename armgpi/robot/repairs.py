@@ -12,9 +12,12 @@ from typing import Any, NamedTuple
 from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
 
 ALL = "all"
+#: The repair that is no correction but a start.
+SUPPOSE = "suppose-bodies"
 #: Kind -> what the repair does.
 KINDS = {
     "drop-inertia": "a moving link with an inertia and the mass 0 becomes a frame, without inertia",
+    SUPPOSE: "an arm without any mass gets supposed bodies, to be identified; not part of all",
     "split-commas": "commas between the numbers of one attribute are read as separators",
 }
 

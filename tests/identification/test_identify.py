@@ -24,6 +24,7 @@ from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
+from armgpi.identification.text import say_findings
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
 from armgpi.plants.plant import inside
@@ -107,6 +108,21 @@ def test_without_data_the_file_stays() -> None:
     result = fit([nothing], prior, physical=False)
     assert result.free.tolist() == [0.0, 0.0]
     assert result.learned == pytest.approx([0.0, 0.0])
+
+
+def test_an_arm_of_which_the_file_tells_no_mass_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "bare.urdf"
+    path.write_bytes(_without_inertials(robots.locate("anthropomorphic3")[0].read_bytes()))
+    with pytest.raises(ArmgpiError, match="armgpi identify --repair suppose-bodies"):
+        armgpi.Robot.load(path, repair="all")
+    result = identify(log(), armgpi.Robot.load(path, repair="suppose-bodies"))
+    z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
+    true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), result.robot))
+    assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.01
+    assert any("the file has no masses" in line for line in say_findings(result))
+    write_identified(result, tmp_path / "found")
+    q, again = file().random_positions(5), armgpi.Robot.load(tmp_path / "found")
+    assert again.mass_matrix(q) == pytest.approx(result.robot.mass_matrix(q), abs=1e-12)
 
 
 def test_rotors_that_the_file_does_not_tell_are_those_that_a_law_believes() -> None:
@@ -256,7 +272,8 @@ def test_bodies_of_a_plant_are_those_of_its_joints() -> None:
     body = (2.0 * robot.pinocchio_model().inertias[3].toDynamicParameters()).tolist()
     wanted = {"robot": {"name": "anthropomorphic3"}, "plant": {"bodies": {"q3": body}}}
     built = config.build(config.check(wanted, config.Origin()))
-    assert built.plant.robot.total_mass - robot.total_mass == pytest.approx(0.5 * body[0])
+    there: Any = built.plant.robot
+    assert there.total_mass - robot.total_mass == pytest.approx(0.5 * body[0])
     wanted["plant"] = {"bodies": {"q9": body}}
     with pytest.raises(ArmgpiError, match=r"plant.bodies: .*q9.*did you mean"):
         config.build(config.check(wanted, config.Origin()))
