@@ -208,6 +208,42 @@ def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
     return summary(name, case, rows)
 
 
+def measure_load(name: str, count: int, seed: int) -> dict[str, Any]:
+    """Return how well a load of 1 to 6 % of an arm is found from logs of 10 s without and with it."""
+    robot, rows = armgpi.Robot.load(name, lock=fingers(name)), []
+    motions = [excite(robot, 10.0, 0.7, seed=each).reference for each in (7, 8)]
+    arms = [truth(robot, seed + i) for i in range(count)]
+    loads = [np.random.default_rng((seed + i, 1)) for i in range(count)]
+    given = [(rng.uniform(0.01, 0.06) * scales(robot).mass, rng.uniform(-0.08, 0.08, 3)) for rng in loads]
+    carrying = [
+        arm.with_payload(robot.tip, mass, com, np.eye(3) * mass * 0.03**2)
+        for arm, (mass, com) in zip(arms, given, strict=True)
+    ]
+    logs = zip(
+        *(record(robot, *each, 10.0) for each in zip((arms, carrying), motions, strict=True)), strict=True
+    )
+    for (mass, com), (without, carried) in zip(given, logs, strict=True):
+        load = identify(without, robot, check_first=False).load(carried, check_first=False)
+        off = np.array([load.mass - mass, *(load.com - com)])
+        inside = np.abs(off) <= 1.96 * np.array([load.mass_std, *load.com_std])
+        rows.append(
+            [abs(off[0]) / mass, np.linalg.norm(off[1:]), inside.mean(), without.t[-1], carried.t[-1]]
+        )
+    table = np.array(rows)
+    quantiles = np.quantile(table[:, :2], [0.5, 0.95], axis=0)
+    return {
+        "arm": name,
+        "case": "load",
+        "truths": count,
+        "mass_median": quantiles[0, 0],
+        "mass_95": quantiles[1, 0],
+        "centre_median": quantiles[0, 1],
+        "centre_95": quantiles[1, 1],
+        "coverage": table[:, 2].mean(),
+        "shortest": table[:, 3:].min(),
+    }
+
+
 def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return medians, tails and coverage over truths."""
 
@@ -241,7 +277,7 @@ def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Measure and print, one line for each arm and case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="+", choices=sorted(CASES))
+    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), "load"])
     parser.add_argument("--arms", nargs="+", default=["panda", "ur5", "anthropomorphic3"])
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=100)
@@ -251,7 +287,11 @@ def main() -> None:
     found = []
     for name in given.arms:
         for case in given.cases:
-            row = measure(name, case, given.count, given.seed)
+            row = (
+                measure_load(name, given.count, given.seed)
+                if case == "load"
+                else measure(name, case, given.count, given.seed)
+            )
             found.append(row)
             shown = {key: f"{value:.4g}" if isinstance(value, float) else value for key, value in row.items()}
             print(" ".join(f"{key}={value}" for key, value in shown.items()), flush=True)

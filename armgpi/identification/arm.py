@@ -12,7 +12,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, check_type, frozen
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
-from armgpi.identification.check import Finding, check, refuse
+from armgpi.identification.check import Finding, check, check_fit, refuse
 from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
@@ -311,7 +311,10 @@ def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool
     data.width = _choose_widths(data, lag)
     lag = _settle(data, lag)
     fitted, prior = _with_lags(data, lag)
-    return Identified(data, fitted, prior, findings)
+    found = Identified(data, fitted, prior, findings)
+    if check_first:
+        refuse(check_fit(found.robot.joint_names, found.lag, found.residuals))
+    return found
 
 
 class _Data:
@@ -472,7 +475,7 @@ def _period(grid: Grid) -> float | None:
     step, size = thin * grid.dt, np.sqrt(2.0) * q.std(axis=0).max() if len(q) else 0.0
     for shift in range(round(_SHORTEST_PERIOD / step), len(q) // 2 + round(1.0 / step)):
         if shift < len(q) - 1 and np.sqrt(((q[shift:] - q[:-shift]) ** 2).mean(axis=0).max()) < _SAME * size:
-            near = range(shift, min(shift + round(1.0 / step), len(q) - 1))
+            near = range(shift, min(shift + max(1, round(1.0 / step)), len(q) - 1))
             apart = [float(((q[s:] - q[:-s]) ** 2).mean()) for s in near]
             return float(near[int(np.argmin(apart))] * step)
     return None

@@ -12,7 +12,7 @@ from armgpi.arrays import Array
 from armgpi.errors import UnfitLog
 from armgpi.identification.estimate import Prior, is_supposed
 from armgpi.identification.logs import Grid
-from armgpi.identification.weak_form import BODY, COLUMNS, OFFSET, ROTOR, VISCOUS, WeakForm
+from armgpi.identification.weak_form import BODY, COLUMNS, MOST_LAG, OFFSET, ROTOR, VISCOUS, WeakForm
 from armgpi.robot.robot import Robot
 
 #: Longest sample time [s] and shortest log [s].
@@ -32,6 +32,8 @@ _OUTSIDE, _DEGREES = 0.05, 3.0
 _WEIGHT, _WEIGHS = 0.3, 0.3
 #: Torque over what the file expects, either way, beyond which its unit is another one.
 _SCALE = 30.0
+#: Residual over torque of a joint beyond which the fit is of another arm.
+_UNEXPLAINED = 0.5
 #: Width of the sign in the check [rad/s or m/s].
 _WIDTH = 5e-3
 
@@ -74,6 +76,25 @@ def check(
         found += _of_motion(robot, form)
         found += _of_torques(robot, gravity and not is_supposed(robot), prior, form)
     return [each._replace(message=f"{each.message} ({source})") for each in found]
+
+
+def check_fit(names: Sequence[str], lag: Array, residuals: Array) -> list[Finding]:
+    """Return what only the fit shows: torques of another time, or of another arm.
+
+    Args:
+        names: of the joints.
+        lag: of positions behind torques [s], (n,).
+        residuals: residual over torque of each joint, (n,); NaN of one that did not move.
+    """
+    found = []
+    if np.abs(lag).max() > MOST_LAG:
+        said = f"positions and torques are more than {1e3 * MOST_LAG:g} ms apart: give both the same clock"
+        found.append(Finding("error", "", said))
+    for name, share in zip(names, residuals, strict=True):
+        if share > _UNEXPLAINED:
+            said = f"no arm of this kind explains {share:.0%} of its torque: is it this robot, in this order?"
+            found.append(Finding("error", name, said))
+    return found
 
 
 def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -156,12 +157,16 @@ def _read_file(path: Path, robot: Robot, rollout: int) -> Any:
             return _of_rollout(load(path), robot, rollout)._replace(source=str(path))
         with path.open(encoding="utf-8-sig") as file:
             head = [name.strip() for name in file.readline().split(",")]
-            table = np.loadtxt(file, delimiter=",", ndmin=2)
+            with warnings.catch_warnings():  # of no rows, which is said below
+                warnings.simplefilter("ignore", UserWarning)
+                table = np.loadtxt(file, delimiter=",", ndmin=2)
     except OSError as error:
         raise UnreadableTrajectory(path, error.strerror or str(error)) from None
     except ValueError as error:
         said = " ".join(str(error).split())[:200]
         raise UnreadableTrajectory(path, f"is no CSV file of numbers under a line of names: {said}") from None
+    if not len(table):
+        raise UnreadableTrajectory(path, "has no rows: expected names, and numbers below them")
     if table.shape[1:] != (len(head),):
         raise UnreadableTrajectory(path, f"has {len(head)} names above {table.shape[1]} columns")
     if (row := np.argwhere(~np.isfinite(table))).size:

@@ -362,6 +362,25 @@ BAD = {
     "times back": (lambda x: x._replace(t=x.t[::-1]), "increasing times"),
     "no log": (lambda x: 3, "must be a Log"),
     "no file": (lambda x: "nowhere.csv", "No such file"),
+    "infinite": (lambda x: x._replace(tau=np.where(x.t[:, None] > 5.0, np.inf, x.tau)), "finite"),
+    "kN m": (lambda x: x._replace(tau=1e-3 * x.tau), "times what the file expects: in N m"),
+    "in ms": (lambda x: x._replace(t=1e3 * x.t), "log faster"),
+    "10 Hz": (lambda x: Log(x.t[::50], x.q[::50], x.tau[::50]), "log faster"),
+    "gaps": (
+        lambda x: Log(*(part[np.arange(len(x.t)) // 100 % 2 == 0] for part in x[:3])),
+        "without a gap: log longer",
+    ),
+    "one rests": (lambda x: x._replace(q=np.where([False, True, False], 0.3, x.q)), "q2: .*move it faster"),
+    "late": (lambda x: x._replace(tau=np.roll(x.tau, 50, axis=0)), "50 ms apart: give both the same clock"),
+    "another zero": (
+        lambda x: x._replace(q=x.q + np.array([0.0, 1.5, 0.0])),
+        "weight|follow from its motion",
+    ),
+    "swapped columns": (
+        lambda x: x._replace(q=x.q[:, [1, 0, 2]], tau=x.tau[:, [1, 0, 2]]),
+        "q1: no arm of this kind .*in this order",
+    ),
+    "turned round": (lambda x: x._replace(tau=-x.tau), "q1: .*reversed sign.*q3: .*reversed sign"),
     "random": (
         lambda x: x._replace(tau=np.random.default_rng(0).normal(size=x.tau.shape)),
         "follow from its motion",
@@ -374,6 +393,26 @@ def test_a_bad_log_ends_in_one_line(name: str) -> None:
     change, said = BAD[name]
     with pytest.raises(ArmgpiError, match=said) as caught:
         identify(change(log()), file())
+    assert "\n" not in str(caught.value)
+
+
+#: What is wrong with a file -> its text, and what is said of it.
+FILES = {
+    "empty": ("", "has no rows"),
+    "no time": ("q_q1,q_q2,q_q3,tau_q1,tau_q2,tau_q3\n1,2,3,4,5,6\n", "time"),
+    "no torque": ("time,q_q1,q_q2,q_q3\n1,2,3,4\n", "tau_q1"),
+    "text": ("time,q_q1\n1,fast\n", "no CSV file of numbers"),
+    "ragged": ("time,q_q1\n1,2\n3\n", "no CSV file of numbers"),
+    "semicolons": ("time;q_q1\n1;2\n", "no CSV file of numbers"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_bad_file_ends_in_one_line(name: str, tmp_path: Path) -> None:
+    text, said = FILES[name]
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(ArmgpiError, match=said) as caught:
+        identify(tmp_path / "log.csv", file())
     assert "\n" not in str(caught.value)
 
 
