@@ -10,7 +10,7 @@ import typer
 from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
-from armgpi.cli.parsing import is_experiment, stoppable
+from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, natural_width, say
 
 _Logs = Annotated[
@@ -32,6 +32,13 @@ _NoGravity = Annotated[
     bool,
     typer.Option(
         "--no-gravity", metavar=opt.FLAG, help="The torques do not carry the arm's weight: the arm adds that."
+    ),
+]
+_Current = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Torque constants at the joints [N m/A], for logs with currents as tau, such as 'j1=10,j2=12'.",
     ),
 ]
 _Anyway = Annotated[
@@ -63,6 +70,7 @@ def identify(
     robot: _Robot,
     validate: _Validate = None,
     no_gravity: _NoGravity = False,
+    current: _Current = None,
     anyway: _Anyway = False,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
@@ -86,7 +94,8 @@ def identify(
     from armgpi.identification.writing import write_identified
 
     arm = load_arm(robot, {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}, None, None)
-    found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway)
+    constants = None if current is None else per_joint(current, "--current")
+    found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway, current=constants)
     validation = None if validate is None else found.validate(validate)
     written = write_identified(found, out, validation)
     texts = {path.name: path.read_text(encoding="utf-8") for path in written}
@@ -140,7 +149,7 @@ def excite(
     source = str(arm.provenance["source"]) if is_experiment(robot) else robot
     if is_experiment(robot):
         how = {**how, "lock": arm.provenance["locked"]}
-    written = files.write_set(folder, experiment_files(arm, source, motion, how))
+    written = files.write_set(folder, experiment_files(arm, source, motion, how, first))
     speeds = ", ".join(f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.share, strict=True))
     efforts = ", ".join(
         f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.effort, strict=True)

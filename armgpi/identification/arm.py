@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from armgpi.arrays import Array, check_type, frozen
+from armgpi.arrays import Array, PerJointInput, check_type, frozen, quantity
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
 from armgpi.identification.check import Finding, check, check_fit, refuse
@@ -164,9 +164,9 @@ class Identified:
         names = self.robot.joint_names
         rows = []
         for i, joint in enumerate(names):
-            for j, quantity in enumerate(COLUMNS):
+            for j, name in enumerate(COLUMNS):
                 if bodies or j >= len(BODY):
-                    rows.append(self._estimate(joint, quantity, i * len(COLUMNS) + j))
+                    rows.append(self._estimate(joint, name, i * len(COLUMNS) + j))
             place = len(COLUMNS) * len(names) + min(i, self._data.lags - 1)
             rows.append(self._estimate(joint, "lag", place))
         return rows
@@ -276,7 +276,14 @@ class Identified:
         )
 
 
-def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool = True) -> Identified:
+def identify(
+    logs: Any,
+    robot: Robot,
+    *,
+    gravity: bool = True,
+    check_first: bool = True,
+    current: PerJointInput | None = None,
+) -> Identified:
     """Return the arm that made a log of measured positions and commanded torques.
 
     Nothing is known of the controller; no velocities or accelerations are needed. Bodies, rotor inertia,
@@ -289,7 +296,9 @@ def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool
             NetCDF file.
         robot: the arm as its file has it.
         gravity: whether the torques carry the arm's weight; False where the arm's own controller adds that.
-        check_first: whether a log that fails the check before the fit is refused.
+        check_first: whether a log that fails a check, before the fit or of it, is refused.
+        current: torque at the joint for a unit of what is logged [N m/A or N/A], where that is currents: a
+            number, (n,), or joint -> number. A wrong one is not seen: it makes a heavier or lighter arm.
 
     Raises:
         UnfitLog: when a log does not pass the check; it says what the arm must do.
@@ -301,7 +310,8 @@ def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool
     check_type(gravity, "gravity", bool, "True or False")
     check_type(check_first, "check_first", bool, "True or False")
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
-    data = _Data(robot, gravity).with_logs(list(logs) if several else [logs])
+    scale = 1.0 if current is None else quantity(current, "current", robot.joint_names)
+    data = _Data(robot, gravity, scale).with_logs(list(logs) if several else [logs])
     if not data.forms:
         raise ParameterError("logs", logs, "at least one log")
     findings = data.findings(len(data.grids))
@@ -320,7 +330,7 @@ def identify(logs: Any, robot: Robot, *, gravity: bool = True, check_first: bool
 class _Data:
     """The moments of some logs of one arm."""
 
-    def __init__(self, robot: Robot, gravity: bool) -> None:
+    def __init__(self, robot: Robot, gravity: bool, scale: Array | float = 1.0) -> None:
         """Begin without logs.
 
         Raises:
@@ -328,7 +338,7 @@ class _Data:
         """
         if robot.coupling is not None:
             raise ParameterError("robot", robot, "a robot whose joints follow no others (mimic='lock')")
-        self.robot, self.gravity, self.lags = robot, gravity, 1
+        self.robot, self.gravity, self.scale, self.lags = robot, gravity, scale, 1
         self.model = robot.pinocchio_model()
         if not gravity:
             self.model.gravity = pin.Motion.Zero()
@@ -345,11 +355,11 @@ class _Data:
         Raises:
             UnfitLog: for one that is too short for a single moment.
         """
-        other = _Data(self.robot, self.gravity)
+        other = _Data(self.robot, self.gravity, self.scale)
         other.width, other.lags = self.width, self.lags
         for each in logs:
             log = read_log(each, self.robot)
-            grid = resample(log)
+            grid = resample(log._replace(tau=self.scale * log.tau))
             other.grids.append(grid)
             other.forms.append(WeakForm(self.model, grid))
             if not len(other.forms[-1].starts):

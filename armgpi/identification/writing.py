@@ -27,6 +27,8 @@ from armgpi.robot.robot import Robot
 from armgpi.robot.urdf_model import join
 from armgpi.view import page
 
+#: Error at which a first motion is stopped [rad or m]: what is logged until then is enough to begin with.
+_FIRST_ERROR = 0.1
 #: A pseudo-inertia whose least eigenvalue is below this share of its largest one is none.
 _POSSIBLE = 1e-12
 
@@ -245,7 +247,9 @@ def _spans(content: bytes) -> dict[str, tuple[int, int, bool]]:
     return spans
 
 
-def experiment_files(robot: Robot, name: str, motion: Excitation, how: Mapping[str, Any]) -> dict[str, str]:
+def experiment_files(
+    robot: Robot, name: str, motion: Excitation, how: Mapping[str, Any], first: bool = False
+) -> dict[str, str]:
     """Return a motion and the experiment that runs it with believed rotors.
 
     Args:
@@ -253,6 +257,7 @@ def experiment_files(robot: Robot, name: str, motion: Excitation, how: Mapping[s
         name: of the robot, or the path of its file.
         motion: from :func:`armgpi.identification.excitation.excite`.
         how: how the robot was loaded: keys of the section `robot` -> texts.
+        first: whether the arm is stopped where it is far from the motion: nobody knows yet how it answers.
     """
     import yaml
 
@@ -270,6 +275,8 @@ def experiment_files(robot: Robot, name: str, motion: Excitation, how: Mapping[s
         "reference": {"file": "reference.csv"},
         "t_final": float(reference.t_end),
     }
+    if first:
+        experiment["supervisor"] = {"following": _FIRST_ERROR}
     text = yaml.safe_dump(experiment, sort_keys=False, allow_unicode=True)
     return {"reference.csv": "\n".join([head, *rows]) + "\n", "experiment.yaml": text}
 

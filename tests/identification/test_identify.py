@@ -423,6 +423,24 @@ def test_a_log_of_an_arm_that_adds_the_weight_itself_is_taken() -> None:
     assert result.residuals.max() < 0.05
 
 
+def test_currents_with_their_torque_constants_are_torques() -> None:
+    constants = np.array([10.0, 8.0, 0.5])
+    result = identify(log()._replace(tau=log().tau / constants), file(), current=constants)
+    assert result.theta == pytest.approx(found().theta, rel=1e-6, abs=1e-9)
+    with pytest.raises(ArmgpiError, match=r"current.*q3"):
+        identify(log(), file(), current={"q1": 1.0, "q2": 1.0})
+
+
+def test_a_first_motion_is_stopped_where_the_arm_leaves_it(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    assert cli("excite", "anthropomorphic3", "--first", "--seconds", 4, "-o", tmp_path).code == 0
+    wanted = config.read(tmp_path / "experiment.yaml").config
+    supervisor = config.build(wanted).supervisor
+    assert supervisor is not None
+    assert np.asarray(supervisor.following).tolist() == [0.1] * 3
+
+
 def test_a_good_log_passes_the_check() -> None:
     assert [each for each in found().findings if each.severity == "error"] == []
 
