@@ -42,6 +42,9 @@ _CORRELATED = 6
 #: Factor on that covariance for misfit that is not in the residuals: chosen so that 95 % intervals hold for
 #: panda and ur5 (tools/identification.py, seed 100; docs/identify.md has other seeds and arms).
 _UNSEEN = 2.0
+#: So many moments count as one beside the prior: neighbours overlap, and misfit lasts longer than noise and
+#: repeats. Without it gravity got worse than the file's where an arm on soft gears had moved little.
+_ALIKE = 10.0
 #: Share of the overlapping moments that are independent, for the degrees of freedom.
 _INDEPENDENT = 0.5
 #: Least eigenvalue of a pseudo-inertia in the solver's scale, and least rotor as a share of the expected one.
@@ -180,7 +183,7 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
             raise ParameterError("logs", "one motion", wanted) from None
         free = linalg.cho_solve(factor, weights**2 @ rights)
         residuals = [r - Z @ free for Z, r in zip(scaled, rests, strict=True)]
-        weights = 1.0 / np.maximum(size(residuals), least)
+        weights = 1.0 / np.maximum(math.sqrt(_ALIKE) * size(residuals), least)
     inverse = linalg.cho_solve(factor, np.eye(p))
     learned = 1.0 - np.diag(inverse)
     spread: Any = sum(

@@ -1,0 +1,94 @@
+"""Identify a real UR10e from public logs, and print how much of its torques is left unexplained.
+
+The logs are those of github.com/shamilmamedov/dynamic_calibration, which has no licence, so nothing of it is
+here: clone it yourself, and name the folder.
+
+    git clone https://github.com/shamilmamedov/dynamic_calibration
+    python tools/ur10e.py dynamic_calibration
+
+Currents become torques by the drive gains that are named there (De Luca). Rows without motion are cut.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import armgpi
+from armgpi.identification.arm import identify
+from armgpi.identification.logs import Log
+
+#: Torque at the joint for a current [N m/A].
+GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)
+#: Columns of a file: time [s], positions [rad], velocities, currents [A], and what is commanded.
+POSITIONS, CURRENTS = slice(1, 7), slice(13, 19)
+#: The log that is identified from, those that judge, and slow moves from point to point.
+TRAIN, HELD_OUT, SLOW = (
+    "ur-20_02_12-50sec_12harm",
+    ("ur-20_02_12-40sec_12harm", "ur-20_02_10-30sec_12harm", "ur-20_02_05-20sec_8harm"),
+    "ur-20_01_17-ptp_10_points",
+)
+#: Slower than this the arm rests [rad/s].
+_STILL = 0.01
+
+
+def read(path: Path) -> Log:
+    """Return a log from where the arm begins to move until it rests; currents in place of torques."""
+    table = np.loadtxt(path, delimiter=",")
+    keep = np.append(True, np.diff(table[:, 0]) > 0.0)
+    t, q = table[keep, 0], table[keep, POSITIONS]
+    moves = np.flatnonzero(np.abs(np.gradient(q, t, axis=0)).max(axis=1) > _STILL)
+    part = slice(int(moves[0]), int(moves[-1]) + 1)
+    return Log(t[part] - t[part][0], q[part], table[keep, CURRENTS][part], path.stem)
+
+
+def find(folder: Path, name: str) -> Path:
+    """Return a file by its name, wherever it is in a folder."""
+    for path in sorted(folder.rglob(name)):
+        return path
+    raise SystemExit(f"{folder}: has no {name}; clone github.com/shamilmamedov/dynamic_calibration")
+
+
+def cut(log: Log, seconds: float) -> Log:
+    """Return the beginning of a log."""
+    count = int(np.searchsorted(log.t, seconds))
+    return Log(*(part[:count] for part in log[:3]), log.source)
+
+
+def row(label: str, shares: Sequence[float]) -> str:
+    """Return residuals over torques as a row of a table [%]."""
+    cells = (f"{100.0 * x:.2g}" for x in (*shares, float(np.nanmean(shares))))
+    return f"| {label} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="the clone")
+    parser.add_argument("--seconds", type=float, nargs="+", default=[5.0, 10.0, 20.0, 30.0, 50.0])
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    robot = armgpi.Robot.load(find(given.folder, "ur10e.urdf"))
+    train = read(find(given.folder, f"{TRAIN}.csv"))
+    judges = {name: read(find(given.folder, f"{name}.csv")) for name in (*HELD_OUT, SLOW)}
+    print(f"| residual over torque [%] | {' | '.join(robot.joint_names)} | mean |")
+    print("|---|" + "---|" * (robot.n + 1))
+    for seconds in given.seconds:
+        found = identify(cut(train, seconds), robot, current=GAINS, check_first=False)
+        checked = {name: found.validate(log) for name, log in judges.items()}
+        seen = [checked[name] for name in HELD_OUT]
+        if seconds == given.seconds[0]:
+            print(row("file, held-out logs", np.mean([x.file for x in seen], axis=0)))
+        print(row(f"{seconds:g} s, held-out logs", np.mean([x.identified for x in seen], axis=0)))
+        last = found
+    print(row("the same, slow point to point", checked[SLOW].identified))
+    print(f"lag of each joint [ms]: {np.round(1e3 * last.lag, 1).tolist()}")
+    print(f"width of the sign of friction [rad/s]: {last.width.tolist()}")
+
+
+if __name__ == "__main__":
+    main()
