@@ -32,7 +32,7 @@ CUT = 0.1
 #: How long a motion is [s], and the most draws that are looked at for each that is feasible.
 SECONDS, _MOST = 20.0, 8
 #: Shortest log that is identified from [s].
-SHORTEST = 1.0
+SHORTEST = 2.0
 #: Arms that the law is made for, and what each is called in the table.
 STAGES = ("file", "first log", "both logs", "truth")
 

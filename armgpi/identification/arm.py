@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,8 +37,15 @@ WIDTHS, _FIRST_WIDTH = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2), 5e-3
 _STILL = 4e-3
 #: Rounds in which the lag settles: it enters almost linearly.
 _LAG_ROUNDS = 3
-#: A lag of each joint has to explain so much of the residual's power that a common one leaves.
+#: A lag or a friction of each joint has to explain so much of the residual's power that is left without.
 _WORTH = 0.1
+#: Residual over torque from which there is anything for another friction to explain.
+_SEEN = 5e-3
+#: What friction may have besides, where the data ask for it: a share of the gravity torque, as gears rub more
+#: under load, and what comes on top near rest (Stribeck), over a speed [rad/s or m/s]. Width of the prior: a
+#: share, and one of that of Coulomb friction.
+FRICTIONS: Mapping[str, float] = {"load": 0.2, "stribeck": 0.5}
+_STRIBECK = 0.05
 #: What is estimated of drives -> its name there; and the share learned from which it is measured.
 _DRIVES, _DECIDED = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}, 0.5
 #: Half width of a 95 % interval in standard deviations.
@@ -56,7 +63,7 @@ class Estimate(NamedTuple):
 
     Attributes:
         joint: its name.
-        quantity: "mass", ..., "rotor", "coulomb", "viscous", "offset", "lag" or "inertia".
+        quantity: "mass", ..., "rotor", "coulomb", "viscous", "offset", "load", "stribeck", "lag", "inertia".
         value: the estimate, in SI units.
         lower: lower end of its 95 % interval.
         upper: upper end.
@@ -134,8 +141,8 @@ class Identified:
         self.theta = prior.mean + prior.std * fitted.physical
         self._std = prior.std * np.sqrt(np.diag(fitted.covariance))
         joints = len(COLUMNS) * data.robot.n
-        self.lag = frozen(np.broadcast_to(self.theta[joints:], data.robot.n))
-        self.lag_std = frozen(np.broadcast_to(self._std[joints:], data.robot.n))
+        self.lag = frozen(np.broadcast_to(self.theta[-data.lags :], data.robot.n))
+        self.lag_std = frozen(np.broadcast_to(self._std[-data.lags :], data.robot.n))
         self.width = frozen(data.width)
         self.sources = tuple(data.sources)
         self.robot = data.robot
@@ -160,14 +167,21 @@ class Identified:
         return drives
 
     def table(self, bodies: bool = False) -> list[Estimate]:
-        """Return the estimates of every joint: drives, offset and lag, and those of its body if asked for."""
+        """Return the estimates of every joint: drives, offset and lag, and those of its body if asked for.
+
+        Friction that grows with the load ("load", a share of the gravity torque) or towards rest ("stribeck")
+        is there where the data ask for it.
+        """
         names = self.robot.joint_names
         rows = []
         for i, joint in enumerate(names):
             for j, name in enumerate(COLUMNS):
                 if bodies or j >= len(BODY):
                     rows.append(self._estimate(joint, name, i * len(COLUMNS) + j))
-            place = len(COLUMNS) * len(names) + min(i, self._data.lags - 1)
+            for k, (kind, asked) in enumerate(self._data.frictions.items()):
+                if asked[i]:
+                    rows.append(self._estimate(joint, kind, (len(COLUMNS) + k) * len(names) + i))
+            place = len(self.theta) - self._data.lags + min(i, self._data.lags - 1)
             rows.append(self._estimate(joint, "lag", place))
         return rows
 
@@ -246,12 +260,13 @@ class Identified:
         """Return how well the arm predicts the torques of a log that it has not seen."""
         data = self._data.with_logs([log])
         (block,) = data.blocks(self.lag)
-        count = len(COLUMNS) * self.file.n
         weight = block.rows[0, 0, OFFSET]
-        rows = block.rows[..., :count]
-        predicted = rows @ self.theta[:count]
-        torque = np.where(block.valid, block.torque, np.nan)
-        shares = [_shares([torque - x], [torque]) for x in (predicted, rows @ self._prior.mean[:count])]
+        moments = block.torque - block.rows[..., -data.lags :] @ self.theta[-data.lags :]
+        torque = np.where(block.valid, moments, np.nan)
+        predicted, expected = (
+            block.rows[..., : -data.lags] @ x[: -data.lags] for x in (self.theta, self._prior.mean)
+        )
+        shares = [_shares([torque - x], [torque]) for x in (predicted, expected)]
         times = data.forms[0].times
         own, file = shares
         return Validation(data.sources[0], own, file, times, torque / weight, predicted / weight)
@@ -319,6 +334,7 @@ def identify(
         refuse(findings)
     lag = _settle(data, np.zeros(robot.n))
     data.width = _choose_widths(data, lag)
+    _choose_frictions(data, lag)
     lag = _settle(data, lag)
     fitted, prior = _with_lags(data, lag)
     found = Identified(data, fitted, prior, findings)
@@ -344,6 +360,8 @@ class _Data:
             self.model.gravity = pin.Motion.Zero()
         self.expected = estimate.expect(robot)
         self.width = np.full(robot.n, _FIRST_WIDTH)
+        self.frictions: dict[str, npt.NDArray[np.bool_]] = {}
+        self.heavy = robot  # whose gravity is the load of the gears
         self.grids: list[Grid] = []
         self.forms: list[WeakForm] = []
         self.phases: list[npt.NDArray[np.intp]] = []
@@ -356,7 +374,8 @@ class _Data:
             UnfitLog: for one that is too short for a single moment.
         """
         other = _Data(self.robot, self.gravity, self.scale)
-        other.width, other.lags = self.width, self.lags
+        other.width, other.lags, other.frictions = self.width, self.lags, self.frictions
+        other.heavy = self.heavy
         for each in logs:
             log = read_log(each, self.robot)
             grid = resample(log._replace(tau=self.scale * log.tau))
@@ -399,8 +418,11 @@ class _Data:
 
     @property
     def prior(self) -> Prior:
-        """What is expected of joints and lags."""
-        return estimate.extend(self.expected, estimate.lag_std(self.lags))
+        """What is expected of joints, further friction and lags."""
+        coulomb = self.expected.std.reshape(self.robot.n, -1)[:, COULOMB]
+        sizes = {"load": np.ones(self.robot.n), "stribeck": coulomb}
+        stds = [FRICTIONS[name] * sizes[name] for name in self.frictions]
+        return estimate.extend(self.expected, np.concatenate([*stds, estimate.lag_std(self.lags)]))
 
     def blocks(self, lag: Array, width: Array | None = None) -> list[Block]:
         """Return the regressions, linear in the lag around one [s], (n,)."""
@@ -413,10 +435,20 @@ class _Data:
             torque, slope = form.torque(lag)
             lagged = np.zeros((len(torque), n, self.lags))
             lagged[:, j, j if self.lags == n else 0] = -slope
-            whole = np.concatenate([rows.reshape(len(torque), n, -1), lagged], axis=-1)
+            more = [
+                np.eye(n) * (asked * self._friction(form, name, width))[:, None]
+                for name, asked in self.frictions.items()
+            ]
+            whole = np.concatenate([rows.reshape(len(torque), n, -1), *more, lagged], axis=-1)
             valid = form.moving(_STILL)
             found.append(Block(whole, torque - slope * lag, valid, phase))
         return found
+
+    def _friction(self, form: WeakForm, name: str, width: Array) -> Array:
+        """Return the moments of a friction that is there where the data ask for it, (k, n)."""
+        if name == "load":
+            return form.signs(width, np.abs(self.heavy.gravity(form.position)))
+        return form.signs(width, np.exp(-((form.velocity / _STRIBECK) ** 2)))
 
 
 def mean_inertia(robot: Robot) -> Array:
@@ -442,6 +474,22 @@ def _choose_widths(data: _Data, lag: Array) -> Array:
         blocks = data.blocks(lag, np.full(data.robot.n, width))
         left.append(_power(estimate.fit(blocks, data.prior, physical=False)))
     return np.asarray(np.array(WIDTHS)[np.argmin(left, axis=0)], dtype=np.float64)
+
+
+def _choose_frictions(data: _Data, lag: Array) -> None:
+    """Give joints the frictions that explain more of what is left."""
+    fitted = estimate.fit(data.blocks(lag), data.prior)
+    theta, left = data.prior.mean + data.prior.std * fitted.physical, _power(fitted)
+    data.heavy = with_parameters(data.robot, theta[: len(COLUMNS) * data.robot.n])
+    seen = _shares(fitted.residuals, data.torques(lag)) > _SEEN
+    for name in FRICTIONS:
+        data.frictions[name] = np.ones(data.robot.n, dtype=bool)
+        less = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
+        data.frictions[name] = (less < (1.0 - _WORTH) * left) & seen
+        if not data.frictions[name].any():
+            del data.frictions[name]
+        else:
+            left = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
 
 
 def _with_lags(data: _Data, lag: Array) -> tuple[Fit, Prior]:

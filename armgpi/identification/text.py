@@ -13,6 +13,11 @@ from armgpi.robot.robot import Robot
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
+#: What is said of friction that is neither Coulomb nor viscous.
+_FRICTIONS = {
+    "load": "grows with its load, by {} of the gravity torque",
+    "stribeck": "is {} larger near rest",
+}
 #: Share learned from which the log has decided a number.
 _DECIDED = 0.5
 
@@ -54,6 +59,10 @@ def say_findings(found: Identified) -> list[str]:
     if is_supposed(found.file):
         said = "the file has no masses: bodies began as rods from joint to joint, within four times"
         lines.append(f"{said}; what the log does not decide is still supposed")
+    for row in found.table():
+        if row.quantity in _FRICTIONS:
+            said = _FRICTIONS[row.quantity].format(_interval(row))
+            lines.append(f"{row.joint}: its friction {said}; a plant has it not")
     together = {row.joint: row for row in found.sums()}
     for row in found.table():
         if row.quantity == "rotor" and row.learned < _DECIDED:

@@ -111,10 +111,20 @@ class WeakForm:
         """Velocities, filtered [rad/s or m/s], shape (samples, n)."""
         return np.asarray(self._v)
 
-    def signs(self, width: Array) -> Array:
-        """Return the moments of sign(v), smoothed over a width [rad/s or m/s] (n,); shape (k, n)."""
+    @property
+    def position(self) -> Array:
+        """Positions, filtered [rad or m], shape (samples, n)."""
+        return np.asarray(self._q)
+
+    def signs(self, width: Array, factor: Array | float = 1.0) -> Array:
+        """Return the moments of sign(v), smoothed over a width [rad/s or m/s] (n,); shape (k, n).
+
+        Args:
+            width: of the sign.
+            factor: of each sample and joint, (samples, n).
+        """
         u = np.arange(self._count + 1) / self._count
-        return self._moments(self._v / np.sqrt(self._v**2 + width**2), bump(u) * self._grid.dt)
+        return self._moments(factor * self._v / np.sqrt(self._v**2 + width**2), bump(u) * self._grid.dt)
 
     def moving(self, speed: float) -> npt.NDArray[np.bool_]:
         """Return which moments are of joints faster than a speed, (k, n): at rest friction has no sign."""

@@ -76,6 +76,27 @@ def test_the_arm_that_made_the_log_is_found() -> None:
     assert found().lag == pytest.approx(LATE * 2e-3, abs=0.2 * 2e-3)
 
 
+def test_a_validation_is_of_torques_at_the_time_of_the_positions() -> None:
+    late = Log(log(9).t[15:], log(9).q[15:], log(9).tau[:-15])  # as in logs of real arms: torques come later
+    moved = identify(Log(log().t[15:], log().q[15:], log().tau[:-15]), file())
+    assert moved.lag == pytest.approx((LATE - 15) * 2e-3, abs=1e-3)
+    assert moved.validate(late).identified.max() < 0.015
+
+
+def test_friction_that_grows_with_the_load_or_towards_rest_is_found_where_it_is() -> None:
+    z = excite(file(), 12.0, 0.6, seed=3).reference.at(log().t + 1e-3)
+    sign = z.v / np.sqrt(z.v**2 + 1e-6)
+    more = 0.1 * sign * np.abs(arm().gravity(z.q)) * [0.0, 1.0, 0.0]
+    more += sign * np.exp(-((z.v / 0.05) ** 2)) * [0.5, 0.0, 0.0]
+    result = identify(log()._replace(tau=log().tau + more), file())
+    rows = {(row.joint, row.quantity): row for row in result.table()}
+    assert rows["q2", "load"].value == pytest.approx(0.1, rel=0.1)
+    assert rows["q1", "stribeck"].value == pytest.approx(0.5, rel=0.2)
+    assert result.robot.friction.coulomb == pytest.approx(arm().friction.coulomb, rel=0.1)
+    assert any("q2: its friction grows with its load" in line for line in say_findings(result))
+    assert not {"load", "stribeck"} & {row.quantity for row in found().table()}
+
+
 def test_what_cannot_be_told_apart_is_told_as_a_sum() -> None:
     (base,) = (row for row in found().table() if (row.joint, row.quantity) == ("q1", "rotor"))
     both = found().sums()[0]
