@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import runpy
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -489,3 +490,24 @@ def test_an_excitation_above_a_floor_stays_there() -> None:
     assert excite(robot, 5.0, 0.6, floor=-2.0).reference.t_end == pytest.approx(5.0)
     with pytest.raises(ArmgpiError, match="floor"):
         excite(robot, 5.0, 0.6, floor=5.0)
+
+
+def test_the_reader_of_public_logs_takes_their_columns(tmp_path: Path) -> None:
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "ur10e.py"))
+    t = np.cumsum(np.random.default_rng(0).choice([0.002, 0.012], 500)) + 798.0
+    moves = (t > t[100]) & (t <= t[400])
+    q = np.where(moves, np.sin(t - t[100]), 0.0)[:, None] * np.ones(6)
+    currents = np.arange(6.0) + t[:, None]
+    table = np.hstack([t[:, None], q, 0.0 * q, currents, 0.0 * currents, 0.0 * currents])
+    path = tmp_path / "a" / "log.csv"
+    path.parent.mkdir()
+    np.savetxt(path, table, delimiter=",", fmt="%.6f")
+    read = tool["read"](tool["find"](tmp_path, "log.csv"))
+    assert 300 <= len(read.t) <= 304
+    assert read.t[0] == 0.0
+    start = int(np.argmin(np.abs(currents[:, 0] - read.tau[0, 0])))
+    assert 98 <= start <= 101
+    assert read.q == pytest.approx(q[start : start + len(read.q)], abs=1e-5)
+    assert read.tau == pytest.approx(currents[start : start + len(read.q)], abs=1e-5)
+    with pytest.raises(SystemExit, match="clone github"):
+        tool["find"](tmp_path, "other.csv")
