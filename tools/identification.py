@@ -13,6 +13,7 @@ import json
 import math
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,10 +22,11 @@ import pinocchio as pin
 
 import armgpi
 from armgpi.arrays import Array
+from armgpi.errors import ParameterError
 from armgpi.health.zoo import fingers
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.estimate import expect
-from armgpi.identification.excitation import excite
+from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS, inverse_rows
 from armgpi.parameter import PerJoint, parameter, with_parameters
@@ -120,8 +122,9 @@ def record(
     unmodelled: bool = False,
     delay: int = 1,
     seed: int = 11,
+    most: float = math.inf,
 ) -> list[Log]:
-    """Return the logs of arms under the controller that the expected rotors give."""
+    """Return the logs of arms under the law that the expected rotors give, until an error is `most`."""
     rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     size = scales(robot)
     friction = Friction(*(np.stack(rows) for rows in zip(*(arm.friction for arm in arms), strict=True)))
@@ -134,9 +137,10 @@ def record(
     controller = armgpi.GPI.untuned(nominal, DT, delay=delay * DT, bits=16, drives="believed")
     run = armgpi.simulate(plant, controller, reference, seconds, progress=False, backend="compiled")
     q, tau = run["q_measured"].values, run["tau_command"].values
-    logs = []
+    logs, target = [], reference.at(run["time"].values).q
     for k in range(len(arms)):
         there = np.isfinite(q[k]).all(axis=1) & np.isfinite(tau[k]).all(axis=1)
+        there &= (np.abs(q[k] - target) < most).all(axis=1)
         end = len(there) if there.all() else int(np.argmin(there))
         logs.append(Log(run["time"].values[:end], q[k, :end], tau[k, :end], f"truth {k}"))
     return logs
@@ -244,6 +248,34 @@ def measure_load(name: str, count: int, seed: int) -> dict[str, Any]:
     }
 
 
+def measure_first(name: str, count: int, seed: int) -> dict[str, Any]:
+    """Return whether the second log holds of arms with rotors anywhere within four times the believed."""
+    robot, cut = armgpi.Robot.load(name, lock=fingers(name)), 0.1
+    arms = [truth(robot, seed + i) for i in range(count)]
+    rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
+    factors = [4.0 ** np.random.default_rng((seed + i, 2)).uniform(-1.0, 1.0, robot.n) for i in range(count)]
+    arms = [arm.with_armature(rotors * each) for arm, each in zip(arms, factors, strict=True)]
+    first = excite(robot, 20.0, FIRST_SHARE, seed=7).reference
+    rows = []
+    for arm, log in zip(arms, record(robot, arms, first, 20.0, most=cut), strict=True):
+        found, second = identify(log, robot, check_first=False).robot, Log(*[np.zeros(1)] * 3)
+        with suppress(ParameterError):  # of motors that do not hold what was found
+            motion = excite(found, 20.0, 0.7, seed=8).reference
+            (second,) = record(found, [arm], motion, 20.0, most=cut)
+        off = found.armature / arm.armature
+        rows.append([log.t[-1], second.t[-1], float(np.median(np.maximum(off, 1.0 / off)))])
+    table = np.array(rows)
+    return {
+        "arm": name,
+        "case": "first",
+        "truths": count,
+        "first_shortest": table[:, 0].min(),
+        "first_held": int((table[:, 0] > 19.9).sum()),
+        "second_held": int((table[:, 1] > 19.9).sum()),
+        "rotor_factor": float(np.median(table[:, 2])),
+    }
+
+
 def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return medians, tails and coverage over truths."""
 
@@ -277,7 +309,7 @@ def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Measure and print, one line for each arm and case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), "load"])
+    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), "load", "first"])
     parser.add_argument("--arms", nargs="+", default=["panda", "ur5", "anthropomorphic3"])
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=100)
@@ -287,9 +319,10 @@ def main() -> None:
     found = []
     for name in given.arms:
         for case in given.cases:
+            own = {"load": measure_load, "first": measure_first}
             row = (
-                measure_load(name, given.count, given.seed)
-                if case == "load"
+                own[case](name, given.count, given.seed)
+                if case in own
                 else measure(name, case, given.count, given.seed)
             )
             found.append(row)

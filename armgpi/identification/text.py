@@ -13,6 +13,8 @@ from armgpi.robot.robot import Robot
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
+#: Residual of another log over that of the fitted ones, and over its torque, from which the arm has changed.
+_DRIFT, _DRIFTED = 2.0, 0.02
 #: What is said of friction that is neither Coulomb nor viscous.
 _FRICTIONS = {
     "load": "grows with its load, by {} of the gravity torque",
@@ -51,6 +53,17 @@ def say_lag(found: Identified) -> str:
         return f"measured positions lag {1e3 * lag[0]:.3g} ms (± {1.96e3 * std[0]:.1g}) behind the torques"
     each = ", ".join(f"{name} {1e3 * x:.3g}" for name, x in zip(found.robot.joint_names, lag, strict=True))
     return f"measured positions lag behind the torques, joint by joint [ms]: {each}"
+
+
+def say_drift(found: Identified, validation: Validation | None) -> list[str]:
+    """Return the joints that another log leaves much more of than the fitted ones do."""
+    if validation is None:
+        return []
+    pairs = zip(found.robot.joint_names, found.residuals, validation.identified, strict=True)
+    worse = [name for name, own, other in pairs if other > max(_DRIFT * own, _DRIFTED)]
+    return worse and [
+        f"drifted since the fitted logs, or moved otherwise than in them: {', '.join(worse)}; identify again"
+    ]
 
 
 def say_findings(found: Identified) -> list[str]:
@@ -112,4 +125,5 @@ def lines(found: Identified, validation: Validation | None, rows: Sequence[str] 
     """Return everything as text for a terminal: verdict, notes."""
     residuals = found.residuals if validation is None else validation.identified
     verdict = say_residuals(found.robot, residuals, held_out=validation is not None)
-    return "\n".join([*verdict, say_lag(found), *say_findings(found), *rows]) + "\n"
+    notes = [*say_drift(found, validation), say_lag(found), *say_findings(found)]
+    return "\n".join([*verdict, *notes, *rows]) + "\n"

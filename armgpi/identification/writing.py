@@ -20,7 +20,7 @@ from armgpi.errors import UrdfError
 from armgpi.identification.arm import Identified, Validation
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation
-from armgpi.identification.text import say_findings, say_lag, say_residuals, tabulate
+from armgpi.identification.text import say_drift, say_findings, say_lag, say_residuals, tabulate
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
@@ -323,7 +323,7 @@ def write_page(found: Identified, emptied: Sequence[str], validation: Validation
     sections = {}
     head, rows = tabulate(found, validation)
     sections["Joint by joint"] = page.table(head, rows, label="joint by joint")
-    notes = [say_lag(found), *say_findings(found)]
+    notes = [*say_drift(found, validation), say_lag(found), *say_findings(found)]
     if emptied:
         notes.append(
             f"the identified bodies leave no room for what the file says of {', '.join(emptied)}, which are "

@@ -25,7 +25,7 @@ from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
-from armgpi.identification.text import say_findings
+from armgpi.identification.text import say_drift, say_findings
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
 from armgpi.plants.plant import inside
@@ -82,6 +82,12 @@ def test_a_validation_is_of_torques_at_the_time_of_the_positions() -> None:
     moved = identify(Log(log().t[15:], log().q[15:], log().tau[:-15]), file())
     assert moved.lag == pytest.approx((LATE - 15) * 2e-3, abs=1e-3)
     assert moved.validate(late).identified.max() < 0.015
+
+
+def test_a_later_log_of_an_arm_that_has_changed_says_so() -> None:
+    warm = log(9)._replace(tau=log(9).tau + 0.5 * np.sign(np.gradient(log(9).q, axis=0)) * [0.0, 0.0, 1.0])
+    assert any("drifted" in line and "q3;" in line for line in say_drift(found(), found().validate(warm)))
+    assert say_drift(found(), found().validate(log(9))) == []
 
 
 def test_friction_that_grows_with_the_load_or_towards_rest_is_found_where_it_is() -> None:
