@@ -5,7 +5,7 @@ moved by `excite --first` under the law for its file, then by `excite` under the
 from that; a log ends where a joint is off by 0.1 rad. The move of the draw is then run by the law for the
 file, for the first log, for both logs, and for the truth (links, load, rotors, gears, friction).
 
-    python tools/owned_path.py --arms ur5 panda z1 --count 8 --seed 9001
+    python tools/owned_path.py --arms ur5 panda z1 --count 6 --seed 9003 9004
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from contextlib import suppress
-from itertools import islice
+from itertools import islice, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,7 +129,8 @@ def show(there: list[Path]) -> None:
     print("|---|---|---|---|---|")
     for stage in STAGES:
         own = [path.outcomes[stage] for path in there]
-        ratio = [x.itae / p.outcomes["truth"].itae for x, p in zip(own, there, strict=True)]
+        pairs = [(x, path.outcomes["truth"]) for x, path in zip(own, there, strict=True)]
+        ratio = [x.itae / truth.itae for x, truth in pairs if not truth.lost]
         lost = wilson(sum(x.lost for x in own), len(own))
         shares = [100.0 * np.mean([getattr(x, key) for x in own]) for key in ("swinging", "chatter")]
         print(
@@ -143,11 +144,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arms", nargs="+", default=["ur5", "panda", "z1"])
     parser.add_argument("--count", type=int, default=8, help="feasible draws of each arm")
-    parser.add_argument("--seed", type=int, default=9001)
+    parser.add_argument("--seed", type=int, nargs="+", default=[9003])
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    reality, paths = armgpi.Reality("owned", seed=given.seed), []
-    for name in given.arms:
+    paths = []
+    for seed, name in product(given.seed, given.arms):
+        reality = armgpi.Reality("owned", seed=seed)
         every = (draw for draw in health.draws(reality, name, _MOST * given.count) if feasible(draw))
         for draw in islice(every, given.count):
             paths.append(follow(draw, name))

@@ -75,7 +75,7 @@ def say_findings(found: Identified) -> list[str]:
     for row in found.table():
         if row.quantity in _FRICTIONS:
             said = _FRICTIONS[row.quantity].format(_interval(row))
-            lines.append(f"{row.joint}: its friction {said}; a plant has it not")
+            lines.append(f"{row.joint}: its friction {said}; simulated plants do not have it")
     together = {row.joint: row for row in found.sums()}
     for row in found.table():
         if row.quantity == "rotor" and row.learned < _DECIDED:

@@ -24,6 +24,7 @@ from armgpi.identification.text import say_drift, say_findings, say_lag, say_res
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
+from armgpi.robot.robots import find_identified
 from armgpi.robot.urdf_model import join
 from armgpi.view import page
 
@@ -264,7 +265,8 @@ def experiment_files(
     reference = motion.reference
     head = ",".join(["time", *robot.joint_names])
     rows = [",".join(f"{x:.12g}" for x in (t, *q)) for t, q in zip(reference.times, reference.q, strict=True)]
-    place = str(Path(name).resolve()) if Path(name).is_file() else name
+    there = Path(name).is_file() or find_identified(name) is not None
+    place = str(Path(name).resolve()) if there else name
     rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     section: dict[str, Any] = {"name": place}
     section |= {key: value for key, value in how.items() if value}

@@ -459,6 +459,16 @@ def test_currents_with_their_torque_constants_are_torques() -> None:
         identify(log(), file(), current={"q1": 1.0, "q2": 1.0})
 
 
+def test_a_motion_for_an_identified_arm_finds_it_from_anywhere(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder().parent)
+    assert cli("excite", folder().name, "--seconds", 4, "-o", tmp_path).code == 0
+    monkeypatch.chdir(tmp_path)
+    built = config.build(*config.read(Path("experiment.yaml")))
+    assert built.robot.armature == pytest.approx(found().robot.armature)
+
+
 def test_a_first_motion_is_stopped_where_the_arm_leaves_it(
     cli: Callable[..., Answer], tmp_path: Path
 ) -> None:
