@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import time
 import warnings
 from contextlib import suppress
@@ -34,6 +35,8 @@ from armgpi.plants import noise
 from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import scales
 from armgpi.robot.equations import Friction
+from armgpi.robot.repairs import SUPPOSE
+from armgpi.robot.robots import locate
 
 #: What is known of the cases: how the log is made.
 CASES: dict[str, dict[str, Any]] = {
@@ -47,6 +50,7 @@ CASES: dict[str, dict[str, Any]] = {
     "late3": {"delay": 3},
     "late5": {"delay": 5},
     "slow": {"share": 0.12},
+    "bare": {"bare": True},
 }
 DT = 1e-3
 
@@ -188,11 +192,20 @@ def judge(found: Identified, true: Array, held: Array, apart: Array) -> dict[str
     }
 
 
+def without_masses(name: str, robot: armgpi.Robot) -> armgpi.Robot:
+    """Return an arm as it is loaded from its file without any mass."""
+    text = re.sub(
+        r"<inertial\b.*?</inertial>", "", locate(name)[0].read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    return armgpi.Robot.from_xml(text, robot.provenance["locked"], repair=SUPPOSE)
+
+
 def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
     """Return what identification makes of some truths of an arm."""
     options = dict(CASES[case])
     seconds, share = options.pop("seconds", 20.0), options.pop("share", 0.7)
     robot = armgpi.Robot.load(name, lock=fingers(name))
+    file = without_masses(name, robot) if options.pop("bare", False) else robot
     reference = excite(robot, seconds, share, seed=7).reference
     arms = [truth(robot, seed + i) for i in range(count)]
     logs = record(robot, arms, reference, seconds, **options)
@@ -200,7 +213,7 @@ def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
     rows = []
     for arm, log in zip(arms, logs, strict=True):
         begin = time.process_time()
-        found = identify(log, robot, check_first=False)
+        found = identify(log, file, check_first=False)
         took = (time.process_time() - begin) / seconds
         model, true = arm.pinocchio_model(), unknowns(arm)
         held = inverse_rows(model, z.q, z.v, z.a, np.full(arm.n, 1e-3)).reshape(len(z.q), arm.n, -1)

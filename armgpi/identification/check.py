@@ -74,7 +74,7 @@ def check(
     found = list(_of_samples(robot, grid))
     if not any(each.severity == "error" for each in found) and len(form.starts):
         found += _of_motion(robot, form)
-        found += _of_torques(robot, gravity and not is_supposed(robot), prior, form)
+        found += _of_torques(robot, gravity, prior, form)
     return [each._replace(message=f"{each.message} ({source})") for each in found]
 
 
@@ -148,7 +148,7 @@ def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
 
 def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> Iterator[Finding]:
     """Find torques that are not those of their joint: swapped, reversed, without weight, in another unit."""
-    n = robot.n
+    n, bare = robot.n, is_supposed(robot)  # of a bare arm the terms say less
     terms = _terms(prior, form, n)
     torque, _ = form.torque(np.zeros(n))
     match = np.array([[_explain(terms[:, j], torque[:, i])[0] for j in range(n)] for i in range(n)])
@@ -157,7 +157,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
         reverse, _ = _explain(terms[:, i], -torque[:, i])
         if own < _EXPLAINED and reverse > own + _BETTER and reverse >= match[i, best]:
             yield Finding("error", name, f"its torque has the reversed sign: -tau explains {reverse:.0%}")
-        elif own < _EXPLAINED and match[i, best] > own + _BETTER and match[best, best] < match[i, best]:
+        elif own < _EXPLAINED and not bare and match[i, best] > max(own + _BETTER, match[best, best]):
             other = robot.joint_names[best]
             yield Finding("error", name, f"its torque fits the motion of {other!r}: check the joints' order")
         elif own < _EXPLAINED and _with_load(form, terms[:, i], torque[:, i], i) < _EXPLAINED:
@@ -167,7 +167,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
                 f"{own:.0%} of its torque follow from its motion, expected {_EXPLAINED:.0%}: is it this "
                 "robot, with commanded torques of the same time, order and sign?",
             )
-        yield from _of_scale(name, terms[:, i], torque[:, i], gravity)
+        yield from _of_scale(name, terms[:, i], torque[:, i], gravity and not bare)
 
 
 def _terms(prior: Prior, form: WeakForm, n: int) -> Array:
