@@ -534,7 +534,7 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     set_here = {name: value for name, value in law.items() if keys[name] in told}
     context = kind.law.context_for(law, context._replace(given=set_here))
     # Of a section that says all there is to choose, the choice (half a second of a rule) would be dropped.
-    full = section.model_fields_set >= {*type(section).model_fields}
+    full = section.model_fields_set >= {*type(section).model_fields} - section.quiet
     full &= all(keys[name] in told for name, each in parameters(source).items() if each.default is REQUIRED)
     # A mapping of some joints leaves the others to it.
     full &= not any(
