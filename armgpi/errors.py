@@ -204,14 +204,18 @@ class EffortError(ArmgpiError):
         effort: its effort limit [N m or N].
     """
 
-    def __init__(self, joint: str, effort: float) -> None:
-        """Describe the joint without torque and how to give it some."""
+    def __init__(self, joint: str, effort: float, others: Sequence[str] = ()) -> None:
+        """Describe the joint without torque, and `others` that lack it too, and how to give them some."""
         self.joint = joint
         self.effort = float(effort)
-        self.remedies = (Remedy("effort", (joint,), 10.0), Remedy("lock", (joint,)))
+        joints = (joint, *others)
+        self.remedies = (Remedy("effort", joints, 10.0), Remedy("lock", joints))
+        besides = f" (nor have {', '.join(others)} more)" if others else ""
+        them, it = ("them some", "them") if others else ("it one", "it")
+        efforts = dict.fromkeys(joints, 10.0)
         super().__init__(
-            f"joint {joint!r} has effort limit {effort:g}, so no controller can move it; give it one "
-            f"with robot.with_limits(effort={{{joint!r}: 10.0}}), or lock it"
+            f"joint {joint!r} has effort limit {effort:g}, so no controller can move it{besides}; "
+            f"give {them} with robot.with_limits(effort={efforts}), or lock {it}"
         )
 
 

@@ -71,6 +71,7 @@ def new(
     mimic: opt.Mimic = None,
     repair: opt.Repair = None,
     package_dir: opt.PackageDir = None,
+    effort: opt.Effort = None,
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,
     payload: _Payload = None,
@@ -105,7 +106,7 @@ def new(
     if path.exists() and not force:
         raise refusal("--out", f"{path} exists; choose another file, or add --force")
     answers = _Answers()
-    how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}
+    how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm, hands = _arm(robot, how, answers, rotor_inertia, drives)
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
     beside = path.parent.resolve() == source.parent.resolve()

@@ -86,7 +86,6 @@ _CALLS = (
     (r"lock=\[('?)([^'\]]*)\1\]", r"--lock \2"),
     (r"keep=\[\.\.\.\]", "--keep NAME"),
     (r"(mimic|repair)='([^']*)'", r"--\1 \2"),
-    (r"robot\.with_limits\(effort=\{'([^']*)': ([^}]*)\}\)", r"--effort \1=\2"),
     (r"robot\.with_gravity\(\(0, 0, 0\)\)", "--gravity robot"),
     (r"make both of armgpi\.believe_drives\(robot\)", "--drives soft"),
     (r"robot\.with_armature\(\.\.\.\)", "--rotor-inertia JOINT=NUMBER"),
@@ -95,6 +94,11 @@ _CALLS = (
 
 def in_options(text: str) -> str:
     """Return a message with options in the place of calls in Python."""
+    text = re.sub(
+        r"robot\.with_limits\(effort=\{([^}]*)\}\)",
+        lambda call: "--effort " + call[1].replace("'", "").replace(": ", "=").replace(", ", ","),
+        text,
+    )
     for call, option in _CALLS:
         text = re.sub(call, option, text)
     return re.sub(r"(--[a-z-]+)(?: ([\w=.,+-]*[\w=]))?", _as_key, text)

@@ -255,4 +255,5 @@ def check_powered(robot: AnyRobot, effort: Array) -> None:
     powerless = np.argwhere(~(effort > 0.0))
     if powerless.size:
         index = tuple(int(i) for i in powerless[0])
-        raise EffortError(robot.joint_names[index[-1]], effort[index])
+        alike = [int(i) for i in np.flatnonzero(~(effort[index[:-1]] > 0.0)) if i != index[-1]]
+        raise EffortError(robot.joint_names[index[-1]], effort[index], [robot.joint_names[i] for i in alike])

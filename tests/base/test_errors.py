@@ -64,6 +64,9 @@ def test_leaves_carry_their_numbers() -> None:
     effort = EffortError("elbow", 0.0)
     assert (effort.joint, effort.effort) == ("elbow", 0.0)
     assert "with_limits(effort={'elbow': 10.0})" in str(effort)
+    several = EffortError("elbow", 0.0, ["wrist", "hand"])
+    assert "(nor have wrist, hand more)" in str(several)
+    assert "with_limits(effort={'elbow': 10.0, 'wrist': 10.0, 'hand': 10.0}), or lock them" in str(several)
 
     reach = ReachError([1, 2, 3], 0.5, "too far")
     assert (reach.point, reach.distance, str(reach)) == ((1.0, 2.0, 3.0), 0.5, "too far")
