@@ -124,8 +124,10 @@ def _run_sweep(
         broken = running.run(study.folder, missing, done, workers, cluster)
     lost = [i for i, rows in chunks if i not in broken and not study.has(chunk_name(i, rows))]
     broken |= dict.fromkeys(lost, f"no worker has written it to {study.folder}")
-    for chunk, reason in broken.items():
-        say(f"chunk {chunk} is broken: {reason}", err=True, fg="yellow")
+    for reason in dict.fromkeys(broken.values()):
+        first, *others = (chunk for chunk, each in broken.items() if each == reason)
+        which = f"chunk {first} and {len(others)} others are" if others else f"chunk {first} is"
+        say(f"{which} broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):
         return True
     found = results.collect(sweep, study, count)

@@ -134,11 +134,11 @@ class Provenance:
         return part if isinstance(part, Mapping) else {}
 
 
-@lru_cache(maxsize=1)
-def versions() -> dict[str, str]:
-    """Return the versions of what a rollout's numbers depend on."""
+@lru_cache(maxsize=4)
+def versions(*more: str) -> dict[str, str]:
+    """Return the versions of what a rollout's numbers depend on, and of more packages."""
     found = {}
-    for package in ("armgpi", "pin", "numpy"):
+    for package in ("armgpi", "pin", "numpy", *more):
         try:
             found[package] = version(package)
         except PackageNotFoundError:

@@ -265,7 +265,7 @@ def write(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], folder: Path
 
 
 def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]:
-    """Write experiments as ``worst/01.yaml`` and so on.
+    """Write experiments as ``worst/01.yaml`` and so on, and remove those of more rollouts before.
 
     Raises:
         RolloutError: when they cannot be written.
@@ -276,6 +276,8 @@ def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]
         text, copied = experiments.portable(config)
         contents = {f"{place:02d}.yaml": text.encode(), **copied}
         written += [files.write(where / name, content) for name, content in contents.items()]
+    for path in {*where.glob("[0-9][0-9].yaml")}.difference(written):
+        path.unlink()
     return sorted(set(written))
 
 

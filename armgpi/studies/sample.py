@@ -360,15 +360,20 @@ def _run_compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, s
 _loops: dict[str, PreparedLoop] = {}
 
 
-@lru_cache(maxsize=4)
 def load(folder: Path) -> tuple[Sweep, Study]:
-    """Return the sweep of a folder.
+    """Return the sweep of a folder, read once while the folder holds it.
 
     Raises:
         RolloutError: when there is none, or other code has to run it.
         ConfigError: when its experiment is damaged.
     """
-    sampling = read_identity(folder)["what"].get("sampling")
+    known = read_identity(folder)
+    return _read_sweep(folder, known["digest"], known["what"].get("sampling"))
+
+
+@lru_cache(maxsize=4)
+def _read_sweep(folder: Path, digest: str, sampling: str) -> tuple[Sweep, Study]:
+    """Return the sweep of a folder that says that it holds one of a digest."""
     sweep = Sweep.of(*read(folder / EXPERIMENT), sampling)
     return sweep, sweep.enter(folder)
 

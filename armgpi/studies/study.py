@@ -15,12 +15,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from armgpi import files
+from armgpi import files, registry
 from armgpi.arrays import Array
 from armgpi.codegen import build
 from armgpi.config.experiment import portable
@@ -83,8 +84,9 @@ def identify(config: ExperimentConfig, settings: Mapping[str, Any]) -> Identity:
     full, copies = portable(config)
     text, _ = portable(config, full=False)  # in which a rule chooses again what nobody set
     contents = dict(copies)
-    if config.robot.name in robots.names():
-        contents[config.robot.name] = robots.locate(config.robot.name)[0].read_bytes()
+    for arm in (config.robot.name, *(law.nominal for law in config.controllers)):
+        if arm in robots.names():
+            contents[arm] = robots.locate(arm)[0].read_bytes()
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
     what = {"experiment": yaml.safe_load(full), "files": hashes, **settings}
     return Identity(json.loads(json.dumps(what)), code(), copies, text)
@@ -92,13 +94,16 @@ def identify(config: ExperimentConfig, settings: Mapping[str, Any]) -> Identity:
 
 @lru_cache(maxsize=1)
 def _sources() -> str:
-    """Return a hash of the sources of the package that compute."""
-    root = Path(__file__).parent.parent
+    """Return a hash of the sources that compute: of the package without what shows, and of plugins."""
     found = hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        parts = path.relative_to(root).parts
-        if path.suffix in (".py", ".h", ".c", ".yaml") and parts[0] not in _SHOWS:
-            found.update("/".join(parts).encode() + b"\0" + path.read_bytes())
+    for name in sorted({"armgpi", *(each.partition(".")[0] for each in registry.plugins())}):
+        spec: Any = find_spec(name)
+        for root in map(Path, spec.submodule_search_locations or [spec.origin]):
+            for path in sorted([root, *root.rglob("*")]):
+                parts = path.relative_to(root.parent).parts
+                shows = name == "armgpi" and not _SHOWS.isdisjoint(parts[1:2])
+                if path.suffix in (".py", ".h", ".c", ".yaml") and not shows:
+                    found.update("/".join(parts).encode() + b"\0" + path.read_bytes())
     return found.hexdigest()[:16]
 
 
@@ -108,7 +113,7 @@ def code() -> dict[str, str]:
         compiler = build.compiler().version.partition("\n")[0].strip()
     except BackendError:
         compiler = "none"
-    return {**versions(), "sources": _sources(), "compiler": compiler}
+    return {**versions("scipy", "casadi"), "sources": _sources(), "compiler": compiler}
 
 
 #: Shape of a part; None for any size, of a part that is small.
@@ -195,20 +200,22 @@ class Study:
             RolloutError: when the folder holds another study, one of other code, or something else; it says
                 what differs.
         """
-        if (folder / IDENTITY).exists():
-            return cls(folder, identity, _known_codes(folder, identity, accept_code))
-        for other in _OTHERS:
+        there = (folder / IDENTITY).exists()
+        codes: Mapping[str, Any] = {identity.code_digest: dict(identity.code)}
+        if there:
+            codes = _known_codes(folder, identity, accept_code)
+        for other in () if there else _OTHERS:
             own = identity.text if other == name else None
             if (folder / other).exists() and not _same(folder / other, own):
                 raise RolloutError(f"{folder}: holds something else ({other}); choose another folder")
         files.make_folder(folder)
-        for copy, content in identity.copies.items():
-            files.write(folder / copy, content)
-        if identity.text:
-            files.write(folder / name, identity.text)
-        codes = {identity.code_digest: dict(identity.code)}
-        _write(folder, {"digest": identity.digest, "what": identity.what, "codes": codes})
-        return cls(folder, identity, codes, there=False)
+        text = {name: identity.text.encode()} if identity.text else {}
+        for copy, content in {**identity.copies, **text}.items():
+            if not (there and (folder / copy).exists()):
+                files.write(folder / copy, content)
+        if not there:
+            _write(folder, {"digest": identity.digest, "what": identity.what, "codes": codes})
+        return cls(folder, identity, codes, there)
 
     def place(self, name: str) -> Path:
         """Return the file of a part."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import runpy
 import shutil
 import signal
@@ -138,7 +139,7 @@ def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
     assert not called("sweep", str(asked), "--rollouts", "16", "--out", str(out))
     other = {**study.code(), "numpy": "1.0.0"}
     monkeypatch.setattr(study, "code", lambda: other)
-    sample.load.cache_clear()
+    sample._read_sweep.cache_clear()
     capsys.readouterr()
     assert sweep(asked, out) == 2
     said = capsys.readouterr().err.splitlines()[-1]
@@ -149,7 +150,57 @@ def test_other_code_is_refused_unless_it_is_accepted_and_then_marks_its_chunks(
     assert len({head["code"] for head in heads}) == 2
     assert len({head["study"] for head in heads}) == 1
     assert not sweep(asked, out)
-    sample.load.cache_clear()
+    sample._read_sweep.cache_clear()
+
+
+def test_sources_of_plugins_and_models_by_name_are_part_of_a_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sources = study._sources.__wrapped__
+    before = sources()
+    (tmp_path / "of_mine").mkdir()
+    for name in ("of_mine/__init__.py", "of_mine/cli.py", "alone.py"):
+        (tmp_path / name).write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("armgpi.registry.plugins", lambda: ("alone", "of_mine.law"))
+    seen = [before, sources()]
+    for name in ("of_mine/cli.py", "alone.py"):
+        (tmp_path / name).write_text("x = 1")
+        seen.append(sources())
+    assert len({*seen}) == 4
+    nominal = TEXT.replace("omega: 20", "omega: 20, nominal: anthropomorphic3").replace(
+        "robot: {name: anthropomorphic3}", "robot: {name: arm.urdf}"
+    )
+    shutil.copy(robots.locate("anthropomorphic3")[0], tmp_path / "arm.urdf")
+    (tmp_path / "study.yaml").write_text(nominal)
+    assert "anthropomorphic3" in Sweep.of(*read(tmp_path / "study.yaml")).identity.what["files"]
+
+
+def test_a_worker_that_lives_on_runs_the_study_that_a_folder_holds_now(asked: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for error in ("0.01", "0.02"):
+        shutil.rmtree(out, ignore_errors=True)
+        asked.write_text(SMALL.replace("peak_error: 0.01", f"peak_error: {error}"))
+        found = Sweep.of(*read(asked))
+        sample.run_chunk(found.enter(out).folder, 0, 16)
+        assert results.collect(found, found.enter(out), 16).sizes["rollout"] == 16
+
+
+def test_what_was_removed_of_a_study_is_there_again_and_what_is_old_is_not(
+    asked: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert not sweep(asked, out)
+    assert not sweep(asked, tmp_path / "few", "--rollouts", "4")
+    for path in out.glob("*.urdf"):
+        path.unlink()
+    (out / "experiment.yaml").unlink()
+    assert not sweep(asked, out, "--rollouts", "4")
+    few = contents(tmp_path / "few")
+    assert few.items() <= contents(out).items()
+    assert {path.name for path in (out / "worst").iterdir()} == {
+        Path(name).name for name in few if "worst" in name
+    }
 
 
 def test_draws_depend_on_seed_rollout_and_name_alone() -> None:
@@ -490,9 +541,14 @@ def test_many_signals(name: str, commands: dict[str, Callable[[Path], Any]], tmp
 
 @pytest.mark.search
 def test_a_processor_with_fewer_instructions_writes_the_same_bytes(asked: Path, tmp_path: Path) -> None:
-    """As far as one machine can tell: NumPy and OpenBLAS take the code of older processors."""
+    """As far as one machine can tell: NumPy, OpenBLAS, glibc and the compiler take older processors' code."""
+    older = tmp_path / "cc"
+    older.write_text('#!/bin/bash\nexec cc "${@/-march=native/-march=x86-64-v2}"\n')
+    older.chmod(0o755)
     fewer = {
         "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX2 FMA3",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA",
+        **({"CC": str(older), "ARMGPI_LANES": "4"} if platform.machine() == "x86_64" else {}),
         "OPENBLAS_CORETYPE": "Sandybridge",
     }
     for name, more in (("own", {}), ("older", fewer)):
