@@ -218,6 +218,14 @@ class Parameter:
         high = values < self.most if self.below else values <= self.most
         return low & high & (values == np.rint(values)) if self.kind == "integer" else low & high
 
+    def broken_limit(self, value: float) -> str:
+        """Return which bound a number breaks, in words; empty for none."""
+        if value < self.least or (self.above and value == self.least):
+            return f"a number above {self.least:g}" if self.above else f"{self.least:g} or more"
+        if value > self.most or (self.below and value == self.most):
+            return f"a number below {self.most:g}" if self.below else f"{self.most:g} or less"
+        return ""
+
     def check_value(self, value: Any, joint_names: Sequence[str] | None = None) -> Any:
         """Return a value as it is to be kept: a number, or for per-joint ones an array.
 

@@ -125,7 +125,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     origin = config.Origin("command line")
     if is_experiment(name):
         said, origin = config.read(Path(name))
-        data = said.model_dump(exclude_unset=True)
+        data = said.plain(given=True)
     data["robot"] = {**data["robot"], **drives}
     if controller is not None:
         data["controllers"] = [{"type": controller}]

@@ -254,7 +254,7 @@ def load_arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: 
 
     section: dict[str, Any] = {"name": name}
     if is_experiment(name):
-        section = config.read(Path(name)).config.robot.model_dump(exclude_unset=True)
+        section = config.read(Path(name)).config.robot.plain(given=True)
     section |= opt.robot_given(how, inertia, drives)
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
     options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}

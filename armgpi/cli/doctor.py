@@ -31,7 +31,7 @@ _EXTRAS = {
     "mcap": (("mcap", "mcap"), ("mcap-ros2-support", "mcap_ros2")),
     "rerun": (("rerun-sdk", "rerun"),),
 }
-_NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "pydantic", "typer", "rich", "PyYAML")
+_NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "typer", "rich", "PyYAML")
 _OLDEST_PIN, _OLDEST_DATA = 4, 6
 
 

@@ -71,10 +71,10 @@ def inspect(
     loop: dict[str, Any] = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits}
     if is_experiment(robot):
         said = config.read(Path(robot)).config
-        arm, plant = said.robot.model_dump(exclude_unset=True), said.plant.model_dump(exclude_none=True)
+        arm, plant = said.robot.plain(given=True), said.plant.plain()
         usual = {"dt": said.sample_time, **plant}
         loop = {key: usual.get(key) if value is None else value for key, value in loop.items()}
-        payload = plant.get("payload", {}).get("mass") if payload is None else payload
+        payload = (plant["payload"] or {}).get("mass") if payload is None else payload
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm |= opt.robot_given(how, rotor_inertia, drives)
     report = health.inspect(

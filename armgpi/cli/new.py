@@ -119,7 +119,7 @@ def new(
     checked, _ = config.parse(text, str(path))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)  # the commands will give them
-        config.build(checked.model_copy(update={"robot": checked.robot.model_copy(update={"name": robot})}))
+        config.build(checked.replace(robot=checked.robot.replace(name=robot)))
     write(path, text, "--out")
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 

@@ -91,7 +91,7 @@ def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
     if options["config"] is None:
         return {}, Origin("command line")
     config, origin = configuration.read(_file(options["config"]))
-    data = config.model_dump(exclude_unset=True)
+    data = config.plain(given=True)
     if ("controllers",) not in origin.lines:
         del data["controllers"]  # which is the standard one depends on the options, too
     return data, origin

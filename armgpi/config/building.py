@@ -10,10 +10,9 @@ from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import BaseModel
 
 from armgpi.arrays import Array, quantity
-from armgpi.config.reading import Origin, Path_, check
+from armgpi.config.reading import Origin, check
 from armgpi.config.schema import (
     ARM_KEYS,
     KINDS,
@@ -22,6 +21,7 @@ from armgpi.config.schema import (
     ReferenceSection,
     RobotSection,
 )
+from armgpi.config.section import Path_, Section
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
 from armgpi.gpi.untuned import Untuned, Verdict, assume, verdict
@@ -163,19 +163,18 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             if isinstance(error.__cause__, EffortError):
                 raise top.at("robot", "effort").error(str(error.__cause__)) from error.__cause__
             raise
-        sections.append(section.model_copy(update={"label": label}))
+        sections.append(section.replace(label=label))
     reference, end, moves = _reference(config.reference, robot, top.at("reference"))
     t_final = end + _SETTLE if config.t_final is None else config.t_final
     if not 0.5 < t_final / config.sample_time <= _MAX_SAMPLES:
         # Say whose key it is: the run's length may be the reference's, and the samples the default ones.
-        given = (key for key in ("t_final", "sample_time", "reference") if key in config.model_fields_set)
+        given = (key for key in ("t_final", "sample_time", "reference") if key in config.given)
         raise top.at(next(given, "t_final")).error(
             f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
             f"{_MAX_SAMPLES:.0e} samples of {config.sample_time:g} s) in a run, got {t_final:g} s"
         )
-    filled = {"controllers": sections, "reference": moves, "t_final": t_final}
     supervisor = _supervisor(config, controllers.values(), top.at("supervisor"))
-    config = config.model_copy(update=filled)
+    config = config.replace(controllers=sections, reference=moves, t_final=t_final)
     plant = next(iter(plants.values()))
     return Experiment(robot, plant, controllers, reference, t_final, config, plants, supervisor)
 
@@ -226,8 +225,8 @@ class Parts:
         )  # fmt: skip
         section = config.controllers[0]
         law = self._once(
-            ("controller", section.model_dump_json()), config, ("robot", "sample_time"),
-            lambda: controller(section.model_dump(), context),
+            ("controller", repr(section)), config, ("robot", "sample_time"),
+            lambda: controller(section.plain(), context),
         )  # fmt: skip
         reference = self._once(
             ("reference",), config, ("robot", "reference"),
@@ -243,9 +242,7 @@ class Parts:
         make: Callable[[], _Part],
     ) -> _Part:
         """Return a part that is made from some keys of an experiment."""
-        sections = (getattr(config, key) for key in keys)
-        said = (each.model_dump_json() if isinstance(each, BaseModel) else repr(each) for each in sections)
-        key = (*name, *said)
+        key = (*name, *(repr(getattr(config, key)) for key in keys))
         if key not in self._made:
             self._made[key] = make()
         made: _Part = self._made[key]
@@ -260,7 +257,7 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     asked for. A reality says itself what drives there are.
     """
     section = expand(config, top.at("robot"))
-    config = config.model_copy(update={"robot": section})
+    config = config.replace(robot=section)
     robot = _robot(section, top.at("robot"))
     word = section.drives if isinstance(section.drives, str) else None
     if word is None and (config.reality is not None or not has_rule(config)):
@@ -274,12 +271,11 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
                 if datum.source == "believed":
                     known.setdefault(joint, {})[quantity] = datum.plain()
         # Where there was nothing to believe, the word still says that there is not.
-        section = section.model_copy(update={"drives": known or section.drives})
-        config = config.model_copy(update={"robot": section})
+        section = section.replace(drives=known or section.drives)
+        config = config.replace(robot=section)
     twists = np.isfinite(robot.drives.value("stiffness")).all() and robot.armature.all()
-    if twists and "engine" not in config.plant.model_fields_set and config.reality is None:
-        plant = config.plant.model_copy(update={"engine": "elastic"})
-        config = config.model_copy(update={"plant": plant})
+    if twists and "engine" not in config.plant.given and config.reality is None:
+        config = config.replace(plant=config.plant.replace(engine="elastic"))
     return config, robot
 
 
@@ -311,7 +307,8 @@ def expand(config: ExperimentConfig, place: _Place | None = None) -> RobotSectio
     Raises:
         ConfigError: when a file in the folder is damaged, or what is believed of drives is asked for as well.
     """
-    section, place = config.robot, place or _Place(Origin()).at("robot")
+    place = place or _Place(Origin()).at("robot")
+    section: RobotSection = config.robot
     with place.at("name").error_context():
         if (found := robots.find_identified(section.name)) is None:
             return section
@@ -324,7 +321,7 @@ def expand(config: ExperimentConfig, place: _Place | None = None) -> RobotSectio
     more: dict[str, Any] = {"drives": drives}
     if IDENTIFICATION in config.vary and section.posterior is None:
         more["posterior"] = str(found.path)
-    return section.model_copy(update={**found.section(section.lock, section.repair), **more})
+    return section.replace(**found.section(section.lock, section.repair), **more)
 
 
 def _robot(section: RobotSection, place: _Place) -> Robot:
@@ -410,7 +407,7 @@ def _apply_draw(
         draw = reality.draw(robot, section.index)
         found = together([draw])
     update: dict[str, Any] = {}
-    if "sample_time" not in config.model_fields_set:
+    if "sample_time" not in config.given:
         update["sample_time"] = draw.dt
     if config.reference == ReferenceSection():
         move = draw.move
@@ -420,7 +417,7 @@ def _apply_draw(
         )
     if config.t_final is None:
         update["t_final"] = draw.t_final
-    config = config.model_copy(update=update)
+    config = config.replace(**update)
     dt = config.sample_time
     context = found.context._replace(dt=dt, seed=config.seed, delay=draw.delay * dt)
     return config, context, found.plant
@@ -486,7 +483,7 @@ def _arm(
     own = {name: each for name, each in parameters(kind).items() if each.in_file}
     keys = {each.key or name for name, each in own.items()}
     for key, others in ARM_KEYS.items():
-        if section.engine == engine and key not in keys and getattr(section, key) != others.default:
+        if section.engine == engine and key not in keys and getattr(section, key) != others.key.default:
             both = ", or both" if set(others.engines) & {*ENGINES} else ""
             raise place.at(key).error(f"requires engine: {' or '.join(others.engines)}{both}")
     friction = "urdf" if section.friction == "urdf" else None
@@ -530,11 +527,11 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     law = _given_values(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
     source: Any = kind.variant or kind.law
     keys = {name: each.key or name for name, each in {**declared, **parameters(source)}.items()}
-    told = {key for key in section.model_fields_set if getattr(section, key) is not None}
+    told = {key for key in section.given if getattr(section, key) is not None}
     set_here = {name: value for name, value in law.items() if keys[name] in told}
     context = kind.law.context_for(law, context._replace(given=set_here))
     # Of a section that says all there is to choose, the choice (half a second of a rule) would be dropped.
-    full = section.model_fields_set >= {*type(section).model_fields} - section.quiet
+    full = section.given >= {*section.keys} - section.quiet
     full &= all(keys[name] in told for name, each in parameters(source).items() if each.default is REQUIRED)
     # A mapping of some joints leaves the others to it.
     full &= not any(
@@ -544,7 +541,7 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     chosen = {name: value for name, value in chosen.items() if name not in set_here}
     missing = {keys[name]: _as_section(value) for name, value in chosen.items() if keys[name] not in told}
     if robot.batch is None:  # what differs by rollout has no form in a file
-        section = type(section).model_validate({**section.model_dump(), **missing})
+        section = type(section).read({**section.plain(), **missing})
     if kind.variant is not None:
         given = _given_values(section, parameters(kind.variant), robot, place, chosen)
         law |= {name: value for name, value in chosen.items() if name in declared}
@@ -622,7 +619,7 @@ def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default
         assert declared.group is not None
         with place.error_context():
             return declared.group(**_given_values(value, parameters(declared.group), robot, place))
-    if declared.kind == "box" and isinstance(value, BaseModel):
+    if declared.kind == "box" and isinstance(value, Section):
         ends = [_per_joint(getattr(value, end), robot, place.at(end), None) for end in ("lower", "upper")]
         if np.any(ends[0] > ends[1]):
             low, high = (end.tolist() for end in ends)
@@ -666,7 +663,7 @@ def _reference(
         drawn, path = _path(section.path, robot, frame, section.direction, axis)
         reference = CartesianReference(robot, frame, path, inverse)
     end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
-    return reference, end, section.model_copy(update={"frame": frame, "path": drawn})
+    return reference, end, section.replace(frame=frame, path=drawn)
 
 
 def _path(
@@ -682,7 +679,7 @@ def _path(
         point = _roomiest(robot, frame, direction, axis)
         chosen = kind.fitted(point, _PATH_SIZE * float(np.linalg.norm(point)))
         update = {own[name].key or name: np.asarray(chosen[name]).tolist() for name in missing}
-        section = section.model_copy(update=update)
+        section = section.replace(**update)
     path = kind(**{name: getattr(section, each.key or name) for name, each in own.items() if each.in_file})
     return section, Eased(path, section.ease) if kind.starts_moving and section.ease else path
 

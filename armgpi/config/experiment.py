@@ -238,15 +238,15 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
         RolloutError: when one of them cannot be read any more.
     """
     copied: dict[str, bytes] = {}
-    config = config.model_copy(update={"robot": expand(config)})
+    config = config.replace(robot=expand(config))
     if config.robot.posterior is not None:
         name, content = _file_copy(Path(config.robot.posterior))
         copied[name] = content
-        config = config.model_copy(update={"robot": config.robot.model_copy(update={"posterior": name})})
+        config = config.replace(robot=config.robot.replace(posterior=name))
     if config.robot.name not in robots.names():
         name, content = _file_copy(robots.locate(config.robot.name)[0])
         copied[name] = content
-        config = config.model_copy(update={"robot": config.robot.model_copy(update={"name": name})})
+        config = config.replace(robot=config.robot.replace(name=name))
     nominals = [each.nominal for each in config.controllers]
     if any(nominals):
         for index, given in enumerate(nominals):
@@ -257,8 +257,7 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
     if config.reference.file is not None:
         name, content = _file_copy(Path(config.reference.file))
         copied[name] = content
-        reference = config.reference.model_copy(update={"file": name})
-        config = config.model_copy(update={"reference": reference})
+        config = config.replace(reference=config.reference.replace(file=name))
     return dump(config, full), copied
 
 

@@ -6,18 +6,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from pydantic import BaseModel, ValidationError
-
-from armgpi.config.schema import SECTIONS, TAGS, ExperimentConfig
-from armgpi.errors import ConfigError, NameNotFound
-from armgpi.escape import in_si, quote
+from armgpi.config.schema import ExperimentConfig
+from armgpi.config.section import Path_, Section, Wrong
+from armgpi.errors import ConfigError
 from armgpi.robot import identified
 
 #: Largest size of an experiment file [bytes].
 _MAX_BYTES = 1_000_000
 
-Path_ = tuple[str | int, ...]
-_Model = TypeVar("_Model", bound=BaseModel)
+_Model = TypeVar("_Model", bound=Section)
 
 
 class Origin(NamedTuple):
@@ -79,26 +76,23 @@ def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
         file = (name.suffix or len(name.parts) > 1) and (path.parent / name).is_file()
         return str(path.parent / name) if folder or file else given
 
-    robot = config.robot.model_copy(update={"name": beside_it(config.robot.name)})
+    robot = config.robot.replace(name=beside_it(config.robot.name))
     if robot.posterior is not None:
-        robot = robot.model_copy(update={"posterior": beside_it(robot.posterior)})
-    config = config.model_copy(update={"robot": robot})
+        robot = robot.replace(posterior=beside_it(robot.posterior))
+    config = config.replace(robot=robot)
     if any(each.nominal for each in config.controllers):
         names = [each.nominal and beside_it(each.nominal) for each in config.controllers]
         config = with_nominals(config, names)
     file = config.reference.file
     if file is not None and (path.parent / file).is_file():
-        reference = config.reference.model_copy(update={"file": str(path.parent / file)})
-        config = config.model_copy(update={"reference": reference})
+        config = config.replace(reference=config.reference.replace(file=str(path.parent / file)))
     return config
 
 
 def with_nominals(config: ExperimentConfig, names: Iterable[str | None]) -> ExperimentConfig:
     """Return a configuration with other files for the nominal models of its controllers."""
     pairs = zip(config.controllers, names, strict=True)
-    return config.model_copy(
-        update={"controllers": [each.model_copy(update={"nominal": name}) for each, name in pairs]}
-    )
+    return config.replace(controllers=[each.replace(nominal=name) for each, name in pairs])
 
 
 def _text(path: Path) -> str:
@@ -162,33 +156,9 @@ def check_section(model: type[_Model], data: Mapping[Any, Any], origin: Origin, 
         ConfigError: when something in it is not as it should be; it names the key.
     """
     try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        # A misspelt key first: a missing one may be no more than that.
-        found_errors = error.errors(include_url=False)
-        first = min(found_errors, key=lambda item: item["type"] != "extra_forbidden")
-        path, found = _path_in_data(data, first["loc"])
-        kind, context = first["type"], first.get("ctx", {})
-        if kind == "extra_forbidden":
-            message = str(NameNotFound("key", path[-1], _known_keys(model, data, first["loc"])))
-        elif kind == "missing":
-            message = "is missing"
-        elif kind == "invalid_key":
-            message = "a key is text"
-        elif kind == "union_tag_not_found":
-            path, message = (*path, context["discriminator"].strip("'")), "is missing"
-        elif kind == "union_tag_invalid":
-            path = (*path, context["discriminator"].strip("'"))
-            known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
-            kind_of = [step for step in path[:-1] if isinstance(step, str)][-1]
-            message = str(NameNotFound(kind_of.rstrip("s"), context["tag"], known))
-        else:
-            expected = _EXPECTED.get(kind, first["msg"].removeprefix("Value error, ")).format(**context)
-            message = f"{expected[0].lower()}{expected[1:]}, got {quote(found)}"
-            message += f"; {hint}" if (hint := in_si(found)) else ""
-            if kind == "model_type" and path[-1] in SECTIONS:
-                message += f"; its keys: {', '.join(SECTIONS[str(path[-1])].model_fields)}"
-        raise origin.error((*under, *path), message) from None
+        return model.read(data)
+    except Wrong as error:
+        raise origin.error((*under, *error.path), error.message) from None
 
 
 def standard_law(data: Mapping[Any, Any]) -> str:
@@ -206,53 +176,6 @@ def dump(config: ExperimentConfig, full: bool = True) -> str:
     """Return a configuration as YAML, every default written out, or what its file says alone."""
     import yaml
 
-    data = config.model_dump(exclude_unset=not full)
+    data = config.plain(given=not full)
     text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
     return text
-
-
-def _path_in_data(data: Any, location: tuple[str | int, ...]) -> tuple[Path_, Any]:
-    """Return the part of pydantic's location that exists in the data, and its value.
-
-    Pydantic puts the names of union members into the location ("controllers", 0, "gpi", "omega", "list").
-    """
-    path: list[str | int] = []
-    for position, step in enumerate(location):
-        inside = isinstance(data, list) and isinstance(step, int) and step < len(data)
-        if inside or (isinstance(data, Mapping) and step in data):
-            data = data[step]
-        elif isinstance(data, Mapping) and position == len(location) - 1 and step not in TAGS:
-            return (*path, step), None  # a key that is missing
-        else:
-            continue
-        path.append(step)
-    return tuple(path), data
-
-
-def _known_keys(model: type[BaseModel], data: Any, location: tuple[str | int, ...]) -> tuple[str, ...]:
-    """Return the keys that are known in place of an unknown one."""
-    for step in location[:-1]:
-        model = SECTIONS.get(str(step), model)
-        inside = isinstance(data, list) or (isinstance(data, Mapping) and step in data)
-        data = data[step] if inside else data
-        kind = data.get("type") if isinstance(data, Mapping) else None
-        model = SECTIONS.get(str(kind), model)
-    return tuple(model.model_fields)
-
-
-#: What to say for pydantic's kinds of errors.
-_EXPECTED = {
-    "float_type": "expected a number",
-    "string_type": "expected text",
-    "list_type": "expected a list",
-    "dict_type": "expected a mapping",
-    "model_type": "expected a mapping",
-    "model_attributes_type": "expected a mapping",
-    "literal_error": "expected {expected}",
-    "greater_than": "expected a number above {gt:g}",
-    "greater_than_equal": "expected {ge:g} or more",
-    "less_than": "expected a number below {lt:g}",
-    "less_than_equal": "expected {le:g} or less",
-    "too_short": "expected at least {min_length} entries",
-    "too_long": "expected at most {max_length} entries",
-}

@@ -171,7 +171,7 @@ def rollouts(
             if supervisor is not None:
                 every = together(group).context
                 own = supervisor.with_values(resolution=group[0].robot.encoder_count(every.bits))
-                plant = PlantSection.model_validate({"delay": group[0].delay})
+                plant = PlantSection(delay=group[0].delay)
                 suits = complete_settings(own, plant, config.controller(law, every))
             loop = prepare_draws(group, law, backend=backend, supervisor=suits)
             rollout = in_rows(loop.run(progress=False))

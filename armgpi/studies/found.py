@@ -32,7 +32,7 @@ def enter(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False)
         RolloutError: when it holds another study, one of other code, this one and is not to be resumed, or
             cannot be written to.
     """
-    tune = yaml.safe_dump({"tune": wanted.tune.model_dump()}, sort_keys=False, allow_unicode=True)
+    tune = yaml.safe_dump({"tune": wanted.tune.plain()}, sort_keys=False, allow_unicode=True)
     asked = replace(wanted.identity, text=wanted.identity.text + tune)
     study = Study.enter(folder, asked, STUDY, accept_code)
     if study.there and not resume:

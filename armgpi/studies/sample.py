@@ -92,7 +92,7 @@ class Sweep:
         if sampling not in SAMPLINGS:
             raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
         renamed = {current(name): each for name, each in config.vary.items()}
-        config = config.model_copy(update={"vary": renamed})
+        config = config.replace(vary=renamed)
         experiment = build(config, origin)
         label = next(iter(experiment.controllers))
         origin = origin or Origin("")
@@ -125,11 +125,11 @@ class Sweep:
                     continue
                 if IDENTIFICATION in config.vary and name in _IDENTIFIED:
                     raise ParameterError(name, "varied", f"left to {IDENTIFICATION}, which draws it as well")
-                variable = _find_variable(loop.parameters, name, type(config.plant).model_fields)
+                variable = _find_variable(loop.parameters, name, config.plant.keys)
                 known = (variable.declared, experiment.robot.n, variable.value)
                 varied[name] = distribution(name, section, *known)
                 # Its worst cases are written to a file, which needs a key for it.
-                _put(experiment.config.model_dump(exclude={"vary", "failure"}), name, 1.0, found)
+                _put(experiment.config.plain(), name, 1.0, found)
             except (ParameterError, NameNotFound) as error:
                 raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
         object.__setattr__(found, "varied", varied)
@@ -249,10 +249,9 @@ class Sweep:
             seed: of its random numbers; that of its place when not given.
         """
         if self.config.reality is not None:
-            reality = self.config.reality.model_copy(update={"index": index})
-            return self.config.model_copy(update={"reality": reality, "failure": {}})
+            return self.config.replace(reality=self.config.reality.replace(index=index), failure={})
         # With every default filled in, as that of what varies must not change those.
-        data = self.experiment.config.model_dump(exclude={"vary", "failure"})
+        data = self.experiment.config.replace(vary={}, failure={}).plain()
         if (supervisor := self.experiment.supervisor) is not None:  # as it suits the sensors of the file
             data["supervisor"]["resolution"] = np.asarray(supervisor.resolution).tolist()
             data["supervisor"]["frozen"] = supervisor.frozen_samples
@@ -260,7 +259,7 @@ class Sweep:
             value: Any = [row[key] for key in self._names_of(name)] if each.joints > 1 else row[name]
             _put(data, name, value, self)
         data["seed"] = self.config.seed + index if seed is None else seed
-        return ExperimentConfig.model_validate(data)
+        return ExperimentConfig.read(data)
 
     def fails(self, table: Mapping[str, Array]) -> Any:
         """Tell which rollouts have failed, from their metrics (rollouts, joints) and `status`."""
@@ -274,8 +273,7 @@ class Sweep:
         if (known := _loops.get(self.identity.digest)) is None:
             experiment = self.experiment
             if "plant.payload.mass" in self.config.vary and self.config.plant.payload is not None:
-                plant = self.config.plant.model_copy(update={"payload": None})
-                experiment = build(self.config.model_copy(update={"plant": plant}))
+                experiment = build(self.config.replace(plant=self.config.plant.replace(payload=None)))
             law = experiment.controllers[self.label]
             parts = (experiment.plant, law, experiment.reference, experiment.t_final)
             known = prepare(*parts, **_KEPT, supervisor=experiment.supervisor)
@@ -331,8 +329,8 @@ class Sweep:
         reality = Reality(**{name: getattr(section, name) for name in parameters(Reality)})
         first = section.index + chunk * self.size
         draws = [reality.draw(self.robot, first + i) for i in range(rows)]
-        law = self.config.controllers[0].model_dump(exclude={"label"}, exclude_defaults=True)
-        law["type"] = self.config.controllers[0].type
+        law = self.config.controllers[0].plain(given=True)
+        law.pop("label", None)
         table = np.empty((rows, len(self.columns)))
         for group in batches(draws):
             loop = prepare_draws(group, law, **_KEPT, supervisor=self.experiment.supervisor)

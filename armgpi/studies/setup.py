@@ -70,14 +70,14 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
         raise origin.error(("tune",), "expected a mapping")
     tune = check_section(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
     given = beside(config.check(data, origin), path)
-    given = given.model_copy(update={"robot": expand(given)})
-    data = {**given.model_dump(exclude_unset=True)}
+    given = given.replace(robot=expand(given))
+    data = given.plain(given=True)
     data.setdefault("controllers", [{"type": "gpi"}])
     silent = given.robot.drives is None and given.reality is None
     if silent:  # what is found is for an arm that has rotors
-        given = given.model_copy(update={"robot": given.robot.model_copy(update={"drives": "believed"})})
+        given = given.replace(robot=given.robot.replace(drives="believed"))
     experiment = config.build(given, origin)
-    data["robot"] = experiment.config.robot.model_dump(exclude_unset=True)
+    data["robot"] = experiment.config.robot.plain(given=True)
     if silent and "stiffness" in rotors.believe_gears(experiment.robot).drives.data:
         said = "gears are searched as rigid ones: where they twist, what is found may shake the arm; try it "
         warnings.warn(str(origin.error(("robot",), f"{said}with drives: soft")), ArmgpiWarning, stacklevel=2)
@@ -89,7 +89,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     section = {**data["controllers"][index]}
     section.pop("label", None)
     problem = _problem(experiment, label, section, tune, origin, backend)
-    asked = {"method": "tune", "tune": tune.model_dump(), "backend": backend}
+    asked = {"method": "tune", "tune": tune.plain(), "backend": backend}
     return Wanted(experiment, label, tune, section, problem, data, identify(given, asked))
 
 

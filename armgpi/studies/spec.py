@@ -2,26 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
-from pydantic import BeforeValidator, Field
+from armgpi.config.schema import SECTIONS
+from armgpi.config.section import (
+    Key,
+    Path_,
+    Section,
+    flag,
+    key_of,
+    listing,
+    mapping,
+    number,
+    plain_number,
+    text,
+    word,
+)
+from armgpi.parameter import Parameter
 
-from armgpi.config.schema import SECTIONS, Number, Positive, Section, Whole
 
-
-def _as_mapping(value: Any) -> Any:
-    """Accept a list of keys in place of a mapping."""
-    return (
-        dict.fromkeys(value) if isinstance(value, list) and all(isinstance(k, str) for k in value) else value
-    )
+def _whole(default: Any, least: int, most: int, none: str = "") -> Key:
+    """Return the key of a whole number."""
+    return key_of(Parameter("", kind="integer", default=default, least=least, most=most, none=none))
 
 
 class RangeSection(Section):
     """How a free parameter is searched: from `low` to `high`, one value for all joints or one `per_joint`."""
 
-    low: Number | None = None
-    high: Number | None = None
-    per_joint: bool = False
+    keys: ClassVar[Mapping[str, Key]] = {
+        "low": Key(plain_number, None, optional=True),
+        "high": Key(plain_number, None, optional=True),
+        "per_joint": Key(flag, False),
+    }
+
+
+def _free(value: Any, path: Path_) -> dict[str, Any]:
+    """Read what is free: keys with their ranges, or a list of keys."""
+    if isinstance(value, list) and all(isinstance(key, str) for key in value):
+        value = dict.fromkeys(value)
+    found: dict[str, Any] = mapping(RangeSection.read, optional=True)(value, path)
+    return found
 
 
 class TuneSection(Section):
@@ -44,20 +65,22 @@ class TuneSection(Section):
         held_out: draws that the search never sees, on which its result is judged.
     """
 
-    controller: str | None = None
-    free: Annotated[dict[str, RangeSection | None], BeforeValidator(_as_mapping)] | None = None
-    objective: str = "itae"
-    over: Literal["mean", "median", "worst", "cvar"] = "mean"
-    share: Annotated[Number, Field(gt=0.0, le=1.0)] = 0.1
-    constraints: list[str] = Field(default=[])
-    against: str = "total_variation"
-    budgets: list[Positive] | None = Field(default=None, min_length=1)
-    method: Literal["cma", "pso", "optuna"] = "cma"
-    evaluations: Annotated[Whole, Field(ge=2, le=10_000_000)] = 200
-    population: Annotated[Whole, Field(ge=4, le=100_000)] | None = None
-    seed: Annotated[Whole, Field(ge=0, le=2**63 - 1)] = 0
-    scenarios: Annotated[Whole, Field(ge=1, le=4096)] = 8
-    held_out: Annotated[Whole, Field(ge=1, le=4096)] = 16
+    keys: ClassVar[Mapping[str, Key]] = {
+        "controller": Key(text, None, optional=True),
+        "free": Key(_free, None, optional=True),
+        "objective": Key(text, "itae"),
+        "over": Key(word("mean", "median", "worst", "cvar"), "mean"),
+        "share": key_of(Parameter("", default=0.1, least=0.0, most=1.0, above=True)),
+        "constraints": Key(listing(text), []),
+        "against": Key(text, "total_variation"),
+        "budgets": Key(listing(number(Parameter("", least=0.0, above=True)), 1), None, optional=True),
+        "method": Key(word("cma", "pso", "optuna"), "cma"),
+        "evaluations": _whole(200, 2, 10_000_000),
+        "population": _whole(None, 4, 100_000, none="the method's own"),
+        "seed": _whole(0, 0, 2**63 - 1),
+        "scenarios": _whole(8, 1, 4096),
+        "held_out": _whole(16, 1, 4096),
+    }
 
 
 SECTIONS.update({"tune": TuneSection, "free": RangeSection})

@@ -230,8 +230,8 @@ def test_any_key_of_an_experiment_is_set(cli: Callable[..., Answer], tmp_path: P
     )
     assert done.code == 0, done.err
     found = config.read(out / "experiment.yaml").config
-    assert found.plant.model_dump()["delay"] == 2
-    assert found.plant.model_dump()["payload"]["mass"] == 0.1
+    assert found.plant.plain()["delay"] == 2
+    assert found.plant.plain()["payload"]["mass"] == 0.1
     wanted = {"q1": 20.0, "q2": 25.0, "q3": 30.0}
     assert [each.omega for each in found.controllers] == [wanted] * 2
 

@@ -55,7 +55,7 @@ def experiment(**plant: Any) -> Any:
 def test_every_variable_of_a_file_has_the_name_of_its_key() -> None:
     built = config.build(experiment(payload={"mass": 0.1}))
     loop = armgpi.prepare(built.plant, built.controllers["gpi"], built.reference, built.t_final)
-    data = built.config.model_dump()
+    data = built.config.plain()
     for name in ("plant.payload.mass", "plant.payload.com", "plant.substeps", "controller.omega"):
         assert name in loop.parameters
         part, *steps = name.split(".")
@@ -88,7 +88,7 @@ def test_an_old_name_is_taken_and_says_the_new_one() -> None:
 def test_a_parameter_without_a_search_is_searched_and_swept_over_its_range() -> None:
     assert parameters(GPI)["rest_leak"].search is None
     built = config.build(experiment())
-    section = built.config.controllers[0].model_dump(exclude={"label"})
+    section = built.config.controllers[0].replace(label=None).plain()
     (found,) = Space(section, built.controllers["gpi"], {"rest_leak": Range()}).dimensions
     assert (found.low, found.high) == parameters(GPI)["rest_leak"].slider
     drawn = distribution("rest_leak", VarySection(), parameters(GPI)["rest_leak"], 3)

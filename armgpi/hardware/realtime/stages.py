@@ -211,13 +211,13 @@ def _file(
 ) -> dict[str, Any]:
     """Return an experiment file: the arm's own with caps and a motion."""
     robot = experiment.robot
-    data = loaded.config.model_dump(exclude_unset=True)
+    data = loaded.config.plain(given=True)
     if Path(data["robot"]["name"]).is_file():
         data["robot"]["name"] = str(Path(data["robot"]["name"]).resolve())
     own = data["reference"].get("file") if "reference" in data else None
     if own is not None:
         data["reference"]["file"] = str(Path(own).resolve())
-    filled = experiment.config.controllers[0].model_dump(exclude_none=True)
+    filled = experiment.config.controllers[0].plain()
     section = {**(data.get("controllers") or [{"type": filled["type"]}])[0]}
     law = next(iter(experiment.controllers.values()))
     data["controllers"], data["supervisor"] = [section], dict(data.get("supervisor") or {})

@@ -170,7 +170,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
 
 def plain(config: ExperimentConfig) -> dict[str, Any]:
     """Return an experiment as plain data that may be changed."""
-    return copy.deepcopy(config.model_dump())
+    return copy.deepcopy(config.plain())
 
 
 def siblings(kind: str) -> tuple[str, ...]:

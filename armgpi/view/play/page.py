@@ -150,11 +150,11 @@ def _variant(variant: Variant, loop: ClosedLoop, steps: int, arrays: page.Arrays
 
 def _defaults(moved: Playable) -> dict[str, Any]:
     """Return what an experiment file need not say."""
-    controllers = {kind: SECTIONS[kind](type=kind).model_dump() for kind in moved.sections}
-    robot = RobotSection(name="").model_dump()
+    controllers = {kind: SECTIONS[kind](type=kind).plain() for kind in moved.sections}
+    robot = RobotSection(name="").plain()
     return {
         "robot": {key: value for key, value in robot.items() if key != "name"},
-        "plant": PlantSection().model_dump(),
+        "plant": PlantSection().plain(),
         "controllers": {
             kind: {key: value for key, value in section.items() if key != "type"}
             for kind, section in controllers.items()

@@ -1,0 +1,361 @@
+"""Sections of an experiment file: what may stand at each key, read once; an error names the key."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import FrozenInstanceError
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
+
+from armgpi.errors import NameNotFound
+from armgpi.escape import in_si, quote
+from armgpi.parameter import REQUIRED, Parameter, parameters
+
+Path_ = tuple[str | int, ...]
+#: Reads a value at a path: returns it as it is kept, or raises `Wrong`.
+Form = Callable[[Any, Path_], Any]
+_Same = TypeVar("_Same", bound="Section")
+
+
+class Wrong(Exception):
+    """Something in a file is not as it should be.
+
+    Attributes:
+        path: of the key.
+        message: what is wrong with it.
+        misspelt: whether the key is none: said first, as a missing one may be no more than that.
+    """
+
+    def __init__(self, path: Path_, message: str, misspelt: bool = False) -> None:
+        """Note what is wrong."""
+        super().__init__(message)
+        self.path, self.message, self.misspelt = path, message, misspelt
+
+
+class Key(NamedTuple):
+    """What may stand at a key.
+
+    Attributes:
+        form: reads it.
+        default: its value where it is not there; REQUIRED where it has to be.
+        optional: whether it may be null.
+        declared: what is known of the number.
+    """
+
+    form: Form
+    default: Any = REQUIRED
+    optional: bool = False
+    declared: Parameter | None = None
+
+
+class Section:
+    """A part of the file, checked and frozen: its keys are attributes.
+
+    Attributes:
+        keys: what it may have, by name.
+        given: keys that the file has; the others have their defaults.
+    """
+
+    keys: ClassVar[Mapping[str, Key]] = {}
+    #: Keys that are not written where they are null.
+    quiet: ClassVar[frozenset[str]] = frozenset({"drives", "nominal", "bodies", "posterior"})
+    given: frozenset[str]
+
+    def __init__(self, **data: Any) -> None:
+        """Check what is given; see :meth:`read`."""
+        vars(self).update(vars(type(self).read(data)))
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Return the value of a key."""
+
+    @classmethod
+    def read(cls: type[_Same], data: Any, path: Path_ = ()) -> _Same:
+        """Return the section of plain data at a path.
+
+        Raises:
+            Wrong: for a key that is none, one that is missing, or a value that is not as it should be.
+        """
+        if isinstance(data, Section):
+            data = data.plain(given=True)
+        if not isinstance(data, Mapping):
+            raise _unexpected("a mapping", data, path, f"its keys: {', '.join(cls.keys)}")
+        values = _read_each(
+            [(name, key, data.get(name, REQUIRED)) for name, key in cls.keys.items()]
+            + [(name, _unknown(cls.keys), value) for name, value in data.items() if name not in cls.keys],
+            path,
+        )
+        made = object.__new__(cls)
+        vars(made).update(values, given=frozenset(data))
+        return made
+
+    def replace(self: _Same, **changes: Any) -> _Same:
+        """Return it with other values of some keys, as they are."""
+        made = copy.copy(self)
+        vars(made).update(changes, given=self.given | set(changes))
+        return made
+
+    def plain(self, given: bool = False) -> dict[str, Any]:
+        """Return it as plain data: all, or what the file says alone."""
+        found = {name: getattr(self, name) for name in self.keys if not given or name in self.given}
+        return {
+            name: _plain(x, given) for name, x in found.items() if x is not None or name not in self.quiet
+        }
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to set a key."""
+        raise FrozenInstanceError(f"cannot assign to {name!r}; use replace")
+
+    def __eq__(self, other: object) -> bool:
+        """Tell whether another one has the same values."""
+        return isinstance(other, type(self)) and self.plain() == other.plain()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        """Return it with its values."""
+        return f"{type(self).__name__}({self.plain()})"
+
+
+def _plain(value: Any, given: bool) -> Any:
+    """Return a value as plain data."""
+    if isinstance(value, Section):
+        return value.plain(given)
+    if isinstance(value, Mapping):
+        return {key: _plain(each, given) for key, each in value.items()}
+    return [_plain(each, given) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _read_each(parts: Iterable[tuple[Any, Key, Any]], path: Path_) -> dict[Any, Any]:
+    """Return values by their keys or places; of what is wrong, a misspelt key is raised first."""
+    found, wrong = {}, []
+    for name, key, value in parts:
+        try:
+            if value is REQUIRED and key.default is REQUIRED:
+                raise Wrong((*path, name), "is missing")
+            if value is REQUIRED:
+                found[name] = copy.copy(key.default)
+            else:
+                found[name] = None if value is None and key.optional else key.form(value, (*path, name))
+        except Wrong as error:
+            wrong.append(error)
+    if wrong:
+        raise min(wrong, key=lambda error: not error.misspelt)
+    return found
+
+
+def _unknown(known: Mapping[str, Key]) -> Key:
+    """Return what reads a key that is none."""
+
+    def refuse(value: Any, path: Path_) -> Any:
+        name = path[-1]
+        said = str(NameNotFound("key", name, tuple(known))) if isinstance(name, str) else "a key is text"
+        raise Wrong(path, said, misspelt=True)
+
+    return Key(refuse)
+
+
+def _unexpected(expected: str, value: Any, path: Path_, more: str = "") -> Wrong:
+    """Return the error about a value that has another form."""
+    hints = "".join(f"; {hint}" for hint in (in_si(value), more) if hint)
+    return Wrong(path, f"expected {expected}, got {quote(value)}{hints}")
+
+
+def text(value: Any, path: Path_) -> str:
+    """Read text."""
+    if not isinstance(value, str):
+        raise _unexpected("text", value, path)
+    return value
+
+
+def flag(value: Any, path: Path_) -> bool:
+    """Read a truth value."""
+    if not isinstance(value, bool):
+        raise _unexpected("true or false", value, path)
+    return value
+
+
+def word(*choices: str) -> Form:
+    """Return the form of one of some words."""
+    *others, last = map(repr, choices)
+    expected = f"{', '.join(others)} or {last}" if others else last
+
+    def read(value: Any, path: Path_) -> str:
+        if not isinstance(value, str) or value not in choices:
+            raise _unexpected(expected, value, path)
+        return value
+
+    return read
+
+
+def number(declared: Parameter) -> Form:
+    """Return the form of a number: whole, or any, also as YAML 1.1 reads as text (1e-3); no bools."""
+
+    def read(value: Any, path: Path_) -> float | int:
+        if declared.kind == "integer":
+            if isinstance(value, bool) or not isinstance(value, Integral):
+                raise _unexpected("a whole number", value, path)
+            found: float | int = int(value)
+        else:
+            try:
+                found = float(value) if isinstance(value, str | Real) else math.inf
+            except (ValueError, OverflowError):
+                raise _unexpected("a number", value, path) from None
+            if isinstance(value, bool) or not isinstance(value, str | Real):
+                raise _unexpected("a number", value, path)
+            if not math.isfinite(found):
+                raise _unexpected("a finite number", value, path)
+        if limit := declared.broken_limit(found):
+            raise _unexpected(limit, value, path)
+        return found
+
+    return read
+
+
+def listing(form: Form, least: int = 0, most: float = math.inf) -> Form:
+    """Return the form of a list of so many values."""
+
+    def read(value: Any, path: Path_) -> list[Any]:
+        if not isinstance(value, list | tuple):
+            raise _unexpected("a list", value, path)
+        if not least <= len(value) <= most:
+            count = f"at least {least}" if len(value) < least else f"at most {most}"
+            raise _unexpected(f"{count} entries", value, path)
+        key = Key(form)
+        return list(_read_each(((place, key, x) for place, x in enumerate(value)), path).values())
+
+    return read
+
+
+def mapping(form: Form, optional: bool = False) -> Form:
+    """Return the form of a mapping from names to values, which may be null where they are optional."""
+
+    def read(value: Any, path: Path_) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise _unexpected("a mapping", value, path)
+        if odd := [name for name in value if not isinstance(name, str)]:
+            raise Wrong((*path, odd[0]), "a key is text")
+        key = Key(form, optional=optional)
+        return _read_each(((name, key, x) for name, x in value.items()), path)
+
+    return read
+
+
+def by_shape(
+    single: Form, several: Form | None = None, named: Form | None = None, nested: Form | None = None
+) -> Form:
+    """Return the form of what is one value, a list, a mapping or a list of lists; errors speak of that."""
+
+    def read(value: Any, path: Path_) -> Any:
+        if isinstance(value, Mapping) and named is not None:
+            return named(value, path)
+        if isinstance(value, list | tuple) and several is not None:
+            inside = nested is not None and value and isinstance(value[0], list | tuple)
+            return nested(value, path) if inside and nested is not None else several(value, path)
+        return single(value, path)
+
+    return read
+
+
+def per_joint(form: Form) -> Form:
+    """Return the form of a quantity: a number for all joints, a list, or a mapping from joints."""
+    return by_shape(form, listing(form), mapping(form))
+
+
+def anything(value: Any, path: Path_) -> Any:
+    """Take a value as it is: who uses it checks it."""
+    return value
+
+
+#: A number without bounds, and three of them.
+plain_number = number(Parameter(""))
+vector = listing(plain_number, 3, 3)
+
+
+def names(value: Any, path: Path_) -> list[str]:
+    """Read names, of which one may stand in place of a list."""
+    found: list[str] = listing(text)([value] if isinstance(value, str) else value, path)
+    return found
+
+
+def one_of(kinds: Mapping[str, type[Section]]) -> Form:
+    """Return the form of a section that is one of several, by its `type`."""
+
+    def read(value: Any, path: Path_) -> Section:
+        if isinstance(value, Section):
+            return value
+        if not isinstance(value, Mapping):
+            named = f", as in 'type: {value}'" if isinstance(value, str) and value in kinds else ""
+            raise _unexpected(f"a mapping{named}", value, path)
+        if "type" not in value:
+            raise Wrong((*path, "type"), "is missing")
+        if (tag := str(value["type"])) not in kinds:
+            kind = [step for step in path if isinstance(step, str)][-1]
+            raise Wrong((*path, "type"), str(NameNotFound(kind.rstrip("s"), tag, tuple(kinds))))
+        return kinds[tag].read(value, path)
+
+    return read
+
+
+def form_of(declared: Parameter) -> Form:
+    """Return the form of a declared parameter."""
+    kind = declared.kind
+    if kind == "choice":
+        return word(*declared.choices)
+    if kind in ("flag", "text"):
+        return flag if kind == "flag" else text
+    if kind == "group":
+        assert declared.group is not None
+        return section(declared.group).read
+    item = number(declared)
+    several = listing(item)
+    forms: dict[str, Callable[[], Form]] = {
+        "box": lambda: _box(item),
+        "table": lambda: by_shape(several, several, mapping(several), listing(several)),
+        "range": lambda: listing(item, 2, 2),
+        "vector": lambda: vector,
+        "numbers": lambda: listing(plain_number),
+        "times": lambda: by_shape(item, several),
+        "points": lambda: listing(vector, 2),
+    }
+    return forms.get(kind, lambda: per_joint(item) if declared.per_joint else item)()
+
+
+def _box(item: Form) -> Form:
+    """Return the form of a box: two ends, or one value that does not adapt."""
+    end, one = Key(per_joint(item)), per_joint(item)
+    ends: type[Section] = type("Box", (Section,), {"keys": {"lower": end, "upper": end}})
+
+    def read(value: Any, path: Path_) -> Any:
+        box = isinstance(value, Section) or (isinstance(value, Mapping) and {"lower", "upper"} & set(value))
+        return ends.read(value, path) if box else one(value, path)
+
+    return read
+
+
+def key_of(declared: Parameter, default: Any = REQUIRED, optional: bool = False) -> Key:
+    """Return the key of a declared parameter; with a default of its own where one is given."""
+    default = declared.file_default if default is REQUIRED else default
+    return Key(form_of(declared), default, optional or declared.optional, declared)
+
+
+def keys_of(declared: Mapping[str, Parameter]) -> dict[str, Key]:
+    """Return the keys of declared parameters."""
+    return {each.key or name: key_of(each) for name, each in declared.items() if each.in_file}
+
+
+def section(
+    cls: type, declared: Mapping[str, Parameter] | None = None, more: Mapping[str, Key] | None = None
+) -> type[Section]:
+    """Return the section of the experiment file for a class, from its declarations.
+
+    Args:
+        cls: the class.
+        declared: its parameters, when they are not all.
+        more: further keys.
+    """
+    keys = {**(more or {}), **keys_of(parameters(cls) if declared is None else declared)}
+    return type(f"{cls.__name__}Section", (Section,), {"keys": keys, "__doc__": cls.__doc__})
