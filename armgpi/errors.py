@@ -129,7 +129,8 @@ class NameNotFound(ArmgpiError):
         self.valid = tuple(valid)
         folded = {each.casefold(): each for each in reversed(self.valid)}
         said = name.casefold() if isinstance(name, str) else show_value(name)
-        near = [folded[n] for n in get_close_matches(said, folded, n=3, cutoff=0.5)]
+        longer = [n for n in reversed(folded) if n.startswith(f"{said}_")]  # icub: icub_left_arm
+        near = [folded[n] for n in (longer or get_close_matches(said, folded, n=3, cutoff=0.5))[:3]]
         text = f"there is no {kind} named {show_value(name)}"
         if near:
             text += f"; did you mean {' or '.join(repr(n) for n in near)}?"

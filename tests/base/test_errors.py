@@ -56,6 +56,11 @@ def test_without_near_names_none_is_offered_and_long_lists_are_cut() -> None:
     assert "known" not in str(NameNotFound("joint", "xyz", []))
 
 
+def test_names_that_go_on_from_what_was_typed_are_offered_first() -> None:
+    text = str(NameNotFound("robot", "G1", ["z1", "g1_left_arm", "g1_right_arm"]))
+    assert "did you mean 'g1_left_arm' or 'g1_right_arm'?" in text
+
+
 def test_leaves_carry_their_numbers() -> None:
     limit = LimitError("the start", "elbow", 4.0, -1.0, 2.0, "start inside")
     assert (limit.joint, limit.value, limit.lower, limit.upper) == ("elbow", 4.0, -1.0, 2.0)
